@@ -191,20 +191,6 @@ def overflowing():
 
 
 @pytest.fixture
-def closing():
-    """A cloth of a shape between two spheres, offset "face", that close upon its middle."""
-
-    def scene(shape):
-        spheres = [
-            cs.Sphere((0.47, 0.3 * s, 0.55), 0.25, cs.Linear((0, -2.0 * s, 0)), "continuous", "face", restitution=1.0)
-            for s in (1, -1)
-        ]
-        return cs.Scene(cs.Cloth(shape, mass=1.0, stiffness=10.0, damping=0.0, pins=()), spheres)
-
-    return scene
-
-
-@pytest.fixture
 def trap():
     """`trap(speed)`: a mass point on which six large spheres close from all sides, and another far away."""
 
@@ -216,12 +202,3 @@ def trap():
         return cs.Scene(cloth, spheres, gravity=(0, 0, 0), position=position)
 
     return scene
-
-
-@pytest.fixture
-def diagonal_on_pins():
-    """A cell whose triangles share a pinned edge, and a sphere that rises against that edge."""
-    rising = cs.Linear((0, 1.0, 0))
-    sphere = cs.Sphere((0.5, -0.2, 0.5), 0.1, rising, "continuous", "face", 0.0, 0.0)
-    cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=((0, 1), (1, 0)))
-    return cs.Scene(cloth, sphere, gravity=(0, 0, 0))

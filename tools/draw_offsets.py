@@ -13,12 +13,11 @@ import numpy as np
 
 _HALF = 0.42  # of a diagonal, in radii of the sphere: enlarged
 _BLUE, _ORANGE, _GREY = "#0072B2", "#D55E00", "#D9D9D9"
-# Offset: title, and where the nearest place of each link is, as a part of the link.
+# Offset: title.
 _PANELS = {
-    "none": ('"none"\npoints touch', 0.5),
-    "edge": ('"edge" (eq 13)\nedges at rest touch', 0.5),
-    "cell": ('"cell"\npoints stand off, no triangle inside', 0.5),
-    "face": ('"face"\ntriangles touch, anywhere', 0.25),
+    "none": '"none"\npoints touch',
+    "edge": '"edge" (eq 13)\nedges at rest touch',
+    "cell": '"cell"\npoints stand off, no triangle inside',
 }
 
 
@@ -27,23 +26,22 @@ def _turn(x: np.ndarray, angle: float) -> np.ndarray:
     return x @ np.array([[c, -s], [s, c]])  # clockwise
 
 
-def _chain(offset: str, part: float) -> np.ndarray:
+def _chain(offset: str) -> np.ndarray:
     """Four points of the cloth; the middle link lies on top of the sphere."""
-    first, second = 2 * _HALF * part, 2 * _HALF * (1 - part)
     height = {"none": math.sqrt(1 - _HALF**2), "edge": math.sqrt(1 - _HALF**2 / 2)}.get(offset, 1.0)
-    left, right = np.array([-first, height]), np.array([second, height])
+    left, right = np.array([-_HALF, height]), np.array([_HALF, height])
     # The next link is the middle one seen in a mirror through the point between them.
     link = np.array([2 * _HALF, 0.0])
-    before = left - _turn(link, -2 * math.atan(first / height))
-    after = right + _turn(link, 2 * math.atan(second / height))
+    angle = 2 * math.atan(_HALF / height)
+    before, after = left - _turn(link, -angle), right + _turn(link, angle)
     return np.array([before, left, right, after])
 
 
 def draw(path: Path) -> None:
     """Write the picture."""
-    figure, axes = plt.subplots(1, 4, figsize=(10, 2.3), dpi=100, layout="constrained")
-    for ax, (offset, (title, part)) in zip(axes, _PANELS.items(), strict=True):
-        x = _chain(offset, part)
+    figure, axes = plt.subplots(1, 3, figsize=(7.5, 2.3), dpi=100, layout="constrained")
+    for ax, (offset, title) in zip(axes, _PANELS.items(), strict=True):
+        x = _chain(offset)
         ax.add_patch(plt.Circle((0, 0), 1, color=_GREY, lw=0))
         ax.plot(*x.T, "o-", color=_BLUE, lw=2, ms=6)
         if x[1, 1] < 1 - 1e-9:

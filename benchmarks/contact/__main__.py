@@ -1,7 +1,7 @@
 """Measure what docs/contact-figures.md claims of continuous contact.
 
 python benchmarks/contact                # every figure in short sizes
-python benchmarks/contact stick --full   # one figure, in the sizes of the claims
+python benchmarks/contact cone --full    # one figure, in the sizes of the claims
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from clothsim.paper.side_by_side import SCENES, comparison, follow
-from clothsim.typing import Offset, Precision
+from clothsim.typing import Offset
 from common import Progress, aligned, as_json, short
 
 import contact
 
 SLOPE = math.tan(0.35)
-_IMPACTS: tuple[tuple[float, Precision], ...] = ((1.0, "double"), (1.0, "single"), (0.0, "double"))
 
 UNITS = {
     "points": "m",
@@ -32,8 +31,6 @@ UNITS = {
     "jitter": "m",
     "normal_jitter": "m",
     "slip": "m",
-    "asymmetry": "m",
-    "difference": "m",
     "expected": "m",
     "spread": "m",
     "dt": "s",
@@ -51,15 +48,8 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "under": ("energy made under the whole cloth", {}, {}),
     "resting": ("how quietly a cloth lies", {"steps": 10**5}, {"steps": 10**6}),
     "cone": ("friction below and above tan(slope)", {}, {}),
-    "stick": ("friction of faces at rest and sliding", {}, {"more": True}),
-    "impact": ("energy after an impact of a face", {"phases": 10}, {"phases": 40}),
-    "bounce": ("energy of a bouncing sheet of faces", {}, {"more": True}),
-    "lying": ("how quietly faces lie", {"steps": 1000}, {"steps": 20_000}),
-    "draped": ("how quietly a light sheet hangs", {"points": 24, "dt": 1e-4, "duration": 2.0}, {}),
     "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
     "offsets": ("the cost of every offset", {"windows": 20, "scenes": 2}, {}),
-    "drape": ("a step of a sheet that drapes, stage by stage", {"points": 24, "stages": 4}, {}),
-    "symmetry": ("symmetry of half a turn, and noise of 1e-12 m", {}, {}),
     "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
 }
 
@@ -75,7 +65,7 @@ def _functions() -> dict[str, Callable[..., Any]]:
         "faces": lambda every: [
             follow(name, response, every=every)
             for name in SCENES
-            for response in ("reflect, corrected", "ray, corrected", "continuous, cell", "continuous, face")
+            for response in ("reflect, corrected", "ray, corrected", "continuous, cell")
         ],
         "drop": _by_offset(contact.drop, "edge"),
         "under": _by_offset(contact.under_whole_cloth, "none"),
@@ -85,34 +75,8 @@ def _functions() -> dict[str, Callable[..., Any]]:
             for offset in ("none", "cell")
             for part in (0.0, 0.97, 1.03)
         ],
-        "stick": lambda more=False: [
-            {"part": part, "dt": dt, "radius": radius, "points_per_side": points, **contact.stick(part, dt, radius, points)}
-            for points, steps in (((2, (1e-4, 2e-5, 5e-6, 1e-6)), (12, (1e-4,))) if more else ((2, (1e-4, 2e-5)),))
-            for part in (1.05, 0.95)
-            for dt in steps
-            for radius in ((0.1, 0.25, 1.0, 10.0) if more else (0.25, 10.0))
-        ],
-        "impact": lambda phases: [
-            {
-                "speed": speed,
-                "dt": dt,
-                "restitution": restitution,
-                "precision": precision,
-                **contact.impact(speed, dt, restitution, phases, precision),
-            }
-            for restitution, precision in _IMPACTS
-            for dt in (1e-4, 2e-5, 5e-6, 1e-6)
-            for speed in (1e-3, 0.1, 1.0, 30.0, 300.0)
-        ],
-        "bounce": lambda more=False: [
-            {"dt": dt, **contact.face_drop(dt)} for dt in ((2e-4, 1e-4, 5e-5, 2e-5, 5e-6) if more else (1e-4, 2e-5))
-        ],
-        "lying": contact.lying,
-        "draped": contact.draped,
         "cost": contact.cost,
         "offsets": contact.offsets,
-        "drape": contact.drape,
-        "symmetry": lambda: contact.symmetry("face") + contact.symmetry("cell"),
         "table": comparison,
     }
 

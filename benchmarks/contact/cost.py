@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from time import process_time
 from typing import Any, get_args
 
 import clothsim as cs
@@ -24,8 +23,6 @@ def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
     settled.advance(6000, 5e-5)
     on_cells = cs.Stepper(cs.Scene(cloth, under.replace(offset="cell")), threads=1)
     on_cells.advance(6000, 5e-5)
-    on_faces = cs.Stepper(cs.Scene(cloth, under.replace(offset="face")), threads=1)
-    on_faces.advance(6000, 5e-5)
     paper = cs.scenes.paper_static("continuous")
     falling = cs.Stepper(paper, threads=1)
     falling.advance(4000, 1e-4)
@@ -47,8 +44,6 @@ def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
         "cell, touching nothing": stepper(far.replace(offset="cell"), settled),
         "cell, all points in contact": stepper(under.replace(offset="cell"), on_cells),
         "cell, all points sliding": stepper(under.replace(offset="cell", friction=0.0), on_cells),
-        "face, touching nothing": stepper(far.replace(offset="face"), settled),
-        "face, all triangles in contact": stepper(under.replace(offset="face"), on_faces),
     }
 
 
@@ -114,45 +109,4 @@ def offsets(windows: int = 60, steps: int = 40, dt: float = 5e-6, scenes: int = 
                 "drape_worst": max(worst for _, worst in drapes),
             }
         )
-    return rows
-
-
-def drape(
-    points: int = 48, dt: float = 1e-4, duration: float = 0.8, stages: int = 16, windows: int = 4
-) -> list[dict[str, Any]]:
-    """Processor time of a step of a light sheet that falls on a sphere and drapes, one thread.
-
-    The sheet of 1 m and 0.3 kg falls on the sphere of docs/draping.md, restitution 0, friction 0.5.
-    Each stage ends with steps of the sheet, in turn with steps of a copy without the sphere.
-
-    Parameters
-    ----------
-    points : int
-        Mass points along each side.
-    dt : float
-        Time step [s].
-    duration : float
-        Simulated time [s].
-    stages : int
-        Stages of equal duration.
-    windows : int
-        Windows of 10 steps that are timed in each stage.
-
-    Returns
-    -------
-    list of dict
-        "time" [s] of the stage's end, "microseconds" of a step there and "ratio" to a step without
-        the sphere, each the least of its windows.
-    """
-    cloth = cs.Cloth((points, points), mass=0.3, stiffness=60.0, damping=0.02, pins=())
-    sphere = cs.Sphere((0.5, -0.3, 0.5), 0.25, None, "continuous", "face", 0.0, 0.5)
-    scene = cs.Scene(cloth, sphere)
-    stepper, steps, rows = cs.Stepper(scene, threads=1), 10, []
-    for stage in range(1, stages + 1):
-        timed = (windows + 1) * steps  # `measure` begins with a window that does not count
-        stepper.advance(max(1, round((stage * duration / stages - stepper.time) / dt) - timed), dt)
-        free = cs.Stepper(scene.replace(spheres=()), stepper.positions, stepper.velocities, threads=1)
-        works = [Steps(stepper, dt, steps), Steps(free, dt, steps)]
-        with_sphere, without = (timing.minimum for timing in measure(works, windows, clock=process_time))
-        rows.append({"time": stepper.time, "microseconds": 1e6 * with_sphere, "ratio": with_sphere / without})
     return rows

@@ -5,7 +5,6 @@
 #include "bindings/bindings.hpp"
 #include "bindings/unlocked.hpp"
 #include "bindings/views.hpp"
-#include "contact/triangle.hpp"
 #include "measure/diagnostics.hpp"
 #include "memory/plan.hpp"
 #include "model/thread_grid.hpp"
@@ -43,19 +42,6 @@ void bind_diagnostics(py::module_& m) {
           });
     m.def("largest_stretch",
           [](const Cloth& cloth, const Array<double>& x) { return largest_stretch(cloth, view(x)); });
-    m.def("triangle_touches",
-          [](const Array<double>& p0, const Array<double>& p1, double reach, double tolerance) {
-              const py::ssize_t count = p0.size() / 9;
-              py::array_t<double> times(count);
-              double* const out = times.mutable_data();
-              const auto corners = [](const double* p) { return Corners{Vec3(p), Vec3(p + 3), Vec3(p + 6)}; };
-              for (py::ssize_t i = 0; i < count; ++i) {
-                  const TriangleTouch t = triangle_touch(corners(p0.data() + 9 * i),
-                                                         corners(p1.data() + 9 * i), reach, tolerance);
-                  out[i] = t.hit ? t.time : std::numeric_limits<double>::quiet_NaN();
-              }
-              return times;
-          });
     m.def("penetration",
           [](int rows, int columns, const Array<double>& x, const Vec3& center, double radius) {
               const Penetration p = penetration(rows, columns, view(x), center, radius);

@@ -43,8 +43,8 @@ Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacin
 }
 
 Sphere make_sphere(const Vec3& center, double radius, double contact_radius, const std::string& response,
-                   bool as_printed, double restitution, double friction, const Motion& motion, bool faces,
-                   bool cells, double push_out_speed) {
+                   bool as_printed, double restitution, double friction, const Motion& motion, bool cells,
+                   double push_out_speed) {
     const auto name = std::find(response_names.begin(), response_names.end(), response);
     if (name == response_names.end()) throw std::invalid_argument("no response has the name " + response);
     return {.center = center,
@@ -54,7 +54,6 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
             .friction = friction,
             .response = Response(name - response_names.begin()),
             .as_printed = as_printed,
-            .faces = faces,
             .cells = cells,
             .push_out_speed = push_out_speed,
             .motion = motion};
@@ -183,7 +182,7 @@ void bind_model(py::module_& m) {
         });
     py::class_<Sphere>(m, "Sphere")
         .def(py::init(&make_sphere), py::kw_only(), "center"_a, "radius"_a, "contact_radius"_a, "response"_a,
-             "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "faces"_a = false, "cells"_a = false,
+             "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "cells"_a = false,
              "push_out_speed"_a = 1.0)
         .def("center_at", &Sphere::center_at)
         .def("velocity_at", &Sphere::velocity_at);

@@ -112,7 +112,6 @@ void signal(const Outcome& outcome, py::dict& result) {
     result["step"] = unstable->step;
     result["time"] = unstable->time;
     result["trapped"] = unstable->trapped;
-    result["energy"] = unstable->energy;
 }
 
 // None where all steps were done without an event: a call may be shorter than the making of a

@@ -8,15 +8,13 @@ namespace {
 
 using Shape = std::vector<py::ssize_t>;
 
-// An array made of one part for each member, or of one for each impulse.
+// An array made of one part for each member.
 struct Values {
     std::vector<double> all;
     void add(const std::vector<double>& part) { all.insert(all.end(), part.begin(), part.end()); }
     void add(const Vec3& part) { all.insert(all.end(), part.begin(), part.end()); }
     py::array_t<double> array(const Shape& shape) const { return py::array_t<double>(shape, all.data()); }
 };
-
-constexpr py::ssize_t any_length = -1;
 
 // A field in the form that it was saved in, and checked to have its shape.
 template <class T>
@@ -28,11 +26,7 @@ Array<T> field(const py::dict& fields, const char* name, const Shape& shape) {
         PyErr_Clear();
         throw std::invalid_argument(named + "must be an array of numbers");
     }
-    const auto fits = [](py::ssize_t wanted, py::ssize_t given) {
-        return wanted == any_length || wanted == given;
-    };
-    if (std::equal(shape.begin(), shape.end(), array.shape(), array.shape() + array.ndim(), fits))
-        return array;
+    if (std::equal(shape.begin(), shape.end(), array.shape(), array.shape() + array.ndim())) return array;
     throw std::invalid_argument(named + "must have the shape " +
                                 std::string(py::str(py::tuple(py::cast(shape)))) + ", got " +
                                 std::string(py::str(py::object(array.attr("shape")))));
@@ -51,15 +45,12 @@ Shape shape_of_impulses(const Simulation& simulation) {
     return {py::ssize_t(spheres), cloth.rows, py::ssize_t(Impulses::groups_of(cloth)), 3};
 }
 
-Vec3 vec3(const double* from) { return {from[0], from[1], from[2]}; }
-
 }  // namespace
 
 py::dict saved_fields(Simulation& simulation) {
     const Cloth& cloth = simulation.plan(0).cloth;
     const py::ssize_t members = py::ssize_t(simulation.size());
-    Values x, v, x_low, v_low, origin, place, speed, impulses;
-    std::vector<std::int64_t> member, feature;
+    Values x, v, x_low, v_low, origin, impulses;
     std::vector<std::uint8_t> frozen;
     for (std::size_t i = 0; i < simulation.size(); ++i) {
         const SavedState state = simulation.member(i).saved_state();
@@ -70,15 +61,8 @@ py::dict saved_fields(Simulation& simulation) {
         origin.add(state.origin);
         frozen.push_back(simulation.frozen(i));
         impulses.add(state.impulses);
-        for (const FacePass::PersistentContact& contact : state.contacts) {
-            member.push_back(std::int64_t(i));
-            feature.push_back(std::int64_t(contact.feature));
-            place.add(contact.place);
-            speed.add(contact.speed);
-        }
     }
     const Shape vectors{members, cloth.rows, cloth.columns, 3};
-    const py::ssize_t contacts = py::ssize_t(member.size());
     py::dict fields;
     fields["positions"] = x.array(vectors);
     fields["velocities"] = v.array(vectors);
@@ -87,10 +71,6 @@ py::dict saved_fields(Simulation& simulation) {
         fields["velocities_low"] = v_low.array(vectors);
     }
     fields["origins"] = origin.array({members, 3});
-    fields["contact_member"] = py::array_t<std::int64_t>(contacts, member.data());
-    fields["contact_feature"] = py::array_t<std::int64_t>(contacts, feature.data());
-    fields["contact_place"] = place.array({contacts, 3});
-    fields["contact_speed"] = speed.array({contacts, 3});
     fields["impulses"] = impulses.array(shape_of_impulses(simulation));
     fields["frozen"] = py::array_t<std::uint8_t>(members, frozen.data()).attr("astype")("bool");
     fields["time"] = py::float_(simulation.clock.now());
@@ -129,19 +109,7 @@ void restore_fields(Simulation& simulation, const py::dict& fields) {
         const std::size_t count = simulation.member(i).impulses.sums().size();
         states[i].impulses.assign(sum, sum + count);
         sum += count;
-        states[i].origin = vec3(origin.data() + 3 * i);
-    }
-    const auto member = field<std::int64_t>(fields, "contact_member", {any_length});
-    const py::ssize_t contacts = member.size();
-    const auto feature = field<std::int64_t>(fields, "contact_feature", {contacts});
-    const auto place = field<double>(fields, "contact_place", {contacts, 3});
-    const auto speed = field<double>(fields, "contact_speed", {contacts, 3});
-    for (py::ssize_t k = 0; k < contacts; ++k) {
-        if (member.data()[k] < 0 || member.data()[k] >= members || feature.data()[k] < 0)
-            throw std::invalid_argument(
-                "the field contact_member of a snapshot names no member of the batch");
-        states[std::size_t(member.data()[k])].contacts.push_back(
-            {std::size_t(feature.data()[k]), vec3(place.data() + 3 * k), vec3(speed.data() + 3 * k)});
+        states[i].origin = Vec3(origin.data() + 3 * i);
     }
     const Clock clock{number<double>(fields, "clock_origin"), number<std::int64_t>(fields, "clock_steps"),
                       number<double>(fields, "clock_step")};

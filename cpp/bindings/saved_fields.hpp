@@ -6,10 +6,8 @@
 
 namespace clothsim {
 
-// Positions, velocities, their low parts (in single) and origins: one entry for each member. The contact
-// memory: one entry for each impulse, with the member it belongs to. The sums of impulses: one entry for each
-// sphere of each member. The clock: time, and what it is counted
-// from.
+// Positions, velocities, their low parts (in single) and origins: one entry for each member. The sums
+// of impulses: one entry for each sphere of each member. The clock: time, and what it is counted from.
 py::dict saved_fields(Simulation& simulation);
 
 // Continue from fields. Throws std::invalid_argument, and changes nothing, where they are of another shape,

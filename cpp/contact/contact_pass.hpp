@@ -16,25 +16,21 @@
 //     all points -> open vectors (kernel) -> done | free: untouched | unresolved -> exact::respond, one by
 //     one
 //
-// Where a sphere keeps faces out, triangles and points of all spheres are one problem: contact/face_pass.hpp.
 // Where a sphere has the offset "cell", each point has a contact radius of its own: contact/cell_pass.hpp.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <memory>
 #include <optional>
 
 #include "contact/cell_pass.hpp"
 #include "contact/contact_report.hpp"
 #include "contact/exact.hpp"
-#include "contact/face_pass.hpp"
 #include "contact/large_cells.hpp"
 #include "contact/offset.hpp"
 #include "contact/state_points.hpp"
 #include "kernels/contact/contact_kernels.hpp"
-#include "kernels/contact/contact_marks.hpp"
 #include "kernels/dispatch.hpp"
 #include "measure/diagnostics.hpp"
 #include "measure/impulses.hpp"
@@ -53,23 +49,16 @@ public:
           points_(layout_, plan.cloth.columns),
           impulses_(impulses),
           kernel_(plan.kernels->contact.of<Real>(plan.strict)) {
-        std::vector<bool> faces;
         bool cells = false;
         for (const Sphere& sphere : plan.spheres)
             if (sphere.response == Response::continuous) {
                 spheres_.push_back(&sphere);
                 numbers_.push_back(std::size_t(&sphere - plan.spheres.data()));
-                faces.push_back(sphere.faces || sphere.cells);  // all one problem, if a sphere has faces
-                faces_ |= sphere.faces;
                 cells |= sphere.cells;
                 bounces_ |= sphere.restitution > 0;
             }
         if (spheres_.empty()) return;
         diagonal_ = std::hypot(plan.cloth.row_spacing, plan.cloth.column_spacing);
-        if (faces_) {
-            face_pass_ = make_face_pass(plan, faces, face_kernels(plan.kernels->set));
-            for (int i = 0; i < plan.cloth.points(); ++i) places_.push_back(points_.place(i, 0));
-        }
         const int lanes = kernels_of<Real>(*plan.kernels).lanes;
         geometry_ = layout.geometry(lanes);
         const std::size_t vectors = std::size_t(geometry_.rows) * std::size_t(geometry_.vectors);
@@ -88,7 +77,7 @@ public:
                     mass_[index(r, j) * std::size_t(lanes) + std::size_t(l)] = Real(plan.cloth.mass[point]);
                 }
         lanes_ = lanes;
-        if (cells && !faces_)
+        if (cells)
             cell_pass_.emplace(plan.cloth, layout, geometry_, lanes, plan.kernels->contact, plan.strict);
     }
     ContactPass(const ContactPass&) = delete;
@@ -97,19 +86,17 @@ public:
     const std::vector<const Sphere*>& spheres() const { return spheres_; }
     void forget() {
         current_ = false;
-        set_persistent({});
         if (cell_pass_) cell_pass_->forget();
     }
 
     // Before a step: the state it starts from.
     void keep(const AlignedVector<Real>& memory) {
-        kept_ = current_;
         if (!current_) before_ = memory;
     }
 
     // `rounding`: relative, of the state.
     ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt, double rounding,
-                          int threads, Poll& poll) {
+                          int threads) {
         memory_ = &memory;
         swept_.clear();
         velocities_.clear();
@@ -121,8 +108,7 @@ public:
         current_ = true;
         report_ = {};
         const double before = impulses_.power(numbers_, velocities_);
-        if (faces_) respond_to_faces(poll);
-        else if (cell_pass_) respond_to_cells(threads);
+        if (cell_pass_) respond_to_cells(threads);
         else respond_to_points(threads);
         report_.work = before - impulses_.power(numbers_, velocities_);
         for (std::uint8_t& pushed : pushed_rows_) report_.other_work |= std::exchange(pushed, 0) != 0;
@@ -131,17 +117,8 @@ public:
 
     // Whether the pass has inspected a mass point of the row: any other is outside the spheres.
     bool touched(int row) const {
-        if (faces_) return face_pass_->touched;
         const auto first = open_.begin() + std::ptrdiff_t(index(row, 0));
         return std::any_of(first, first + geometry_.vectors, [](std::uint8_t open) { return open != 0; });
-    }
-
-    const std::vector<FacePass::PersistentContact>& persistent() const {
-        static const std::vector<FacePass::PersistentContact> none;
-        return faces_ ? face_pass_->persistent : none;
-    }
-    void set_persistent(const std::vector<FacePass::PersistentContact>& persistent) {
-        if (faces_) face_pass_->persistent = persistent;
     }
 
     // Energies that contact/exact.hpp needs.
@@ -191,35 +168,6 @@ private:
                 if (open_[index(r, j)] & vector_unresolved) copy(r, j);
             }
     }
-    void respond_to_faces(Poll& poll) {
-        FacePass& pass = *face_pass_;
-        const auto take = [&](const AlignedVector<Real>& from, std::vector<Vec3>& to, int first) {
-            for (std::size_t i = 0; i < places_.size(); ++i)
-                for (int k = 0; k < 3; ++k)
-                    to[i][k] = points_.value(from, places_[i] + (first + k) * geometry_.component);
-        };
-        if (kept_) {
-            pass.x0.swap(pass.x);
-            pass.v0.swap(pass.v);
-        } else {
-            take(before_, pass.x0, 0);
-            take(before_, pass.v0, 3);
-        }
-        take(*memory_, pass.x, 0);
-        take(*memory_, pass.v, 3);
-        report_ = pass.run(swept_, poll);
-        for (std::size_t s = 0; s < spheres_.size(); ++s) impulses_.give(numbers_[s], 0, 0, pass.given[s]);
-        for (std::size_t i = 0; i < places_.size(); ++i) {
-            if (!pass.changed[i]) continue;
-            report_.changed = true;
-            set(int(i), {pass.x[i], pass.v[i]});
-            if constexpr (!Points::compensated) continue;
-            const PointState rounded = now(int(i));
-            pass.x[i] = rounded.position;
-            pass.v[i] = rounded.velocity;
-        }
-    }
-
     ContactArguments<Real> arguments() {
         ContactArguments<Real> a{};
         a.geometry = geometry_;
@@ -373,23 +321,20 @@ private:
     std::vector<const Sphere*> spheres_;
     std::vector<std::size_t> numbers_;  // among all spheres
     double diagonal_ = 0;  // of a cell at rest [m]
-    bool faces_ = false, bounces_ = false;
+    bool bounces_ = false;
     VectorGeometry geometry_{};
     int lanes_ = 0;
     AlignedVector<Real> before_;
-    bool current_ = false;  // whether `before_`, or what the face pass holds, is the state
-    bool kept_ = false;  // the state before the step is that after the newest pass
+    bool current_ = false;  // whether `before_` is the state
     AlignedVector<Real>* memory_ = nullptr;
     std::vector<std::uint8_t> open_, pushed_rows_;
     std::vector<std::uint64_t> unresolved_, free_;
     std::vector<Real> mass_;  // a lane after the other; 0 of padding
     std::vector<SweptSphere> swept_;
     std::vector<Vec3> velocities_;  // in this step
-    std::unique_ptr<FacePass> face_pass_;
     std::optional<CellPass<Real>> cell_pass_;
     LargeCells large_cells_;
     bool raising_ = false;
-    std::vector<std::ptrdiff_t> places_;  // of the points' x
     ContactReport report_;
 };
 

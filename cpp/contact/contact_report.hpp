@@ -13,17 +13,12 @@ struct ContactReport {
     double work = 0;  // of moving spheres, by their impulses [J]
     bool other_work =
         false;  // whether a sphere did work that no impulse shows: it pushed or squeezed a point
-    double energy = 0;                // of a trapped point: energy made beyond its bound, or 0 [J]
 
     // The first one counts; -1: none.
     static void keep_first(std::int64_t& first, std::int64_t i) { first = first < 0 ? i : first; }
     void note_trapped(std::int64_t i) { keep_first(trapped, i); }
     void note_capped(std::int64_t i) { keep_first(capped, i); }
     void note_pinned(std::int64_t i) { keep_first(pinned_inside, i); }
-    void note_fault(std::int64_t i, double energy_made) {
-        if (trapped < 0) energy = energy_made;
-        note_trapped(i);
-    }
 };
 
 }  // namespace clothsim

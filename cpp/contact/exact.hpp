@@ -16,7 +16,7 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "contact/contact.hpp"
+#include "contact/response.hpp"
 #include "kernels/contact/continuous.hpp"
 
 namespace clothsim {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "contact/exact.hpp"
-#include "contact/triangle.hpp"
+#include "measure/diagnostics.hpp"
 #include "model/cloth.hpp"
 
 namespace clothsim {
@@ -53,8 +53,7 @@ private:
     static bool lies_in(const std::array<Vec3, 4>& x, const SweptSphere& s) {
         const Vec3 center = exact::vec(s.end);
         const auto inside = [&](std::size_t i, std::size_t j, std::size_t k) {
-            return nearest_to_origin({x[i] - center, x[j] - center, x[k] - center}).point.norm() <
-                s.radius - s.slop;
+            return (closest_point_on_triangle(center, x[i], x[j], x[k]) - center).norm() < s.radius - s.slop;
         };
         return inside(0, 2, 1) || inside(1, 2, 3);
     }

@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "contact/contact.hpp"
+#include "contact/response.hpp"
 #include "contact/separation.hpp"
 #include "kernels/kernel_table.hpp"
 

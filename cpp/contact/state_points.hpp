@@ -3,7 +3,7 @@
 
 #include <cstddef>
 
-#include "contact/contact.hpp"
+#include "contact/response.hpp"
 #include "memory/aligned_vector.hpp"
 
 namespace clothsim {

@@ -39,7 +39,6 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);
     Poll poll(interrupted);
     while (t < request.until && outcome.steps < request.steps) {
-        const StepController before = controller;
         const double wanted = controller.h;
         const double left = end - t;
         // Two equal steps rather than a long one and a sliver.
@@ -61,19 +60,12 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
         }
         if (accepted) {
             const double next = h == left ? end : t + h;
-            try {
-                engine.accept_in_contact(t, next, request.threads, poll);
-            } catch (const Poll::Interrupted&) {
-                controller = before;
-                outcome.interrupted = true;
-                return outcome;
-            }
+            engine.accept_in_contact(t, next, request.threads);
             last_begin_ = t;
             last_step_ = h;
             const std::int64_t trapped = std::exchange(engine.contact_report.trapped, -1);
             if (trapped >= 0) {
-                const double energy = engine.contact_report.energy;
-                outcome.unstable = Outcome::Unstable{0, trapped, outcome.steps + 1, next, true, energy};
+                outcome.unstable = Outcome::Unstable{0, trapped, outcome.steps + 1, next, true};
                 return outcome;
             }
             const std::int64_t pinned = std::exchange(engine.contact_report.pinned_inside, -1);

@@ -68,9 +68,8 @@ bool EnergyWatch::beyond(double part, double made, double moving) const {
 
 bool EnergyWatch::watches_contact(const Watched& watched) const {
     return !watched.other_work && !swings() &&
-        std::all_of(plan_.spheres.begin(), plan_.spheres.end(), [](const Sphere& sphere) {
-            return sphere.response == Response::continuous && !sphere.faces;
-        });
+        std::all_of(plan_.spheres.begin(), plan_.spheres.end(),
+                    [](const Sphere& sphere) { return sphere.response == Response::continuous; });
 }
 
 double EnergyWatch::lifts() const {

@@ -62,9 +62,8 @@ private:
     // Whether the method's own swing reaches what is judged. Else no state is asked for its guarantee.
     bool swings() const { return swing_ > grown_part; }
     // Whether contacts of a run are watched too. Continuous responses of points make no energy, and moving
-    // spheres work by their impulses. The paper's responses can make energy. Faces have a bound for each step
-    // (contact/face_energy.cpp). A push out of a sphere and a squeeze between two do work that no impulse
-    // shows.
+    // spheres work by their impulses. The paper's responses can make energy. A push out of a sphere and a
+    // squeeze between two do work that no impulse shows.
     bool watches_contact(const Watched& watched) const;
     // The work against weight and forces by the lifts of continuous responses [J], which no impulse shows.
     // They put a point a few rounding errors off its distance (SweptSphere::slop). With offset "cell" they

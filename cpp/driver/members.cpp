@@ -19,21 +19,17 @@ std::int64_t alone(std::int64_t count, std::int64_t points, int threads) {
 }  // namespace
 
 void each_member_of(const std::vector<std::size_t>& members, std::int64_t points, int threads,
-                    const MemberWork& work, Poll* poll) {
-    const auto do_work = [&](std::size_t i, int team) {
-        if (poll && members.size() > 1) poll->check();
-        work(i, team);
-    };
+                    const MemberWork& work) {
     const auto each_alone = members.begin() + alone(std::int64_t(members.size()), points, threads);
     if (each_alone != members.begin()) {
         const int team = int(std::min<std::int64_t>(threads, each_alone - members.begin()));
         std::atomic<std::ptrdiff_t> next{0};
         const auto deal = [&](int, int) {
-            for (std::ptrdiff_t i; (i = next++) < each_alone - members.begin();) do_work(members[i], 1);
+            for (std::ptrdiff_t i; (i = next++) < each_alone - members.begin();) work(members[i], 1);
         };
-        in_team(team, deal, poll);
+        in_team(team, deal);
     }
-    for (auto i = each_alone; i != members.end(); ++i) do_work(*i, threads);
+    for (auto i = each_alone; i != members.end(); ++i) work(*i, threads);
 }
 
 }  // namespace clothsim

@@ -7,7 +7,6 @@
 #include <numeric>
 #include <utility>
 
-#include "integrators/methods.hpp"
 #include "memory/threads.hpp"
 
 namespace clothsim {
@@ -19,18 +18,11 @@ namespace {
 constexpr double most_seconds_of_earlier_calls = 0.5;
 constexpr double seconds_between_polls = 0.01;  // not tuned: below what a person notices
 // Of steps between separating planes since a checkpoint. Where a plane is crossed, they are repeated with a
-// contact pass each. That takes ten times as long, and with faces is all that Ctrl-C undoes.
+// contact pass each, and Ctrl-C waits for them.
 constexpr double most_seconds_behind_planes = 0.004;
 // Of a batch later: each member has to come into cache, and should then be stepped more than once. Half or
 // twice: as long until Ctrl-C is seen.
 constexpr double seconds_of_batch = 0.05;
-// Of a step of a batch: a longer one is left in its middle by Ctrl-C, and needs a checkpoint not long before.
-// In calls of single steps each copies the state, which takes a fifth of such steps. Half: of more steps.
-// Twice: Ctrl-C later than 0.1 s.
-constexpr double most_seconds_of_whole_step = 0.08;
-// Of such steps between two checkpoints within a call. Half or twice: as much undone, at 2 or 0.5 % of a
-// step.
-constexpr double most_seconds_undone = 2;
 
 }  // namespace
 
@@ -62,9 +54,7 @@ void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_d
         Engine& member = *members.back();
         member.threads = members_[i]->threads;
         member.watch_depths(sample_every_ > 0);
-        SavedState state = members_[i]->saved_state();
-        if (!keeps_persistent(plans_[i], plans[i], clock.now())) state.contacts.clear();
-        member.set_saved_state(state);
+        member.set_saved_state(members_[i]->saved_state());
         if (!frozen_[i]) member.place_pins(clock.now());
         watches.emplace_back(plans[i]);  // refers to the plan, which stays where it is
     }
@@ -138,38 +128,30 @@ void Simulation::set_step(double dt) {
     for (std::size_t i = 0; i < plans_.size(); ++i) watches_[i].set_step(dt, stable_dt_[i]);
 }
 
-bool Simulation::leaves_steps() const {
-    if (method_of(plans_[0].integrator).family == MethodFamily::implicit) return true;
-    return std::any_of(plans_[0].spheres.begin(), plans_[0].spheres.end(),
-                       [](const Sphere& sphere) { return sphere.faces; });
-}
-
 // All of it member by member, so that the state of a member is in cache for it.
-void Simulation::run_member(std::size_t i, const Block& block, bool copy, int threads, Poll& poll) {
+void Simulation::run_member(std::size_t i, const Block& block, bool copy, int threads) {
     Engine& member = *members_[i];
     member.threads = threads;
     if (copy) checkpoint_.copy(i);
-    if (!member.advance_in_contact(block.steps, clock, threads, true, poll)) {
+    if (!member.advance_in_contact(block.steps, clock, threads, true)) {
         checkpoint_.restore(i);
         Clock from = clock;
         from.steps -= checkpoint_.steps();
-        member.advance_in_contact(checkpoint_.steps() + block.steps, from, threads, false, poll);
+        member.advance_in_contact(checkpoint_.steps() + block.steps, from, threads, false);
     }
     if (block.inspect) inspect(i, age_ + block.steps, block.each);
     if (sample_every_ > 0 && (age_ + block.steps) % sample_every_ == 0) sample(i, clock.at(block.steps));
 }
 
-bool Simulation::run(const Block& block, int threads, Poll& poll) {
+void Simulation::run(const Block& block, int threads) {
     const bool copy = !checkpoint_.taken();
     if (copy) checkpoint_.take();
     moving_.clear();
     for (const std::size_t i : all_)
         if (!frozen_[i]) moving_.push_back(i);
     try {
-        const MemberWork work = [&](std::size_t i, int team) { run_member(i, block, copy, team, poll); };
-        each_member_of(moving_, plans_[0].cloth.points(), threads, work, block.whole ? nullptr : &poll);
-    } catch (const Poll::Interrupted&) {
-        return false;
+        each_member_of(moving_, plans_[0].cloth.points(), threads,
+                       [&](std::size_t i, int team) { run_member(i, block, copy, team); });
     } catch (...) {
         checkpoint_.drop();  // some members have a copy of another step
         throw;
@@ -177,7 +159,6 @@ bool Simulation::run(const Block& block, int threads, Poll& poll) {
     checkpoint_.pass(block.steps);
     clock.steps += block.steps;
     age_ += block.steps;
-    return true;
 }
 
 void Simulation::back_to_checkpoint() {
@@ -191,38 +172,24 @@ void Simulation::back_to_checkpoint() {
     checkpoint_.restored();
 }
 
-std::int64_t Simulation::undo(Outcome& outcome, int threads) {
-    const std::int64_t steps = checkpoint_.steps(), of_this_call = std::min(steps, outcome.steps);
+void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) {
+    const std::int64_t all = checkpoint_.steps(), steps = std::min(all, outcome.steps);
     back_to_checkpoint();
     begin_watches();  // at the input, if it did not pay
-    if (steps > of_this_call) {
-        const std::function<bool()> never = [] { return false; };
-        Poll poll(never);
-        run({steps - of_this_call, false}, threads, poll);
-    }
-    outcome.steps -= of_this_call;
-    return of_this_call;
-}
-
-void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) {
-    const std::int64_t steps = undo(outcome, threads);
+    if (all > steps) run({all - steps, false}, threads);
+    outcome.steps -= steps;
     for (std::int64_t k = 0; k < steps; ++k, ++outcome.steps) {
         outcome.interrupted = poll.stopped();
         if (outcome.interrupted) break;
         checkpoint_.drop();
-        outcome.interrupted = !run({1, true, true}, threads, poll);
-        if (outcome.interrupted) {
-            back_to_checkpoint();
-            break;
-        }
+        run({1, true, true}, threads);
         const std::int64_t bad = first_bad_member();
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
         const ContactReport contact = members_[std::size_t(bad)]->contact_report;
         back_to_checkpoint();
-        outcome.unstable = {
-            bad,           point >= 0 ? point : contact.trapped, outcome.steps + 1, clock.at(1), point < 0,
-            contact.energy};
+        outcome.unstable = {bad, point >= 0 ? point : contact.trapped, outcome.steps + 1, clock.at(1),
+                            point < 0};
         break;
     }
     for (auto& member : members_) member->contact_report = {};
@@ -240,17 +207,11 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
     const bool continuous = !above_stable_dt() &&
         std::any_of(members_.begin(), members_.end(),
                     [](const auto& member) { return member->has_continuous(); });
-    const bool batch = members_.size() > 1, leaves = leaves_steps();
-    const double longest = batch ? seconds_of_batch
-        : continuous             ? most_seconds_behind_planes
-                                 : seconds_between_polls;
-    const double renewal = continuous ? most_seconds_behind_planes
-        : above_stable_dt()           ? std::numeric_limits<double>::infinity()
-        : batch                       ? most_seconds_undone
-        : leaves                      ? 0
-                                      : std::numeric_limits<double>::infinity();
-    const bool undoes = leaves || (batch && step_seconds_ > most_seconds_of_whole_step);
-    const double oldest = above_stable_dt() ? 0 : undoes ? longest : most_seconds_of_earlier_calls;
+    const double longest = members_.size() > 1 ? seconds_of_batch
+        : continuous                           ? most_seconds_behind_planes
+                                               : seconds_between_polls;
+    const double renewal = continuous ? most_seconds_behind_planes : std::numeric_limits<double>::infinity();
+    const double oldest = above_stable_dt() ? 0 : most_seconds_of_earlier_calls;
     if (checkpoint_.steps() > 0 && checkpoint_.seconds() > oldest) checkpoint_.drop();
     Poll poll(interrupted);
     auto start = poll.asked();
@@ -263,13 +224,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
             {most_steps_unchecked - checkpoint_.steps(), to_energies, to_sample, steps - outcome.steps});
         const std::int64_t n = std::min(chunk_, to_inspection);
         const bool renew = checkpoint_.seconds() > renewal;
-        const bool whole = checkpoint_.steps() > 0 && step_seconds_ < most_seconds_of_whole_step;
-        outcome.interrupted = !run({n, n == to_inspection || renew, false, whole}, threads, poll);
-        if (outcome.interrupted) {
-            undo(outcome, threads);
-            checkpoint_.drop();
-            return outcome;
-        }
+        run({n, n == to_inspection || renew}, threads);
         outcome.steps += n;
         const auto end = Poll::Clock::now();
         const double seconds = std::chrono::duration<double>(end - start).count();

@@ -20,7 +20,6 @@ struct Outcome {
         std::int64_t step;  // of this call, the first whose result is not finite or has run away
         double time;
         bool trapped = false;  // finite, but the spheres leave this point no place
-        double energy = 0;  // of a trapped point: made by the contact beyond its bound [J], or 0
     };
     std::optional<Unstable> unstable;  // state: the last good one, one step before
     struct MemberPoint {
@@ -56,8 +55,7 @@ public:
 
     const Plan& plan(std::size_t i) const { return plans_[i]; }
     // Replace the scenes of all members, by scenes of the same shape, precision and integrator. State and
-    // clock stay; points that are now pinned stop; contact memory that does not fit is dropped. An exception
-    // leaves everything as it was.
+    // clock stay; points that are now pinned stop. An exception leaves everything as it was.
     void set_plans(std::vector<Plan> plans, std::vector<double> stable_dt);
 
     // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a
@@ -82,9 +80,7 @@ public:
     void set_frozen(std::size_t i, bool frozen);
     bool frozen(std::size_t i) const { return frozen_[i] != 0; }
 
-    // `interrupted` is asked about every 10 ms, of a batch every 50 ms.
-    // Long steps of a batch or with faces ask in their middle too. A step that ends there is undone. So are
-    // steps before it back to the checkpoint: 2 seconds of a batch, and 15 steps above the guaranteed step.
+    // `interrupted` is asked about every 10 ms, of a batch every 50 ms, between two steps.
     Outcome advance(std::int64_t steps, double dt, int threads, const std::function<bool()>& interrupted);
 
     // Error control, for one member whose integrator has it. It takes at most `steps` steps until `until` is
@@ -125,16 +121,12 @@ private:
         std::int64_t steps;
         bool inspect;  // at the state after them
         bool each = false;  // of steps that are repeated one by one, to find the one that went wrong
-        bool whole = false;  // does not end between members
     };
-    // From a checkpoint, which is taken if there is none. False: interrupted, and some members may have left
-    // it.
-    bool run(const Block& block, int threads, Poll& poll);
-    void run_member(std::size_t i, const Block& block, bool copy, int threads, Poll& poll);
+    // From a checkpoint, which is taken if there is none.
+    void run(const Block& block, int threads);
+    void run_member(std::size_t i, const Block& block, bool copy, int threads);
     void set_step(double dt);
     bool above_stable_dt() const;
-    // Whether Ctrl-C may end a step in its middle: with faces, and one of an implicit method.
-    bool leaves_steps() const;
     // Inspects the energy of a member, and whether its state is finite, at due numbers of steps.
     // Inspects also at the end of a call above the guaranteed time step, and after `each` repeated step.
     void inspect(std::size_t i, std::int64_t age, bool each);
@@ -150,10 +142,8 @@ private:
     bool may_be_checkpoint();
     std::int64_t first_bad_member() const;  // as last inspected, or -1
     void back_to_checkpoint();
-    // Back to the checkpoint; where that is older than this call, to the start of the call. How many steps of
-    // the call are undone.
-    std::int64_t undo(Outcome& outcome, int threads);
-    // A state is bad: the steps since the checkpoint again one by one, up to the last good state.
+    // A state is bad: the steps of this call since the checkpoint again one by one, up to the last good
+    // state.
     void repeat_step_by_step(Outcome& outcome, int threads, Poll& poll);
 
     std::int64_t chunk_ = 1;  // steps between two readings of the clock

@@ -14,10 +14,8 @@ std::unique_ptr<Engine> make(const Plan& plan) {
 
 }  // namespace
 
-bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes,
-                                Poll& poll) {
+bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes) {
     step_size = clock.dt;
-    poll_ = &poll;
     if (!has_continuous()) {
         advance(steps, clock, threads);
         return true;
@@ -31,13 +29,13 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
         }
         keep_state();
         advance(1, now, threads);
-        const ContactReport report = respond_to_contacts(now.at(0), now.at(1), now.dt, threads, poll);
+        const ContactReport report = respond_to_contacts(now.at(0), now.at(1), now.dt, threads);
         watched.note_work(report.work, report.other_work);
         contact_report.note_pinned(report.pinned_inside);
         contact_report.note_capped(report.capped);
         if (report.changed) lower(watched.first_contact, now.at(1));  // also of a step that finds no place
         if (report.trapped >= 0) {
-            contact_report.note_fault(report.trapped, report.energy);
+            contact_report.note_trapped(report.trapped);
             break;
         }
         if (depths_watched_) note_depths(now.at(1));
@@ -45,7 +43,7 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
     return true;
 }
 
-bool Engine::accept_in_contact(double t0, double t1, int threads, Poll& poll) {
+bool Engine::accept_in_contact(double t0, double t1, int threads) {
     step_size = t1 - t0;
     AdaptiveEngine& method = *adaptive();
     if (!has_continuous()) {
@@ -56,18 +54,12 @@ bool Engine::accept_in_contact(double t0, double t1, int threads, Poll& poll) {
     save_checkpoint();
     keep_state();
     bool touched = method.accept_step(t1, threads);
-    ContactReport report;
-    try {
-        report = respond_to_contacts(t0, t1, t1 - t0, threads, poll);
-    } catch (const Poll::Interrupted&) {
-        restore_checkpoint();
-        throw;
-    }
+    const ContactReport report = respond_to_contacts(t0, t1, t1 - t0, threads);
     watched.note_work(report.work, report.other_work);
     contact_report.note_pinned(report.pinned_inside);
     contact_report.note_capped(report.capped);
     if (report.trapped >= 0) {
-        contact_report.note_fault(report.trapped, report.energy);
+        contact_report.note_trapped(report.trapped);
         restore_checkpoint();
         return true;
     }

@@ -12,7 +12,6 @@
 #include "measure/impulses.hpp"
 #include "measure/watched.hpp"
 #include "memory/plan.hpp"
-#include "memory/poll.hpp"
 #include "model/clock.hpp"
 
 namespace clothsim {
@@ -34,9 +33,8 @@ public:
 
     // As `advance`, with continuous contacts after each step. `behind_planes`: steps that are expected to be
     // clear of the spheres may skip the pass (contact/separating_planes.hpp). False if a step was not clear;
-    // the state must then be discarded. So it must where a pass throws Poll::Interrupted.
-    bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes,
-                            Poll& poll);
+    // the state must then be discarded.
+    bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes);
 
     // Of continuous contact since the last inspection, see ContactReport.
     ContactReport contact_report;
@@ -58,8 +56,7 @@ public:
     virtual void store(float* x, float* v) const = 0;
     virtual void store(double* x, double* v) const = 0;
 
-    // Steps k = 1..steps of the clock, the collision pass of each at time clock.at(k). A method whose step
-    // takes long may throw Poll::Interrupted, as a pass may.
+    // Steps k = 1..steps of the clock, the collision pass of each at time clock.at(k).
     virtual void advance(std::int64_t steps, const Clock& clock, int threads) = 0;
     virtual void accelerations(double* a, int threads) = 0;
 
@@ -102,8 +99,8 @@ public:
     virtual AdaptiveEngine* adaptive() { return nullptr; }
     // Take the step that `adaptive()` has tried, from t0 to t1, with both collision passes at its end.
     // Whether a sphere changed the state. Where the spheres leave a point no place (contact_report), the
-    // state is that at t0. So it is where a pass throws Poll::Interrupted.
-    bool accept_in_contact(double t0, double t1, int threads, Poll& poll);
+    // state is that at t0.
+    bool accept_in_contact(double t0, double t1, int threads);
     // Whether a sphere asks for continuous contact.
     virtual bool has_continuous() const = 0;
 
@@ -113,12 +110,11 @@ protected:
     virtual bool advance_behind_planes(std::int64_t steps, const Clock& clock, int threads) = 0;
     // Before a step that may not be; after it.
     virtual void keep_state() = 0;
-    virtual ContactReport respond_to_contacts(double t0, double t1, double dt, int threads, Poll& poll) = 0;
+    virtual ContactReport respond_to_contacts(double t0, double t1, double dt, int threads) = 0;
     // The present state ends a step, at time t: depths of the mass points near which a sphere has responded.
     virtual void note_depths(double t) = 0;
 
     bool depths_watched_ = false;
-    Poll* poll_ = nullptr;  // of the newest steps
 };
 
 // Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet

@@ -4,7 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "contact/face_pass.hpp"
+#include "model/sphere.hpp"
 
 namespace clothsim {
 
@@ -13,7 +13,6 @@ struct SavedState {
     // single the low parts are what compensation adds to them; in double they are empty.
     std::vector<double> x, v, x_low, v_low;
     Vec3 origin = Vec3::Zero();  // m
-    std::vector<FacePass::PersistentContact> contacts;
     std::vector<double> impulses;  // of Impulses [N s]
 };
 

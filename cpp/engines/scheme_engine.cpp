@@ -333,7 +333,7 @@ private:
     void advance_implicit(double t, double h) {
         Points x(this->plan_.cloth.points(), 3), v(this->plan_.cloth.points(), 3);
         this->store(x.data(), v.data());
-        this->evaluations += implicit_->step(x, v, t, h, *this->poll_);
+        this->evaluations += implicit_->step(x, v, t, h);
         this->load(x.data(), v.data());
     }
 

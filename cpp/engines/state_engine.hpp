@@ -38,13 +38,11 @@ public:
     SavedState saved_state() const final {
         SavedState state;
         this->save_values(state);
-        state.contacts = contact_pass_.persistent();
         state.impulses = impulses.sums();
         return state;
     }
     void set_saved_state(const SavedState& state) final {
         this->set_values(state);
-        contact_pass_.set_persistent(state.contacts);
         impulses.go_on(state.impulses);
     }
 
@@ -55,13 +53,11 @@ public:
                      std::copy(memory_.begin() + begin, memory_.begin() + end, checkpoint_.begin() + begin);
                  });
         tally_at_checkpoint_ = *this;
-        persistent_at_checkpoint_ = contact_pass_.persistent();
     }
     void restore_checkpoint() final {
         memory_ = checkpoint_;
         static_cast<Tally&>(*this) = tally_at_checkpoint_;
         state_replaced();
-        contact_pass_.set_persistent(persistent_at_checkpoint_);
     }
     void note_all_depths(double t) final {
         std::fill(touched_rows_.begin(), touched_rows_.end(), true);
@@ -91,12 +87,7 @@ protected:
     }
     bool advance_behind_planes(std::int64_t steps, const Clock& clock, int threads) final {
         planes_.raise();
-        try {
-            this->advance(steps, clock, threads);
-        } catch (...) {  // left in the middle of a step
-            planes_.lower();
-            throw;
-        }
+        this->advance(steps, clock, threads);
         contact_pass_.forget();
         return planes_.lower();
     }
@@ -110,11 +101,11 @@ protected:
     }
     void watch(int begin, int end, double t) { watch(begin, end, t, 0, columns()); }
     void keep_state() final { contact_pass_.keep(memory_); }
-    ContactReport respond_to_contacts(double t0, double t1, double dt, int threads, Poll& poll) final {
+    ContactReport respond_to_contacts(double t0, double t1, double dt, int threads) final {
         state_changed();
         const double rounding = std::max(std::exchange(this->rounding_of_arrays, 0.0),
                                          double(std::numeric_limits<Real>::epsilon()));
-        const ContactReport report = contact_pass_.respond(memory_, t0, t1, dt, rounding, threads, poll);
+        const ContactReport report = contact_pass_.respond(memory_, t0, t1, dt, rounding, threads);
         if (depths_watched_)
             for (int r = 0; r < rows(); ++r) touched_rows_[std::size_t(r)] |= contact_pass_.touched(r);
         return report;
@@ -207,7 +198,6 @@ private:
 
     AlignedVector<Real> checkpoint_;
     Tally tally_at_checkpoint_;
-    std::vector<FacePass::PersistentContact> persistent_at_checkpoint_;
     std::vector<std::uint8_t> touched_rows_;  // whether a sphere found a mass point in the row
 };
 

@@ -96,7 +96,7 @@ bool ImplicitMidpoint::factorise(double h, const Vector& u) {
     return false;
 }
 
-int ImplicitMidpoint::step(Points& x, Points& v, double t, double h, Poll& poll) {
+int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
     x_ = x;
     v_ = v;
     // The place x + h/2 v of a driven pin is that of the middle of the step.
@@ -115,7 +115,6 @@ int ImplicitMidpoint::step(Points& x, Points& v, double t, double h, Poll& poll)
     Vector r = residual(h, u);
     double norm = size(r);
     for (int iteration = 0; iteration < most_iterations && norm > 0; ++iteration) {
-        poll.check();
         if (!factorise(h, u)) break;
         const Vector change = solver_.solve(r);
         double part = 1, best = norm;

@@ -14,7 +14,6 @@
 
 #include <Eigen/Sparse>
 
-#include "memory/poll.hpp"
 #include "model/scene.hpp"
 
 namespace clothsim {
@@ -25,8 +24,8 @@ public:
     explicit ImplicitMidpoint(const Scene& scene);
 
     // One step in place from time t; driven pins stay as they are. Returns the number of force evaluations (a
-    // factorisation each, but for those of halved steps). Throws Poll::Interrupted between two, where asked.
-    int step(Points& x, Points& v, double t, double h, Poll& poll);
+    // factorisation each, but for those of halved steps).
+    int step(Points& x, Points& v, double t, double h);
 
 private:
     using Vector = Eigen::VectorXd;

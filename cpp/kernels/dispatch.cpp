@@ -72,27 +72,19 @@ const KernelTable& choose_instruction_set(const std::string& name) {
                                 "; this processor runs, of those built: " + accepted);
 }
 
-namespace {
+namespace {}  // namespace
 
-// The member `kernels` of the class template for an instruction set.
-template <template <InstructionSet> class Of>
-const auto& kernels_in(InstructionSet set) {
+const StateRowKernels& state_row_kernels([[maybe_unused]] InstructionSet set) {
 #if defined(CLOTHSIM_PORTABLE)
-    static_cast<void>(set);
-    return Of<InstructionSet::portable>::kernels;
+    return StateRowKernelsOf<InstructionSet::portable>::kernels;
 #else
     switch (set) {
-        case InstructionSet::avx512: return Of<InstructionSet::avx512>::kernels;
-        case InstructionSet::avx2: return Of<InstructionSet::avx2>::kernels;
-        default: return Of<InstructionSet::sse2>::kernels;
+        case InstructionSet::avx512: return StateRowKernelsOf<InstructionSet::avx512>::kernels;
+        case InstructionSet::avx2: return StateRowKernelsOf<InstructionSet::avx2>::kernels;
+        default: return StateRowKernelsOf<InstructionSet::sse2>::kernels;
     }
 #endif
 }
-
-}  // namespace
-
-const StateRowKernels& state_row_kernels(InstructionSet set) { return kernels_in<StateRowKernelsOf>(set); }
-const FaceKernels& face_kernels(InstructionSet set) { return kernels_in<FaceKernelsOf>(set); }
 
 std::string kernel_environment() {
     const char* const value = std::getenv("CLOTHSIM_ISA");

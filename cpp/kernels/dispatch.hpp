@@ -4,7 +4,6 @@
 #include <string>
 #include <vector>
 
-#include "kernels/contact/face_kernels.hpp"
 #include "kernels/kernel_table.hpp"
 #include "kernels/state_row_kernels.hpp"
 
@@ -20,9 +19,6 @@ const KernelTable& choose_instruction_set(const std::string& name);
 
 // The kernels that move a state in and out.
 const StateRowKernels& state_row_kernels(InstructionSet set);
-
-// The kernels of contact of faces.
-const FaceKernels& face_kernels(InstructionSet set);
 
 // The environment variable that chooses the kernels of the next engine.
 std::string kernel_environment();

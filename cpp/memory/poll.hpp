@@ -10,8 +10,6 @@ namespace clothsim {
 
 class Poll {
 public:
-    // Ends work that has to be abandoned.
-    struct Interrupted {};
     using Clock = std::chrono::steady_clock;
 
     explicit Poll(const std::function<bool()>& interrupted) : interrupted_(interrupted) {}
@@ -25,9 +23,6 @@ public:
         }
         return stopped_.load(std::memory_order_relaxed);
     }
-    void check() {
-        if (stopped()) throw Interrupted{};
-    }
     bool is_asker() const { return std::this_thread::get_id() == asker_; }
     Clock::time_point asked() const { return asked_; }
 
@@ -40,25 +35,6 @@ private:
     const std::thread::id asker_ = std::this_thread::get_id();
     Clock::time_point asked_ = Clock::now();
     std::atomic<bool> stopped_{false};
-};
-
-// Checks a poll after every so many small pieces of work, so that the clock costs nothing.
-class CountedPoll {
-public:
-    explicit CountedPoll(Poll& poll) : poll_(poll) {}
-    // `pieces`: of some 0.1 us each.
-    void passed(std::size_t pieces) {
-        pieces_ += pieces;
-        if (pieces_ < between_checks) return;
-        pieces_ = 0;
-        poll_.check();
-    }
-
-private:
-    static constexpr std::size_t between_checks = 8192;  // 1 ms; half or twice: as much later, at no cost
-
-    Poll& poll_;
-    std::size_t pieces_ = 0;
 };
 
 }  // namespace clothsim

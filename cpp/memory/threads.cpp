@@ -82,14 +82,11 @@ int granted_threads(int wanted) {
     return std::min(wanted, int(all.size()) + 1);
 }
 
-void run_team(int team, const std::function<void(int)>& work, Poll* poll) {
+void run_team(int team, const std::function<void(int)>& work) {
     Job job{work};
     for (int thread = 1; thread < team; ++thread) workers.all[std::size_t(thread - 1)]->begin(&job);
     job.run(0);
-    wait_until([&] {
-        if (poll) poll->stopped();
-        return job.done.load(std::memory_order_acquire) == team - 1;
-    });
+    wait_until([&] { return job.done.load(std::memory_order_acquire) == team - 1; });
     if (job.failure) std::rethrow_exception(job.failure);
 }
 

@@ -5,8 +5,6 @@
 #include <functional>
 #include <thread>
 
-#include "memory/poll.hpp"
-
 namespace clothsim {
 
 inline constexpr int most_threads = 256;
@@ -60,20 +58,20 @@ private:
 };
 
 // `work(thread)` by each of `team` granted threads, of which this one is 0. An exception of one is thrown
-// when all have ended. `poll` is asked meanwhile.
-void run_team(int team, const std::function<void(int)>& work, Poll* poll);
+// when all have ended.
+void run_team(int team, const std::function<void(int)>& work);
 
 // `work(thread, team)` by at most `wanted` threads, after `begin(team)`.
 template <class Begin, class Work>
-void in_team(int wanted, Begin begin, Work work, Poll* poll = nullptr) {
+void in_team(int wanted, Begin begin, Work work) {
     const int team = wanted > 1 ? granted_threads(wanted) : 1;
     begin(team);
     if (team == 1) return work(0, 1);
-    run_team(team, [&](int thread) { work(thread, team); }, poll);
+    run_team(team, [&](int thread) { work(thread, team); });
 }
 template <class Work>
-void in_team(int wanted, Work work, Poll* poll = nullptr) {
-    in_team(wanted, [](int) {}, work, poll);
+void in_team(int wanted, Work work) {
+    in_team(wanted, [](int) {}, work);
 }
 
 }  // namespace clothsim

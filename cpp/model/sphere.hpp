@@ -46,7 +46,6 @@ struct Sphere {
     double friction = 0;
     Response response = Response::ray;
     bool as_printed = false;  // Kim et al. word for word: absolute velocity, approaching or not
-    bool faces = false;    // continuous: whole triangles are kept out, not only mass points
     bool cells = false;    // continuous: each point stands off by what its cells need as they are
     double push_out_speed = 1;  // m/s, of points that the sphere starts on
     Motion motion;

@@ -183,8 +183,6 @@ class ContactError(ArithmeticError):
         The state before that step: positions [m] and velocities [m/s], shape (rows, columns, 3).
     member : int, optional
         Index into the batch, None for a single cloth.
-    energy : float
-        Energy that the contact made in that step beyond its bound [J]; 0 where the spheres leave no place.
 
     Attributes
     ----------
@@ -195,8 +193,8 @@ class ContactError(ArithmeticError):
     --------
     >>> import clothsim as cs
     >>> print(cs.ContactError(step=3, time=0.5, point=(1, 2), x=None, v=None))
-    no place left at step 3 (t = 0.5 s): mass point (1, 2) is trapped between spheres, or \
-between a sphere and pinned points; keep them further apart, or make the spheres smaller
+    no place left at step 3 (t = 0.5 s): mass point (1, 2) is trapped between spheres; keep them \
+further apart, or make them smaller
     """
 
     step: int
@@ -205,17 +203,13 @@ between a sphere and pinned points; keep them further apart, or make the spheres
     x: np.ndarray | None
     v: np.ndarray | None
     member: int | None = None
-    energy: float = 0.0
     run: Any = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         which = "" if self.member is None else f" of batch member {self.member}"
-        when, where = f"at step {self.step} (t = {self.time:g} s)", f"mass point {self.point}{which}"
         super().__init__(
-            f"contact made {self.energy:.3g} J too much {when}, most at {where}; take a smaller dt, or slower spheres"
-            if self.energy
-            else f"no place left {when}: {where} is trapped between spheres, or between a sphere and pinned points; "
-            "keep them further apart, or make the spheres smaller"
+            f"no place left at step {self.step} (t = {self.time:g} s): mass point {self.point}{which} is trapped between "
+            "spheres; keep them further apart, or make them smaller"
         )
 
     __reduce__ = _reduced
@@ -232,8 +226,7 @@ class UnstableError(ArithmeticError):
     ----------
     step : int
         The step, counted from 0 at the start of the call, after which it was found. An energy that has run away may be found
-        up to 128 steps late. That is so in short calls. Above 16,384 mass points it is so in continuous contact, with an
-        implicit method, and in batches of long steps.
+        up to 128 steps late. That is so in short calls. Above 16,384 mass points it is so in continuous contact.
     time : float
         Time of the scene at the end of that step [s].
     point : tuple of int, optional

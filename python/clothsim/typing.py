@@ -18,7 +18,7 @@ import numpy.typing as npt
 Response: TypeAlias = Literal["reflect", "ray", "continuous"]
 """Contact responses of a `Sphere`."""
 
-Offset: TypeAlias = Literal["none", "edge", "cell", "face"]
+Offset: TypeAlias = Literal["none", "edge", "cell"]
 """Offsets of a `Sphere` that have a name."""
 
 Family: TypeAlias = Literal["structural", "shear", "bend"]

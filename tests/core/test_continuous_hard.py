@@ -104,7 +104,7 @@ def test_a_sphere_that_runs_into_a_pinned_point_warns_once_and_the_point_stays()
     assert (stepper.velocities[0, 0] == 0).all()
 
 
-@pytest.mark.parametrize("offset", ["none", "face"])
+@pytest.mark.parametrize("offset", ["none", "cell"])
 def test_pinned_neighbours_stay_and_the_others_keep_out(offset):
     """A sphere rises through a sheet that is pinned all around."""
     rim = np.zeros((12, 12), bool)
@@ -121,7 +121,7 @@ def test_pinned_neighbours_stay_and_the_others_keep_out(offset):
     assert stepper.positions[6, 6, 1] > 0.25
 
 
-@pytest.mark.parametrize("offset", ["none", "face"])
+@pytest.mark.parametrize("offset", ["none", "cell"])
 def test_a_start_inside_warns_and_is_pushed_out_without_a_burst(precision, offset):
     """No point is moved faster than push_out_speed, and nothing is thrown."""
     cloth = cs.Cloth((16, 16), mass=4.0, stiffness=100.0, damping=0.5, pins=())
@@ -144,7 +144,7 @@ def test_a_start_inside_warns_and_is_pushed_out_without_a_burst(precision, offse
         assert speed.max() < 1.0
     result = cs.penetration(stepper.positions, sphere)
     assert result["points"] == 0
-    if offset == "face":
+    if offset == "cell":
         assert result["triangles"] == 0
 
 

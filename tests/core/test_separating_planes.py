@@ -47,7 +47,7 @@ def test_the_reference_sees_the_same_contacts(variant):
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-@pairs(integrator=cs.integrators(), kernel=NAMED_KERNELS, threads=[1, 3], offset=["none", "face"])
+@pairs(integrator=cs.integrators(), kernel=NAMED_KERNELS, threads=[1, 3], offset=["none", "cell"])
 def test_guarded_steps_end_where_others_do(integrator, kernel, threads, offset):
     scene, x, v = drawn(SPHERE.replace(offset=offset))
     options = {"integrator": integrator, "kernel": kernel, "threads": threads}

@@ -117,7 +117,7 @@ def test_members_have_driven_pins_of_their_own_and_runs_go_on(crumpled, same_bit
     part = cs.load_run(cs.simulate(scene, 8 * dt, dt).save(tmp_path / "run.npz")).resume(12 * dt)
     assert same_bits([part.x[-1]], [run.x[-1]])
     assert run.report["energy"]["reason"] == "driven pins do work on the cloth" and np.isnan(run.report["energy"]["gained"])
-    assert run.picture() is not None and run.export(tmp_path / "run.csv")
+    assert run.picture() is not None and run.export(tmp_path / "run.obj")
 
 
 def test_scenes_with_driven_pins_are_plain_data(tmp_path, crumpled):
@@ -139,10 +139,10 @@ def test_a_sphere_touches_a_cloth_pulled_by_its_pins():
     """Two pins pull the sheet over a sphere; triangles at them move too."""
     pull = cs.Linear((0.0, -1.0, 0.0))
     cloth = cs.Cloth((10, 10), (0.5, 0.5), mass=0.1, stiffness=50.0, damping=0.01, pins={(0, 0): pull, (-1, 0): pull})
-    for offset in ("edge", "face"):
+    for offset in ("edge", "cell"):
         sphere = cs.Sphere((0.25, -0.15, 0.25), 0.1, response="continuous", offset=offset)
         run = cs.simulate(cs.Scene(cloth, sphere), 0.3, 5e-4)
-        assert run.report["penetration"]["triangles" if offset == "face" else "points"] == 0.0
+        assert run.report["penetration"]["triangles" if offset == "cell" else "points"] == 0.0
         assert run.report["first_contact"]["time"] > 0
 
 

@@ -42,7 +42,7 @@ def test_a_force_in_proportion_to_mass_acts_like_gravity(integrator, kernel, cru
     assert relative(cs.step(forced, x, v, dt, **options), cs.step(heavy, x, v, dt, **options), x) < 1e-12
 
 
-@pytest.mark.parametrize("offset", ["edge", "face"])
+@pytest.mark.parametrize("offset", ["edge", "cell"])
 @pytest.mark.parametrize("restitution", [0.0, 0.6])
 def test_contact_counts_the_work_of_forces(offset, restitution, relative):
     """The height after a bounce follows from the energy of the normal motion."""

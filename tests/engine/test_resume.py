@@ -42,7 +42,7 @@ def test_a_resumed_run_equals_an_uninterrupted_run(integrator, precision, same_b
     assert abs(back.x[-1] - whole.x[-1]).max() > 1e-3
 
 
-@pytest.mark.parametrize("response, offset", [("continuous", "edge"), ("continuous", "face"), ("ray", "edge")])
+@pytest.mark.parametrize("response, offset", [("continuous", "edge"), ("continuous", "cell"), ("ray", "edge")])
 def test_resumed_in_contact(response, offset, precision, same_bits):
     scene = cs.scenes.paper_static("ray")
     ball = scene.spheres[0].replace(response=response, offset=offset, center=(0.5, -0.3, 0.5))

@@ -47,7 +47,7 @@ def cases():
         yield touching, {"integrator": integrator, "kernel": kernel, "precision": precision}
     for integrator, precision in itertools.product(("rk4", "velocity_verlet", "pefrl", "dopri5"), PRECISIONS):
         yield driven, {"integrator": integrator, "precision": precision}
-    contacts = [("reflect", "edge"), ("ray", "none"), *(("continuous", o) for o in ("none", 0.01, "edge", "cell", "face"))]
+    contacts = [("reflect", "edge"), ("ray", "none"), *(("continuous", o) for o in ("none", 0.01, "edge", "cell"))]
     for (response, offset), (kernel, strict), precision in pairwise(contacts, CLASSES, PRECISIONS):
         make = functools.partial(hit, response=response, offset=offset)
         yield make, {"kernel": kernel, "strict": strict, "precision": precision}

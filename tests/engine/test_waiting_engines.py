@@ -79,7 +79,7 @@ def test_one_scene_serves_several_threads(scene):
 
 def test_steps_are_taken_back_to_the_arrays_of_the_call(kernel, precision, same_bits):
     """A sphere comes near, so that steps without its contact pass are done again, from the arrays that the caller keeps."""
-    sphere = cs.Sphere((0.5, -0.3, 0.5), 0.28, cs.Linear((0, 6.0, 0)), response="continuous", offset="face", restitution=1.0)
+    sphere = cs.Sphere((0.5, -0.3, 0.5), 0.28, cs.Linear((0, 6.0, 0)), response="continuous", offset="cell", restitution=1.0)
     scene = cs.Scene(cs.Cloth((12, 14), mass=20.0), sphere)
     x, v = scene.initial_position, scene.initial_velocity
     options = {"kernel": kernel, "precision": precision, "threads": 1}

@@ -30,8 +30,8 @@ def test_a_new_scene_keeps_the_state_and_one_that_is_refused_changes_nothing(cru
     stepper, twin = (cs.Stepper(scene, x, v, t=0.0, **GPU) for _ in "ab")
     for one in (stepper, twin):
         one.advance(40, dt)
-    with pytest.raises(ValueError, match=r"offset of spheres\[0\] must be .* got 'face'"):
-        stepper.set_scene(scene.replace(spheres=BALL.replace(response="continuous", offset="face")))
+    with pytest.raises(ValueError, match="force must be None"):
+        stepper.set_scene(scene.replace(force=np.ones_like(x)))
     stepper.set_scene(scene)
     for one in (stepper, twin):
         one.advance(40, dt)

@@ -76,8 +76,8 @@ def test_arguments_of_a_sphere_come_together(order):
     scene = change_scene(cs.Scene(cs.Cloth(), (cs.Sphere(), cs.Sphere())), dict(list(given.items())[::order]))
     assert [(s.response, s.restitution, s.radius) for s in scene.spheres] == [("ray", 0.0, 0.1), ("ray", 0.0, 0.25)]
     ray = cs.Scene(cs.Cloth(), cs.Sphere(response="ray"))
-    face = {"sphere_response": "continuous", "sphere_offset": "face"}
-    assert change_scene(ray, dict(list(face.items())[::order])).spheres[0].restitution == 0.0
+    cell = {"sphere_response": "continuous", "sphere_offset": "cell"}
+    assert change_scene(ray, dict(list(cell.items())[::order])).spheres[0].restitution == 0.0
 
 
 def test_every_argument_of_the_model_has_a_name():

@@ -64,6 +64,11 @@ def test_center_and_velocity():
     assert keyed.center_at(0.5).tolist() == [0.5, 0, 0]
 
 
+def test_an_offset_that_left_names_what_serves_instead():
+    with pytest.raises(ValueError, match="got 'face'.*; use 'cell', and more mass points where a sphere is smaller"):
+        Sphere(offset="face")
+
+
 def test_from_dict_names_the_nearest_key():
     with pytest.raises(ValueError, match="unknown key 'centre'.*did you mean 'center'"):
         Sphere.from_dict({"centre": [0, 0, 0]})

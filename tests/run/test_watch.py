@@ -22,7 +22,7 @@ SCENES = {
     "as printed": ball(response="reflect", motion=PAST, as_printed=True, offset="none"),
     "ray": ball(motion=PAST),
     "continuous": ball(response="continuous", motion=PAST),
-    "face": ball(response="continuous", offset="face", motion=PAST),
+    "cell": ball(response="continuous", offset="cell", motion=PAST),
     "still": ball(response="reflect", center=(0.7, -0.22, 0.5)),
     "starts on the cloth": ball(response="continuous", center=(0.3, 0.05, 0.4)),
 }
@@ -72,7 +72,7 @@ def extremes(report):
     ("name", "integrator", "precision"),
     [(name, "rk4", "double") for name in SCENES]
     + [(name, "rk4", "single") for name in ("reflect", "continuous", "three of them")]
-    + [(name, other, "double") for name in ("three of them", "face") for other in ("velocity_verlet", "pefrl")],
+    + [(name, other, "double") for name in ("three of them", "cell") for other in ("velocity_verlet", "pefrl")],
 )
 def test_measures_over_steps_equal_measures_of_every_state(name, integrator, precision):
     scene = SCENES[name]
@@ -86,13 +86,13 @@ def test_measures_over_steps_equal_measures_of_every_state(name, integrator, pre
     assert report["stretch"] == {"largest": pytest.approx(stretches.max(), rel=1e-12), "reason": ""}
     assert 0 < first <= 0.26 if name != "starts on the cloth" else first == DT
     assert report["first_contact"] == {"time": pytest.approx(first, rel=1e-12), "reason": ""}
-    if name not in ("still", "face"):  # of which the contact radius, and the triangles, keep out
+    if name not in ("still", "cell"):  # of which the contact radius keeps out
         assert found[:, 0].max() > 1e-3
     if name in ("reflect", "as printed"):  # deep within the run, and out again at its end
         assert found[-1, 0] < 0.5 * found[:, 0].max()
 
 
-@pytest.mark.parametrize("name", ["reflect", "three of them", "face"])
+@pytest.mark.parametrize("name", ["reflect", "three of them", "cell"])
 def test_they_are_the_same_for_every_number_of_threads(name, kernel):
     reports = [cs.simulate(SCENES[name], STEPS * DT, DT, threads=n, kernel=kernel).report for n in (1, 2, 3)]
     assert extremes(reports[0]) == extremes(reports[1]) == extremes(reports[2])
@@ -113,7 +113,7 @@ def test_the_papers_failing_case_is_reported():
 
 
 @pytest.mark.parametrize("integrator", ["dopri5", "dop853"])
-@pytest.mark.parametrize("name", ["reflect", "ray", "continuous", "face"])
+@pytest.mark.parametrize("name", ["reflect", "ray", "continuous", "cell"])
 def test_adaptive_steps(name, integrator):
     """The moment does not depend on frames, and is that of small steps, to the length of a step.
 
@@ -127,7 +127,7 @@ def test_adaptive_steps(name, integrator):
     assert time == pytest.approx(small["first_contact"]["time"], abs=np.diff(frames.t).max())
 
 
-@pytest.mark.parametrize("offset", ["edge", "face"])
+@pytest.mark.parametrize("offset", ["edge", "cell"])
 def test_a_continuous_sphere_that_is_never_touched_leaves_a_plain_error_estimate(offset):
     near = ball(response="continuous", offset=offset, center=(0.5, -0.35, 0.5))
     for options in ({"dt": 1e-3, "estimate_error": True}, {"rtol": 1e-6}):

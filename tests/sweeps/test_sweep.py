@@ -107,8 +107,8 @@ def test_a_point_that_spheres_trapped_harms_its_member_alone(trap):
     assert np.isfinite(result.energy_drift[0]) and np.isnan(result.energy_drift[1])
 
 
-def test_a_contact_that_made_energy_has_the_message_of_the_member_alone(monkeypatch):
-    given = {"step": 1, "time": 1e-3, "point": (0, 0), "x": None, "v": None, "energy": 0.5}
+def test_a_contact_error_has_the_message_of_the_member_alone(monkeypatch):
+    given = {"step": 1, "time": 1e-3, "point": (0, 0), "x": None, "v": None}
     fails = mock.Mock(side_effect=cs.ContactError(**given, member=0))
     monkeypatch.setattr(SilentStepper, "advance", fails)
     result = sweep(BALL, {"sphere_radius": [0.1]}, duration=0.3, dt=1e-3, metrics=["stable"])

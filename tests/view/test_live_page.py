@@ -385,6 +385,7 @@ def test_without_webgpu_it_says_so_and_shows_the_scene(opened, tmp_path):
 
 
 def test_a_scene_that_the_shader_lacks_is_refused(tmp_path):
-    scene = draped(response="continuous", offset="face")
-    with pytest.raises(ValueError, match=r"^offset of spheres\[0\] must be 'cell', .* got 'face'"):
+    scene = draped()
+    scene = scene.replace(force=np.ones_like(scene.initial_position))
+    with pytest.raises(ValueError, match="^force must be None"):
         scene.to_live_html(tmp_path / "live.html")

@@ -17,13 +17,17 @@ struct VectorGeometry {
     int rows, vectors;
 };
 
+// Marks that the kernel leaves at a vector: it still has to go to `before`; the kernel has responded to one
+// of its points.
+inline constexpr std::uint8_t vector_unresolved = 1, vector_responded = 2;
+
 template <class Real>
 struct ContactArguments {
     VectorGeometry geometry;
     Real* state;
     Real* before;  // the state at the start of the step, in the same layout
     const std::uint64_t* free;  // a bit a lane, a value a vector, row by row: 0 for pinned and padding points
-    std::uint8_t* open;  // a value a vector, row by row: marks of contact_marks.hpp
+    std::uint8_t* open;  // a value a vector, row by row: of the marks above
     const SweptSphere* spheres;
     int sphere_count;
     const Real* mass;  // a value a lane, vector by vector [kg]

@@ -15,7 +15,6 @@
 #pragma once
 
 #include "kernels/contact/contact_arguments.hpp"
-#include "kernels/contact/contact_marks.hpp"
 #include "kernels/contact/contact_resting.hpp"
 #include "kernels/contact/contact_wide.hpp"
 #include "kernels/vector3.hpp"

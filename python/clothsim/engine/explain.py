@@ -61,7 +61,7 @@ def _text(value: Any) -> str:
 def _radius_text(sphere: Sphere, cloth: Cloth) -> str:
     if in_cells(sphere):
         return f"by cells, {sphere.contact_radius(cloth):.6g} m at rest"
-    return f"{point_radius(sphere, cloth):.6g} m{', triangles' if sphere.offset == 'face' else ''}"
+    return f"{point_radius(sphere, cloth):.6g} m"
 
 
 def _contact_cost(sphere: Sphere, precision: str) -> dict[str, float]:

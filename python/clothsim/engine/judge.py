@@ -89,7 +89,7 @@ class Judge:
         warn_caller(
             f"a cell at the mass point {divmod(point, cloth.columns)}"
             f"{f' of batch member {member}' if self._batched else ''} is larger than the sphere that it touches; "
-            f"offset 'cell' needs {needed}, and triangles there may be inside; offset 'face' keeps them out",
+            f"take more mass points: offset 'cell' needs {needed}, else triangles there may be inside",
             ContactWarning,
         )
 
@@ -117,7 +117,7 @@ class Judge:
             "member": self._named(member),
         }
         if outcome["trapped"]:
-            raise ContactError(**found, energy=outcome.get("energy", 0.0))
+            raise ContactError(**found)
         term = limiting_term(scene, self._integrator)
         words = term.at(dt) if dt > term.max_stable_dt else str(term)
         raise UnstableError(**found, dt=dt, max_stable_dt=self._max_stable_dt[member], term=words)

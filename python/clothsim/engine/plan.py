@@ -14,10 +14,8 @@ if TYPE_CHECKING:
 
 
 def point_radius(sphere: Sphere, cloth: Any) -> float:
-    """Contact radius of mass points that is equal for all; "cell" adds to it in each step, "face" tests triangles."""
-    if sphere.offset == "face" or in_cells(sphere):
-        return sphere.radius
-    return sphere.contact_radius(cloth)
+    """Contact radius of mass points that is equal for all; "cell" adds to it in each step."""
+    return sphere.radius if in_cells(sphere) else sphere.contact_radius(cloth)
 
 
 def in_cells(sphere: Sphere) -> bool:
@@ -42,7 +40,6 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
                 restitution=sphere.restitution,
                 friction=sphere.friction,
                 motion=core_motion(sphere.motion),
-                faces=sphere.offset == "face",
                 cells=in_cells(sphere),
                 push_out_speed=sphere.push_out_speed,
             )

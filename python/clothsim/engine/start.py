@@ -93,7 +93,7 @@ def warn_of_start(scene: Scene, x: FloatArray, t: float, member: int | None, but
                 f"{int(inside.sum())} mass points are inside, the deepest, {(row, column)}, by "
                 f"{depth[row, column]:.3g} m; they are"
             )
-        elif sphere.offset in ("cell", "face"):
+        elif sphere.offset == "cell":
             deepest = _core.penetration(cloth.rows, cloth.columns, np.ascontiguousarray(x, np.float64), center, radius)[1]
             if deepest > rounding:
                 found = f"no mass point is inside, but a triangle by {deepest:.3g} m; it is"

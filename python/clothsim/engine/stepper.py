@@ -217,8 +217,7 @@ class Stepper(StepperView):
 
         Positions, velocities (with the compensation of "single"), the clock, the energy of
         contacts and frozen members stay. Newly pinned points stop where they are. Points that are no longer pinned
-        start from rest. The new scene's initial state is ignored. Impulses of faces that lie on spheres stay too, unless
-        the continuous spheres have another number, order or `offset`.
+        start from rest. The new scene's initial state is ignored.
 
         Parameters
         ----------

@@ -260,8 +260,7 @@ def reference_step(
     against it. A step in which a continuous sphere touches a point is taken in 64 substeps, with
     impacts found by bisection in time. There velocities of `step` differ by the order of a dt,
     and positions by that of a dt^2, where a is the largest acceleration. Spheres keep mass points
-    out, not faces: continuous spheres with ``offset="cell"``
-    or "face" are refused.
+    out, not faces: continuous spheres with ``offset="cell"`` are refused.
 
     Parameters
     ----------
@@ -283,7 +282,7 @@ def reference_step(
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above, or a continuous sphere has ``offset="cell"`` or "face".
+        If an argument is not as above, or a continuous sphere has ``offset="cell"``.
 
     Examples
     --------
@@ -297,7 +296,7 @@ def reference_step(
     """
     check.instance("scene", scene, Scene)
     for k, sphere in enumerate(scene.spheres):
-        if sphere.offset == "face" or in_cells(sphere):
+        if in_cells(sphere):
             raise ValueError(
                 f"offset of spheres[{k}] is {sphere.offset!r}, and the reference keeps mass points out of spheres alone; "
                 "accepted: 'edge', 'none' or a length [m]; compare `step` with itself at a shorter time step instead"

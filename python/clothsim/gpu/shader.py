@@ -233,12 +233,6 @@ def check_scenes(scenes: Sequence[Scene]) -> None:
             raise ValueError(f"pins[{pin}] must be None with backend 'gpu', got a motion; backend='cpu' drives pins")
         if scene.force is not None:
             raise ValueError("force must be None with backend 'gpu', got an array; backend='cpu' has it")
-        for k, sphere in enumerate(scene.spheres):
-            if sphere.offset == "face":
-                raise ValueError(
-                    f"offset of spheres[{k}] must be 'cell', 'edge', 'none' or a length with backend 'gpu', got 'face'; "
-                    "backend='cpu' has it"
-                )
         continuous = [k for k, sphere in enumerate(scene.spheres) if sphere.response == "continuous"]
         if len(continuous) > 1:
             raise ValueError(

@@ -143,7 +143,7 @@ class Simulation:
                     array[...] = vectors_of(planes, first, array.shape)
 
     def snapshot(self) -> dict[str, Any]:
-        """The clock and the whole state, with the fields of the core's; there are no contact memory and no impulses."""
+        """The clock and the whole state, with the fields of the core's; there are no impulses."""
         with self._used():
             parts, clock = self._state(), self._clock
             shape = (self._members, *self._scenes[0].cloth.shape, 3)
@@ -154,10 +154,6 @@ class Simulation:
             return {
                 **fields,
                 "origins": self._origins.copy(),
-                "contact_member": np.zeros(0, np.int64),
-                "contact_feature": np.zeros(0, np.int64),
-                "contact_place": np.zeros((0, 3)),
-                "contact_speed": np.zeros((0, 3)),
                 "frozen": np.array(self._frozen),
                 "time": clock.now(),
                 "clock_origin": clock.origin,

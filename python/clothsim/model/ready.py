@@ -40,7 +40,7 @@ def paper_static(
         "ray" is the paper's method 2, "reflect" its method 1. The restitution is 1 for each.
     bend : bool, default False
         True adds the 1,920 bend springs.
-    offset : {"edge", "cell", "none", "face"} or float, default "edge"
+    offset : {"edge", "cell", "none"} or float, default "edge"
         See `Sphere`.
     as_printed : bool, default False
         True takes the paper's collision response as printed; see `Sphere`.

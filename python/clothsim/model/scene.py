@@ -259,8 +259,8 @@ class Scene(Record):
         Raises
         ------
         ValueError, TypeError
-            If an argument is not as above. Also for a scene that the shader lacks: with `force`, `offset="face"`, or several
-            spheres of the response "continuous".
+            If an argument is not as above. Also for a scene that the shader lacks: with `force`, or several spheres
+            of the response "continuous".
 
         Examples
         --------

@@ -36,7 +36,6 @@ CONTACT_COSTS: dict[Offset, ContactCost] = {
     "cell": ContactCost(1.0, 1.4, 1.5, 2.7, 4.4),
     "edge": ContactCost(1.0, 1.2, 1.6, 1.7, 2.4),
     "none": ContactCost(1.0, 1.2, 1.6, 1.5, 2.1),
-    "face": ContactCost(1.0, 8, 20, 26, 58),
 }
 
 
@@ -66,16 +65,15 @@ class Sphere(Record):
         "continuous" responds at the time of impact. "reflect" (method 1, eq 7) reflects the velocity
         and keeps the position. "ray" (method 2, eq 8-12) moves the point back along its velocity to
         the contact radius, then reflects the velocity.
-    offset : {"cell", "edge", "none", "face"} or float, default "cell"
+    offset : {"cell", "edge", "none"} or float, default "cell"
         Length that the contact radius adds to `radius`. "cell" is the length of eq 13 for the cells
         of each point as they are now, so that no triangle dips in. A step in which all points touch
-        costs 1.4 steps without spheres (single: 1.5). A cell must be smaller than the sphere; else a
-        `ContactWarning` says so. With "ray" and "reflect" the cells are those at rest.
+        costs 1.4 steps without spheres (single: 1.5). A cell must be smaller than the sphere, so that
+        a small sphere takes a cloth of more mass points; else a `ContactWarning` says so. With "ray"
+        and "reflect" the cells are those at rest.
         "edge" is the length of eq 13, which keeps the middle of an unstretched structural spring
-        outside. "none" is 0, and a number is that length [m], >= 0. "face" lets triangles touch the
-        sphere itself, also spheres smaller than a cell. It needs the response "continuous" and the
-        CPU. A light drape costs up to 26 times a step without spheres on average, and up to 58 times
-        in folds; "cell" is recommended there. `Scene.explain` gives the cost of each offset.
+        outside. "none" is 0, and a number is that length [m], >= 0. `Scene.explain` gives the cost of
+        each offset.
     restitution : float, optional
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. Default: 0 with
         "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute
@@ -104,14 +102,6 @@ class Sphere(Record):
     [0.5, -0.25, 0.5]
     >>> round(ball.contact_radius(cs.Cloth()), 6)
     0.251038
-
-    This sphere stretches cells beyond its own size, where "cell" would warn. Exact faces let nothing through:
-
-    >>> fast = cs.Sphere((0.5, -2, 0.5), 0.05, cs.Linear((0, 300, 0)), offset="face")
-    >>> scene = cs.Scene(cs.Cloth(), fast)
-    >>> x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-4, 70, t=0.0)
-    >>> cs.penetration(x, fast, t=0.007)["triangles"], bool(x[..., 1].max() > 0.1)
-    (0.0, True)
     """
 
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -159,11 +149,6 @@ class Sphere(Record):
         )
         if self.as_printed and self.response == "continuous":
             raise ValueError("as_printed must be False with response 'continuous', which the paper does not have")
-        if self.offset == "face" and self.response != "continuous":
-            raise ValueError(
-                f"offset 'face' needs response 'continuous', got {self.response!r}, which responds "
-                "to mass points only and cannot keep triangles out"
-            )
 
     def _open_values(self) -> dict[str, Any]:
         values = super()._open_values()
@@ -251,9 +236,9 @@ class Sphere(Record):
         largest distance between neighbours at rest. The form (D/2)^2 / (sqrt((D/2)^2 + R^2) + R) loses no digits for
         small D.
 
-        With "cell" and "face" there is no fixed length. The value is then the most that a corner of
-        an unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell,
-        the radius of the smallest circle around its triangles, and with "cell" at most R.
+        With "cell" there is no fixed length. The value is then the most that a corner of an
+        unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell, the
+        radius of the smallest circle around its triangles, and at most R.
 
         Parameters
         ----------
@@ -286,15 +271,13 @@ class Sphere(Record):
         diagonal = math.hypot(*cloth.spacing)
         if self.offset == "cell":
             return float(_core.edge_offset(self.radius, min(diagonal, 2 * self.radius)))
-        if self.offset == "face":
-            return float(_core.edge_offset(self.radius, diagonal))
         return float(_core.edge_offset(self.radius, max(cloth.spacing)))
 
     def contact_radius(self, cloth: Cloth) -> float:
         """Distance from the centre below which a mass point is in contact.
 
-        With `offset` "cell" or "face" points have no fixed distance. The value is then the distance of
-        a corner of an unstretched cell when the middle of the longest side touches.
+        With `offset` "cell" points have no fixed distance. The value is then the distance of a
+        corner of an unstretched cell when the middle of the longest side touches.
 
         Parameters
         ----------
@@ -325,5 +308,6 @@ def _offset(value: Any) -> Offset | float:
     if not isinstance(value, str):
         raise TypeError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {check.shown(value)}")
     if value not in OFFSETS:
-        raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {check.shown(value)}")
+        instead = "; use 'cell', and more mass points where a sphere is smaller than a cell" if value == "face" else ""
+        raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {check.shown(value)}{instead}")
     return OFFSETS[OFFSETS.index(value)]

@@ -18,7 +18,6 @@ RESPONSES: dict[str, dict[str, Any]] = {
     "ray, corrected": {"response": "ray"},
     "continuous": {"response": "continuous"},
     "continuous, cell": {"response": "continuous", "offset": "cell"},
-    "continuous, face": {"response": "continuous", "offset": "face"},
 }
 
 
