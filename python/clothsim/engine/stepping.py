@@ -148,7 +148,7 @@ def step(
     UnstableError, ContactError
         If the state stops being finite or runs away, or spheres trap a mass point; nothing is written to `out` then.
     KeyboardInterrupt
-        On Ctrl-C; a long step may end in its middle. Nothing is written to `out` then.
+        On Ctrl-C, between two steps. Nothing is written to `out` then.
     ImportError, MemoryError, RuntimeError
         With the backend "gpu" only: without wgpu; if the adapter's memory does not suffice; if it
         stops responding; if there is none.
