@@ -26,8 +26,8 @@
 // `edge_halo` repeats the forces of the two rows before a band. So do any number of threads.
 //
 // Two loops do so. One is compiled in versions for sets of families and stages: edge_row.hpp serves the rows
-// of cloths with structural springs. The other, edge_general.hpp, serves all other cloths, rows at the
-// borders, and instruction sets without versions.
+// of cloths with structural and shear springs. The other, edge_general.hpp, serves all other cloths, rows at
+// the borders, and instruction sets without versions.
 #pragma once
 
 #include <utility>
@@ -71,7 +71,7 @@ inline constexpr int vectors_written_out =
 template <class Arch, class Real, EdgeSet set, Stage stage>
 CLOTHSIM_INLINE void edge_rows_in(EdgeArguments<Real>& e, int begin, int end) {
     constexpr int fixed = vectors_written_out<Arch, Real>;
-    if constexpr (fixed > 0 && set.shear && stage != Stage::evaluate)
+    if constexpr (fixed > 0 && stage != Stage::evaluate)
         if (e.ahead == 0 && e.vectors == fixed && (e.complete || masks_in_registers)) {
             // With mask registers, to ask which lanes have a spring costs nothing.
             return edge_rows_of<Arch, Real, set, stage, fixed,

@@ -7,18 +7,15 @@
 namespace clothsim {
 namespace {
 
-template <class Real, bool shear>
-constexpr EdgeKernels<Real> kernels_of_set() {
-    constexpr EdgeSet set{shear, bool(CLOTHSIM_PART & 1), bool(CLOTHSIM_PART & 2)};
-    return {&edge_rows<ThisArch, Real, set>, &edge_last_row<ThisArch, Real, set>,
-            &edge_halo<ThisArch, Real, set>};
-}
+constexpr EdgeSet set_of_part{bool(CLOTHSIM_PART & 1), bool(CLOTHSIM_PART & 2)};
 
 }  // namespace
 
 template <>
-constinit const EdgePart<CLOTHSIM_REAL>
+constinit const EdgeKernels<CLOTHSIM_REAL>
     EdgePartOf<this_instruction_set, CLOTHSIM_REAL, CLOTHSIM_PART>::kernels{
-        kernels_of_set<CLOTHSIM_REAL, false>(), kernels_of_set<CLOTHSIM_REAL, true>()};
+        &edge_rows<ThisArch, CLOTHSIM_REAL, set_of_part>,
+        &edge_last_row<ThisArch, CLOTHSIM_REAL, set_of_part>,
+        &edge_halo<ThisArch, CLOTHSIM_REAL, set_of_part>};
 
 }  // namespace clothsim

@@ -43,21 +43,21 @@ enum class Place { inner, second_last, last, any };
 // A spring takes some sixty cycles from its first operation to the last, and each operation waits for the one
 // before. So the springs of a vector form a pipeline. In each turn another spring begins. The spring that
 // began `to_root` turns before takes its root, and the spring that began `to_force` turns before becomes a
-// force. In one of the turns the row before is finished, in a later turn where shear springs are missing. The
-// bits are the same for any pipeline; these were the fastest of some hundred.
+// force. In one of the turns the row before is finished. The bits are the same for any pipeline; these were
+// the fastest of some hundred.
 struct Pipeline {
     std::array<Leg, leg_count> legs;
-    int to_root, to_force, finishing_turn, finishing_turn_of_few;
+    int to_root, to_force, finishing_turn;
 };
 template <class Real>
 #if defined(__AVX512F__)
-inline constexpr Pipeline pipeline{{down, rising, side, down_2, falling, side_2}, 1, 2, 2, 4};
+inline constexpr Pipeline pipeline{{down, rising, side, down_2, falling, side_2}, 1, 2, 2};
 #else
 // An operation takes half the time, so more of them fit between two that wait for each other. Double needs
 // most, as its springs wait for exact roots and divisions.
 inline constexpr Pipeline pipeline =
-    sizeof(Real) == 4 ? Pipeline{{falling, side_2, side, down_2, down, rising}, 2, 4, 1, 1}
-                      : Pipeline{{rising, down, side, down_2, side_2, falling}, 2, 5, 5, 5};
+    sizeof(Real) == 4 ? Pipeline{{falling, side_2, side, down_2, down, rising}, 2, 4, 1}
+                      : Pipeline{{rising, down, side, down_2, side_2, falling}, 2, 5, 5};
 #endif
 
 // The pipeline without what a scene or a row lacks.
@@ -73,9 +73,7 @@ struct Turns {
         return order;
     }();
     static constexpr int first_of_point = order[0] == rising ? 1 : 0;
-    static constexpr bool shear = present >> falling & 1;
-    static constexpr int finishing =
-        std::min(shear ? all.finishing_turn : all.finishing_turn_of_few, count - 1);
+    static constexpr int finishing = std::min(all.finishing_turn, count - 1);
     // The turn in which the last of these becomes a force; the first turn if there are none.
     static constexpr int after(Legs wanted) {
         int turn = 0;
@@ -85,9 +83,9 @@ struct Turns {
     }
 };
 
-// A set of families with structural springs, for which the loop over rows is compiled in versions.
+// Beside structural and shear springs, for which the loop over rows is compiled in versions.
 struct EdgeSet {
-    bool shear, bend, damped;
+    bool bend, damped;
 };
 
 // A row with two rows behind it, the last two rows of a cloth, and a row before a band. Of the last only
@@ -107,8 +105,8 @@ class RowPass {
     static constexpr int W = int(V::size);
     static constexpr bool own = which != Row::halo, has_below = which != Row::last,
                           has_below_2 = has_below && which != Row::second_last;
-    static constexpr bool damped = set.damped, shear = set.shear && has_below,
-                          bend_down = set.bend && has_below_2, bend_aside = set.bend && own;
+    static constexpr bool damped = set.damped, shear = has_below, bend_down = set.bend && has_below_2,
+                          bend_aside = set.bend && own;
     static constexpr Legs only(Leg leg, bool there) { return Legs(there) << leg; }
     static constexpr Legs diagonals = only(rising, shear) | only(falling, shear),
                           downs = only(down, has_below) | only(down_2, bend_down),
@@ -293,10 +291,8 @@ class RowPass {
         if constexpr (shear) store3(sent_down_ + past, W, fell_);
         if constexpr (!own) return;
         Vector3<V> past_last = to_next_;
-        if constexpr (set.shear) {
-            const Vector3<V> before = load3<V>(received_ + past, W);
-            past_last = (shear ? before - rose_ : before) + past_last;
-        }
+        const Vector3<V> before = load3<V>(received_ + past, W);
+        past_last = (shear ? before - rose_ : before) + past_last;
         const auto sum = [&](int k) { return fixed ? kept_[k] : load3<V>(force_ + k * 3 * W, W); };
         store3(force_, W, sum(0) + shifted_lanes(past_last));
         if constexpr (bend_aside) store3(force_ + 3 * W, W, sum(1) + shifted_lanes(to_next_2_));
