@@ -19,15 +19,7 @@ from .sweeps import register as _register_accessor
 from .base.on_demand import on_demand as _on_demand
 from .machine.build import build_config
 from .model.cloth import Cloth
-from .errors import (
-    ContactError,
-    ContactWarning,
-    LongRunWarning,
-    OrderWarning,
-    RunInterrupted,
-    StabilityWarning,
-    UnstableError,
-)
+from .errors import ContactError, ContactWarning, OrderWarning, RunInterrupted, StabilityWarning, UnstableError
 from .model.mesh import thread_grid, triangles
 from .methods.integration import integrators
 from .measure.measures import energy, largest_stretch, penetration
@@ -67,7 +59,6 @@ __all__ = [
     "Convergence",
     "Keyframes",
     "Linear",
-    "LongRunWarning",
     "OrderWarning",
     "Picture",
     "Reciprocate",

@@ -91,26 +91,6 @@ class OrderWarning(UserWarning):
     """
 
 
-class LongRunWarning(UserWarning):
-    """A run of more than a million steps is about to begin; the message says how long it takes.
-
-    `simulate`, `step` and `Stepper.advance` give this warning before the first step. They time some steps of the scene,
-    and multiply by the number of steps. A sweep shows the time left in its progress bar instead.
-
-    Examples
-    --------
-    >>> import warnings
-    >>> import clothsim as cs
-    >>> with warnings.catch_warnings():
-    ...     warnings.simplefilter("error", cs.LongRunWarning)  # ends a run that would take too long
-    ...     try:
-    ...         cs.simulate(cs.scenes.paper_swing(), 20.0, dt=5e-6)
-    ...     except cs.LongRunWarning as warning:
-    ...         print(str(warning).partition(" of")[0])
-    4,000,000 steps
-    """
-
-
 class ContactWarning(UserWarning):
     """A continuous sphere starts on the cloth, has run into a pinned point, or is smaller than a cell that it touches.
 

@@ -42,8 +42,6 @@ def nothing_runs(monkeypatch):
         ("zarr", "sweep", lambda path: cs.open_sweep(path)),
         ("tqdm", "demo", lambda path: cs.simulate(SCENE, 0.1, dt=1e-3, progress=True)),
         ("pxr", "export", lambda path: RUN.export(path / "a.usdc")),
-        ("trimesh", "mesh", lambda path: RUN.to_trimesh()),
-        ("pyvista", "mesh", lambda path: RUN.to_pyvista()),
         ("matplotlib", "plot", lambda path: RUN.plot()),
     ],
 )

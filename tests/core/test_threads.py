@@ -224,7 +224,6 @@ def test_ctrl_c_ends_a_long_advance_at_a_whole_step(kernel, same_bits, shape, th
     assert same_bits((again.positions, again.velocities), (stepper.positions, stepper.velocities))
 
 
-@pytest.mark.filterwarnings("ignore::clothsim.LongRunWarning")
 def test_ctrl_c_leaves_the_arrays_of_step_as_they_were(crumpled):
     scene, x, v, dt = crumpled()
     out = np.full_like(x, 7.0), np.full_like(v, 8.0)

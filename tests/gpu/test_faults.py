@@ -79,7 +79,6 @@ def test_an_unstable_batch_names_its_member(same_bits):
     assert same_bits([stepper.positions[0]], [alone[0]])
 
 
-@pytest.mark.filterwarnings("ignore::clothsim.LongRunWarning")
 def test_ctrl_c_ends_a_long_advance_at_a_whole_step(same_bits):
     scene, dt = cs.scenes.paper_swing(), 1e-4
     before = signal.getsignal(signal.SIGINT)

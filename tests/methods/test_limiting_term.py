@@ -104,17 +104,6 @@ def test_pefrl_with_damping_is_announced():
         assert not given(cs.OrderWarning, call)
 
 
-def test_a_run_of_more_than_a_million_steps_says_how_long_it_takes(monkeypatch):
-    scene = cs.scenes.oscillator()
-    stepper = cs.Stepper(scene)
-    state = stepper._state
-    assert not given(cs.LongRunWarning, lambda: state.announce(1_000_000, 1e-6))
-    monkeypatch.setattr(type(state), "_seconds_per_step", lambda self, dt: 1e-3)
-    (message,) = given(cs.LongRunWarning, lambda: state.announce(7_200_000, 1e-6))
-    assert message == "7,200,000 steps of 1e-06 s will take about 2 hours"
-    assert not given(cs.LongRunWarning, lambda: state.announce(7_200_000, 1e-6))  # once
-
-
 @pytest.mark.parametrize(
     "features, factor",
     [({"stiffness": 35_000.0, "damping": 100.0}, 1.7), ({"stiffness": 1e6, "damping": 0.0}, 20.0), ({"damping": 3e3}, 1.05)],

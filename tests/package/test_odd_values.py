@@ -121,7 +121,6 @@ CALLS = {
     RUN.resume: {"duration": 0.02},
     RUN.penetration: {"sphere": 0},
     RUN.at: {"row": 0, "column": 0},
-    RUN.to_trimesh: {},
     cs.difference: {"a": RUN, "b": RUN},
     RUN.save: {"path": "run"},
     cs.load_run: {"path": "/no/such/run"},

@@ -153,7 +153,6 @@ def test_the_callback_stops_the_run(options):
 # Early ends
 
 
-@pytest.mark.filterwarnings("ignore::clothsim.LongRunWarning")
 @pytest.mark.parametrize("options", [{"dt": 5e-5}, {"rtol": 1e-6, "integrator": "dop853"}], ids=str)
 def test_ctrl_c_returns_the_finished_steps(options, precision, same_bits):
     timer = threading.Timer(0.3, signal.raise_signal, (signal.SIGINT,))

@@ -39,26 +39,6 @@ def test_a_mass_point_over_the_frames_has_the_stretch_of_the_page(run):
         run.at(32, 0)
 
 
-def test_a_frame_becomes_a_mesh_of_trimesh(run):
-    trimesh = pytest.importorskip("trimesh")
-    mesh = run.to_trimesh(3)
-    assert isinstance(mesh, trimesh.Trimesh)
-    assert np.array_equal(mesh.vertices, run.x[3].reshape(-1, 3))
-    assert np.array_equal(mesh.faces, cs.triangles((32, 32)))
-    assert run.to_trimesh(0).face_normals[0].round(9).tolist() == [0, 1, 0]
-    mesh.vertices += 1.0
-    assert run.x[3].max() < 1.5
-
-
-def test_a_frame_becomes_a_mesh_of_pyvista(run):
-    pyvista = pytest.importorskip("pyvista")
-    mesh = run.to_pyvista()
-    assert isinstance(mesh, pyvista.PolyData) and mesh.n_cells == 1922
-    assert np.array_equal(mesh.points, run.x[-1].reshape(-1, 3))
-    assert np.array_equal(mesh.regular_faces, cs.triangles((32, 32)))
-    assert np.array_equal(mesh.point_data["velocity"], run.v[-1].reshape(-1, 3))
-
-
 def shifted(run, by, frames=slice(None)):
     return cs.Run(run.scene, run.t[frames], run.x[frames] + by, run.v[frames], {})
 

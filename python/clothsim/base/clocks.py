@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from time import perf_counter
 
 
@@ -19,24 +18,6 @@ class Stopwatch:
 
     def __exit__(self, *error: object) -> None:
         self.seconds = perf_counter() - self._start
-
-
-def seconds_per_step(advance: Callable[[int], object], window: float, rounds: int, most: int) -> float:
-    """The least seconds per step in some rounds.
-
-    Each round calls `advance` with the number of steps that take about `window` seconds, from 8 to `most`. Steps that fail
-    end the timing; 0 if no round succeeds.
-    """
-    best, steps = math.inf, 8
-    for _ in range(rounds):
-        try:
-            with Stopwatch() as watch:
-                advance(steps)
-        except ArithmeticError:  # a run with these steps reports it
-            break
-        best = min(best, watch.seconds / steps)
-        steps = min(max(8, int(min(window / best, most))), most)
-    return best if math.isfinite(best) else 0.0
 
 
 def turns(count: int, rounds: int) -> Iterator[int]:

@@ -12,11 +12,8 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..base.clocks import seconds_per_step
-from ..errors import LongRunWarning, warn_caller
 from ..methods.bound import guaranteed_dt
 from ..methods.integration import integrators, warn_of_order
-from ..methods.limiting import limiting_term
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from ..model.sphere import Sphere
@@ -26,24 +23,7 @@ from .options import Options
 from .plan import core_plan
 from .start import Start, warn_of_start
 
-MANY_STEPS = 1_000_000
-"""A run of more steps is announced, with the time that it will take."""
-
-# The time of a step is measured four times, each on copies of the state that are stepped for this long. The first
-# measurement warms caches and threads. Half as long is noisy on a busy machine; twice as long is felt.
-_SECONDS_TIMED = 0.02
-_TIMINGS = 4
-_MOST_STEPS_TIMED = 20_000
-
 _ROUNDING = 2.0**-53  # of a float64, as part of it
-
-
-def duration_text(seconds: float) -> str:
-    """A duration in words, of two digits."""
-    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
-        if seconds >= 1.5 * size:
-            return f"{seconds / size:.2g} {unit}"
-    return f"{seconds:.2g} s"
 
 
 @dataclass(frozen=True)
@@ -79,7 +59,6 @@ class State:
         self._adopt(start.scenes, compiled, inspect)
         method = integrators()[self.integrator]
         self._may_lose_order = method.order_damped < method.order
-        self.announced = False
         self.core.load(start.x, start.v)
         if self._inspected:
             self._warn_of_start(start.x, start.t)
@@ -135,13 +114,10 @@ class State:
             out = np.empty(self.shape, self.dtype), np.empty(self.shape, self.dtype)
         elif not (type(out) is tuple and len(out) == 2 and type(out[0]) is type(out[1]) is np.ndarray):
             return None
-        self.announced = False
         self.judge.forget_warnings()
         if t is not None or self._moves:
             t = start_time(t, self.scenes)
         steps, dt = self._checked(steps, dt, t or 0.0)
-        if steps > MANY_STEPS:
-            return None
         if self._driven:
             check_driven_pins(self.scenes, x, t or 0.0)
         if self._inspected:
@@ -177,7 +153,6 @@ class State:
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""
         steps, dt = self._checked(steps, dt, self.core.time)
-        self.announce(steps, dt)
         outcome = self.core.advance(steps, dt, self.threads)
         if outcome:
             self._go_on(outcome, steps, dt)
@@ -185,7 +160,7 @@ class State:
     def _checked(self, steps: Any, dt: Any, t: float) -> tuple[int, float]:
         """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long. `t`: time of the state [s]."""
         # The form of nearly every call, recognised in a tenth of the time that the checks take.
-        if type(steps) is int and type(dt) is float and 0 <= steps <= MANY_STEPS and 0.0 < dt <= self.judge.least_stable_dt:
+        if type(steps) is int and type(dt) is float and 0 <= steps < 2**62 and 0.0 < dt <= self.judge.least_stable_dt:
             if t + dt != t:
                 return steps, dt
         if isinstance(steps, float) and isinstance(dt, int):
@@ -220,25 +195,6 @@ class State:
         """Give an `OrderWarning` for the first scene for which the integrator loses order."""
         if self._may_lose_order:
             any(warn_of_order(self.integrator, scene) for scene in self.scenes)
-
-    def announce(self, steps: float, dt: float) -> None:
-        """Give one `LongRunWarning` before a run of too many steps."""
-        if self.announced or steps <= MANY_STEPS:
-            return
-        self.announced = True
-        seconds = steps * self._seconds_per_step(dt)
-        term = limiting_term(self.scenes[0], self.integrator)
-        why = f"; {term}" if dt >= term.max_stable_dt / 4 else ""  # the limit made it short
-        warn_caller(f"{steps:,.0f} steps of {dt:.3g} s will take about {duration_text(seconds)}{why}", LongRunWarning)
-
-    def _seconds_per_step(self, dt: float) -> float:
-        """Measure the time of a step on a copy of this state, for about 0.05 s."""
-        x, v = np.empty(self.shape, self.dtype), np.empty(self.shape, self.dtype)
-        self.store(x, v)
-        scene = self.scenes if self.batched else self.scenes[0]
-        copy = State(scene, x, v, self.core.time, self.options, inspect=False)
-        copy.judge.warned_of_dt = copy.judge.warned_of_growth = copy.announced = True
-        return seconds_per_step(lambda steps: copy.advance(steps, dt), _SECONDS_TIMED, _TIMINGS, _MOST_STEPS_TIMED)
 
     def replace_state(self, x: Any = None, v: Any = None, t: Any = None, pins_stay: bool = True) -> None:
         """See `Stepper.set_state`. `pins_stay`: refuse another place or velocity of a pin."""

@@ -51,7 +51,7 @@ class Stepper(StepperView):
     (32, 32, 3)
     """
 
-    _announces = True  # gives warnings of the order and of long runs
+    _announces = True  # gives warnings of the order
 
     def __init__(
         self,
@@ -75,8 +75,6 @@ class Stepper(StepperView):
     def _announce(self) -> None:
         if self._announces:
             self._state.warn_of_order()
-        else:
-            self._state.announced = True
 
     def advance(
         self, steps: int, dt: float, centers: Mapping[int, Sequence[float] | npt.NDArray[np.float64]] | None = None
@@ -120,8 +118,6 @@ class Stepper(StepperView):
             kinetic and elastic energy comes out of nothing (docs/stability.md).
         ContactWarning
             Once if a continuous sphere runs into a pinned point, or is smaller than a cell that it touches.
-        LongRunWarning
-            If the steps will take long.
 
         Examples
         --------
@@ -372,6 +368,6 @@ class Stepper(StepperView):
 
 
 class SilentStepper(Stepper):
-    """A stepper for use inside the package: its caller warns of long runs and lower orders."""
+    """A stepper for use inside the package: its caller warns of lower orders."""
 
     _announces = False

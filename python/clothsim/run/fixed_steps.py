@@ -261,9 +261,6 @@ def run_fixed(
     frames = (frames or Schedule()).in_seconds(dt)
     moments = frames.moments(earlier.start, earlier.seconds + duration, earlier.seconds)
     run = Recording(state, options, watch or Watch(), dt, frames, earlier)
-    if not own_step:
-        state.announce(duration / dt, dt)
-    state.announced = True
     pass_frames(run, moments, dt)
     return Solution.of(run)
 

@@ -13,10 +13,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..engine.state import MANY_STEPS
 from ..errors import UnstableError
 from ..methods.integration import integrators
-from .attempts import MARGIN, MOST, ORDER, ROUNDING, RUNS, SMALL, Attempts, Controlled, Estimate, Why
+from .attempts import MANY_STEPS, MARGIN, MOST, ORDER, ROUNDING, RUNS, SMALL, Attempts, Controlled, Estimate, Why
 from .fixed_steps import Solution, rms, size_of
 from .frames import Schedule
 

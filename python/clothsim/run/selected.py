@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ..base import Floats, check
-from ..base.extras import needed
-from ..model.mesh import triangles
 
 if TYPE_CHECKING:
     from .result import Run
@@ -79,71 +77,3 @@ class SelectedRun:
         lengths = np.linalg.norm(self.x.reshape(len(self), -1, 3)[:, other] - x[:, None], axis=-1)
         stretch = (lengths / here["rest_length"] - 1).max(axis=1, initial=0.0)
         return {"t": self.t, "x": x, "v": v, "speed": np.linalg.norm(v, axis=-1), "stretch": stretch}
-
-    def to_trimesh(self, frame: int = -1) -> Any:
-        """The cloth of a stored frame as a `trimesh.Trimesh`.
-
-        Parameters
-        ----------
-        frame : int, default -1
-            Index of the stored frame, negative from the end.
-
-        Returns
-        -------
-        trimesh.Trimesh
-            Vertices [m] in the order of the array index, faces as in `triangles`. No vertex is merged.
-
-        Raises
-        ------
-        ImportError
-            Without trimesh (extra "mesh").
-        ValueError, TypeError
-            If there is no such frame.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> run = cs.simulate(cs.scenes.paper_swing(), 0.02, dt=1e-3)
-        >>> mesh = run.to_trimesh(0)
-        >>> mesh.vertices.shape, mesh.faces.shape, round(float(mesh.area), 9)
-        ((1024, 3), (1922, 3), 1.0)
-        """
-        trimesh = needed("trimesh", "run.to_trimesh", "mesh")
-        k, faces = self._frame(frame), triangles(cast("Run", self).scene.cloth.shape)
-        return trimesh.Trimesh(self.x[k].reshape(-1, 3).copy(), faces, process=False)
-
-    def to_pyvista(self, frame: int = -1) -> Any:
-        """The cloth of a stored frame as a `pyvista.PolyData`.
-
-        Parameters
-        ----------
-        frame : int, default -1
-            Index of the stored frame, negative from the end.
-
-        Returns
-        -------
-        pyvista.PolyData
-            Points [m] in the order of the array index, faces as in `triangles`, and the point array "velocity" [m/s].
-
-        Raises
-        ------
-        ImportError
-            Without pyvista (extra "mesh").
-        ValueError, TypeError
-            If there is no such frame.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> run = cs.simulate(cs.scenes.paper_swing(), 0.02, dt=1e-3)
-        >>> run.to_pyvista(0).n_cells  # doctest: +SKIP
-        1922
-        """
-        pyvista = needed("pyvista", "run.to_pyvista", "mesh")
-        k, faces = self._frame(frame), triangles(cast("Run", self).scene.cloth.shape)
-        mesh = pyvista.PolyData.from_regular_faces(self.x[k].reshape(-1, 3).copy(), faces)
-        mesh.point_data["velocity"] = self.v[k].reshape(-1, 3)
-        return mesh
-
-    def _frame(self, frame: int) -> int:
-        return check.integer("frame", frame, minimum=-len(self), maximum=len(self) - 1) % len(self)

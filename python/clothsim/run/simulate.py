@@ -157,7 +157,7 @@ def simulate(
     StabilityWarning
         If `dt` is above `max_stable_dt`. Also if more than half of the kinetic and elastic energy
         came out of nothing before a sphere responded (docs/stability.md).
-    ContactWarning, OrderWarning, LongRunWarning
+    ContactWarning, OrderWarning
         As `Stepper` and `Stepper.advance`.
 
     Notes
