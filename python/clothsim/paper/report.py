@@ -18,7 +18,6 @@ from clothsim.typing import Report
 from ..base.files import write_bytes
 from ..base.plots import BLUE, GREY, RED, figure, name_lines, save, style
 from ..base.table import aligned
-from ..viewing.camera import camera_for
 from .experiments import FRAMES, VARIANTS, Case
 from .findings import CLAIMS, findings, here, number
 
@@ -212,8 +211,11 @@ def draw_cells(number: str, cases: Sequence[Case], width: int, folder: Path) -> 
         if not reached:
             continue
         states = [case.states[frame] for case in reached]
-        seen = np.stack([np.clip(x, *STAGE) for x, _ in states])
-        camera = camera_for(direction, reached[0].scene, seen, [t for _, t in states])
+        seen = [np.clip(x, *STAGE).reshape(-1, 3) for x, _ in states]
+        axes = cs.Camera(direction, (0, 0, 0), 1, 1).axes()
+        ends = np.concatenate([axes, -axes])
+        seen += [s.center_at(t) + s.radius * ends for _, t in states for s in reached[0].scene.spheres]
+        camera = cs.Camera.around(direction, np.concatenate(seen))
         for case in reached:
             x, t = case.states[frame]
             cell = next(c for c in case.cells if c["frame"] == frame)
