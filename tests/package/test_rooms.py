@@ -110,7 +110,7 @@ def test_rooms_of_evidence_use_public_names_alone():
             listed = [one for one in IMPORTS if one[0] == module]
             checked += len(listed)
             assert private_uses(module, (PACKAGE / path).read_text(encoding="utf-8"), listed) == []
-    assert checked > 100
+    assert checked > 50
     planted = [
         ("paper.x", "engine.plan", "KERNELS", False),
         ("paper.x", "", "_core", False),

@@ -7,7 +7,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.viewing.exports import export
-from clothsim.viewing.formats.ball import linear
+from clothsim.viewing.formats.gltf import linear
 from clothsim.viewing.raster import CLOTH_FRONT, SPHERE
 
 FPS = 50
@@ -154,20 +154,6 @@ def test_glb_by_pygltflib(run, tmp_path):
         close(node.scale, [sphere.radius] * 3)
 
 
-def test_glb_by_trimesh(run, tmp_path):
-    trimesh = pytest.importorskip("trimesh")
-    (path,) = export(run, tmp_path / "a.glb", FPS)
-    scene = trimesh.load(path)
-    cloth = scene.geometry["cloth"]
-    close(cloth.vertices, points(run, 0))
-    assert (cloth.face_normals[:, 1] > 0.99).all()
-    low, high = scene.bounds
-    centers = np.array([s.center_at(0.0) for s in run.scene.spheres])
-    radii = np.array([[s.radius] for s in run.scene.spheres])
-    close(low, np.minimum((centers - radii).min(0), points(run, 0).min(0)), 1e-6)
-    close(high, np.maximum((centers + radii).max(0), points(run, 0).max(0)), 1e-6)
-
-
 @pytest.mark.parametrize("z_up", [False, True])
 def test_a_point_cache_by_its_published_layout(run, tmp_path, z_up):
     pc2, mesh = export(run, tmp_path / "a.pc2", FPS, z_up)
@@ -207,6 +193,8 @@ def test_obj_sequence_by_meshio(run, tmp_path, z_up):
     files = export(run, tmp_path / "a.obj", FPS, z_up)
     assert [file.name for file in files] == [f"a_{k:04d}.obj" for k in range(1, 12)]
     for k, file in enumerate(files):
+        objects = [line for line in file.read_text().splitlines() if line.startswith("o ")]
+        assert objects == ["o cloth", "o sphere_0", "o sphere_1"]
         mesh = meshio.read(file)
         x = points(run, k, z_up)
         close(mesh.points[:35], x, 1e-8)  # 9 digits
@@ -221,16 +209,6 @@ def test_obj_sequence_by_meshio(run, tmp_path, z_up):
             vertices, directions = mesh.points[own], mesh.point_data["obj:vn"][own]
             check_ball(run, j, k, vertices, of_ball - own.start, directions, z_up, 1e-8)
         assert (mesh.point_data["obj:vt"] >= 0).all() and (mesh.point_data["obj:vt"] <= 1).all()
-
-
-def test_obj_has_an_object_for_each_body_by_trimesh(run, tmp_path):
-    trimesh = pytest.importorskip("trimesh")
-    path = export(run, tmp_path / "a.obj", FPS)[6]
-    scene = trimesh.load(path, split_objects=True, group_material=False)
-    assert set(scene.geometry) == {"cloth", "sphere_0", "sphere_1"}
-    for j, sphere in enumerate(run.scene.spheres):
-        close(scene.geometry[f"sphere_{j}"].bounds.mean(axis=0), sphere.center_at(run.t[6]), 1e-8)
-    assert len(scene.geometry["cloth"].faces) == 48
 
 
 @pytest.mark.parametrize("z_up", [False, True])

@@ -13,7 +13,8 @@ from ..base.plain_json import as_json
 from ..base.progress import print_above, wanted_by_command
 from ..viewing.animation import FORMATS as FILMS
 from ..viewing.animation import animate, film_path
-from ..viewing.exports import SUFFIXES, Target, export
+from ..viewing.exports import FORMATS as EXPORTS
+from ..viewing.exports import checked, export
 from ..viewing.page import run_to_html
 from ..viewing.picture import file_path
 from ._scene import add_scene, changed_scene
@@ -43,7 +44,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     add("--html", metavar="FILE", help="write a page that plays the run")
     add("--picture", metavar="FILE", help="write a picture of the last frame")
     add("--film", metavar="FILE", help=f"write a film; its suffix is one of {', '.join(FILMS)}")
-    add("--export", metavar="FILE", help=f"write files for other programs: {', '.join(SUFFIXES)}")
+    add("--export", metavar="FILE", help=f"write files for other programs: {', '.join(EXPORTS)}")
     add("--save-scene", metavar="FILE.toml", help="save the scene, with its changes, as a file to edit")
 
 
@@ -97,4 +98,4 @@ def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
     if args.film:
         film_path("--film", args.film)
     if args.export:
-        Target.of(scene, args.export, None, False, "--export")
+        checked(scene, args.export, "--export")

@@ -1,74 +1,177 @@
-"""`Run.export`: write a run as files for other programs."""
+"""`Run.export`: a run as files for other programs."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+import warnings
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, NamedTuple
 
-from ..base import check, files
+import numpy as np
+
+from ..base import Floats, check, files
 from ..base.extras import needed
 from ..base.on_demand import module_of
 from ..base.progress import ProgressBar
-from .clip import Clip
+from ..model.mesh import triangles
+from ..run.between import Ends
+from .picture import file_path
 
-# Module of `formats`, and the package that it needs beyond NumPy.
-_FORMATS: dict[str, tuple[str, str | None]] = {
-    ".usdc": ("usd", "pxr"),
-    ".usda": ("usd", "pxr"),
-    ".glb": ("gltf", None),
-    ".obj": ("sequences", None),
-    ".ply": ("sequences", None),
-    ".pvd": ("vtk", None),
-    ".pc2": ("caches", None),
+FORMATS = {
+    ".usdc": "usd",
+    ".usda": "usd",
+    ".glb": "gltf",
+    ".obj": "meshes",
+    ".ply": "meshes",
+    ".pvd": "meshes",
+    ".pc2": "meshes",
 }
-SUFFIXES = tuple(_FORMATS)
+"""Suffix -> module of `formats`."""
 MOST_FPS = 1e5  # frames/s
+SAME_TIME = 1e-9  # part of the time between two stored frames; a frame closer to a stored one is that one
+# Interpolation errors, in grid spacings. A tenth shows as a dent where the cloth lies on a sphere; a whole spacing moves a
+# mass point to where its neighbour belongs.
+VISIBLE, USELESS = 0.1, 1.0
 
 
-@dataclass(frozen=True)
-class Target:
-    """The target of an export, checked before any work."""
-
-    path: Path
-    module: Any
-    z_up: bool
-    fps: float | None
-
-    @classmethod
-    def of(cls, scene: Any, path: Any, fps: float | None, z_up: bool, name: str = "path") -> Target:
-        """Check the arguments of an export of a run of `scene`; `name` names the argument of `path` in messages."""
-        path = check.path(name, path, "a file name")
-        suffix = path.suffix.lower()
-        if suffix not in _FORMATS:
-            raise ValueError(f"{name} must end in one of {', '.join(SUFFIXES)}, got {str(path)!r}")
-        if not path.parent.is_dir():
-            raise ValueError(f"{name} must be in an existing folder, got {str(path)!r}")
-        if fps is not None:
-            fps = check.number("fps", fps, minimum=0, exclusive=True, maximum=MOST_FPS)
-        z_up = check.boolean("z_up", z_up)
-        if z_up and suffix == ".glb":
-            raise ValueError("z_up must be False for .glb, where y is always up: importers turn it, Blender's too")
-        if min(scene.cloth.shape) < 2:
-            raise ValueError(
-                f"{name} {str(path)!r} needs a surface, a cloth of at least 2 x 2 mass points, got shape {scene.cloth.shape}"
-            )
-        module, package = _FORMATS[suffix]
-        if package is not None:
-            needed(package, f"export to {suffix}", "export")
-        return cls(path, module_of(f"clothsim.viewing.formats.{module}"), z_up, fps)
+def checked(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType]:
+    """The file of an export of a run of `scene`, and the module that writes it; `name` names `path` in messages."""
+    path = file_path(name, path)
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise ValueError(f"{name} must end in one of {', '.join(FORMATS)}, got {str(path)!r}")
+    if min(scene.cloth.shape) < 2:
+        raise ValueError(
+            f"{name} {str(path)!r} needs a surface, a cloth of at least 2 x 2 mass points, got shape {scene.cloth.shape}"
+        )
+    if FORMATS[suffix] == "usd":
+        needed("pxr", f"export to {suffix}", "export")
+    return path, module_of(f"clothsim.viewing.formats.{FORMATS[suffix]}")
 
 
 def export(
     run: Any, path: str | os.PathLike[str], fps: float | None = None, z_up: bool = False, progress: bool = False
 ) -> list[Path]:
     """`Run.export`: the files, moved to their places once all are complete. With `progress`, a bar counts frames."""
-    target = Target.of(run.scene, path, fps, z_up)
-    clip = Clip(run, target.fps, target.z_up)
-    with (
-        ProgressBar(progress, total=len(clip), unit="frame", desc="export") as bar,
-        files.folder_beside(target.path) as folder,
-    ):
+    path, module = checked(run.scene, path)
+    fps = None if fps is None else check.number("fps", fps, minimum=0, exclusive=True, maximum=MOST_FPS)
+    if check.boolean("z_up", z_up) and path.suffix.lower() == ".glb":
+        raise ValueError("z_up must be False for .glb, where y is always up: importers turn it, Blender's too")
+    clip = Clip(run, fps, z_up)
+    with ProgressBar(progress, total=len(clip), unit="frame", desc="export") as bar, files.folder_beside(path) as folder:
         clip.advance = bar.advance
-        return files.put(target.module.write(clip, folder / target.path.name), target.path.parent)
+        return files.put(module.write(clip, folder / path.name), path.parent)
+
+
+class Frame(NamedTuple):
+    """One frame: positions [m] and velocities [m/s] of shape (points, 3), sphere centres [m]."""
+
+    number: int
+    time: float  # [s]
+    positions: Floats
+    velocities: Floats
+    centers: Floats  # (spheres, 3)
+
+
+class Clip:
+    """A run as frames of a surface, in the axes of the file; `z_up` writes (x, y, z) as (x, -z, y).
+
+    With `fps` there are so many frames a second, with None the stored frames at their own times; afterwards `fps` is None
+    where their distances differ. `advance` is called after each frame. `times` [s] begin at 0. `uv`, shape (points, 2), are
+    texture coordinates: from above, with x to the right, a picture is upright and not mirrored.
+    """
+
+    def __init__(self, run: Any, fps: float | None, z_up: bool) -> None:
+        self.scene, self.z_up, self._run = run.scene, z_up, run
+        self.spheres, self.triangles = tuple(run.scene.spheres), triangles(run.scene.cloth.shape)
+        rows, columns = run.scene.cloth.shape
+        self.uv = np.stack(np.meshgrid(np.linspace(0, 1, columns), np.linspace(1, 0, rows)), -1).reshape(-1, 2)
+        self.advance: Callable[[], Any] = lambda: None
+        duration = run.t[-1] - run.t[0]
+        if fps is None:
+            self.times = np.asarray(run.t - run.t[0])
+            steps = np.diff(self.times)
+            self.fps = float(f"{len(steps) / duration:.12g}") if np.ptp(steps) <= 1e-6 * steps.max() else None
+        else:
+            self.fps = fps
+            self.times = np.arange(int(duration * fps * (1 + SAME_TIME)) + 1) / fps
+            if len(self.times) < 2:
+                raise ValueError(
+                    f"fps must be at least {1 / duration:.6g} for a run of {duration:g} s, got {fps:g}; "
+                    "fps=None writes the stored frames"
+                )
+        self._gaps = np.clip(np.searchsorted(run.t, self.times + run.t[0], "right") - 1, 0, len(run.t) - 2)
+        parts = (self.times + run.t[0] - run.t[self._gaps]) / (run.t[self._gaps + 1] - run.t[self._gaps])
+        self._stored = np.where(np.abs(parts - parts.round()) < SAME_TIME, self._gaps + parts.round().astype(int), -1)
+        if fps is not None and (self._stored < 0).any():
+            _check_interpolation(run, fps)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def frames(self) -> Iterator[Frame]:
+        for k in range(len(self)):
+            yield self[k]
+            self.advance()
+
+    def __getitem__(self, k: int) -> Frame:
+        stored, gap = self._stored[k], self._gaps[k]
+        if stored >= 0:
+            x, v = self._run.x[stored], self._run.v[stored]
+        else:
+            x, v = between(self._run, gap, gap + 1, float(self.times[k] + self._run.t[0]))
+        x, v = self._turned(x.reshape(-1, 3)), self._turned(v.reshape(-1, 3))
+        return Frame(k, float(self.times[k]), x, v, self.centers(k))
+
+    def centers(self, k: int) -> Floats:
+        """Centres of the spheres in frame `k`, shape (spheres, 3) [m]."""
+        t = self.times[k] + self._run.t[0]
+        return self._turned(np.array([s.center_at(t) for s in self.spheres]).reshape(-1, 3))
+
+    def _turned(self, vectors: Floats) -> Floats:
+        return np.stack([vectors[..., 0], -vectors[..., 2], vectors[..., 1]], -1) if self.z_up else vectors
+
+    def normals(self, positions: Floats) -> Floats:
+        """Unit normals of the mass points: the mean over their triangles by area; where that is 0, along y."""
+        a, b, c = (positions[self.triangles[:, k]] for k in range(3))
+        weights, corners = np.repeat(np.cross(b - a, c - a), 3, axis=0), self.triangles.ravel()
+        normals = np.stack([np.bincount(corners, weights[:, k], len(positions)) for k in range(3)], -1)
+        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        return np.where(length > 0, normals / np.where(length > 0, length, 1.0), [0.0, 1.0, 0.0])
+
+
+def between(run: Any, before: int, after: int, t: float) -> tuple[Floats, Floats]:
+    """Positions and velocities at the time `t` [s] between two stored frames; see `Ends`."""
+    states = [(run.x[k], run.v[k]) for k in (before, after)]
+    return Ends(float(run.t[before]), float(run.t[after] - run.t[before]), *states).at(t, run.scene)
+
+
+def interpolation_error(run: Any) -> float:
+    """Largest error of interpolating each inner stored frame from its two neighbours [m].
+
+    The gap between the neighbours is about twice that between stored frames. Where the motion is smooth, errors between
+    stored frames are a sixteenth of it; at a bounce, half of it.
+    """
+    inner = range(1, len(run.t) - 1)
+    found = (between(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k] for k in inner)
+    return max(float(np.linalg.norm(away, axis=-1).max()) for away in found)
+
+
+def _check_interpolation(run: Any, fps: float) -> None:
+    """Give a warning or an error if stored frames are too far apart for the requested frames."""
+    cure = f"simulate with every={1 / fps:.6g} to store the frames exported, or export with fps=None"
+    if len(run.t) < 3:
+        raise ValueError(
+            f"run must store frames between its first and last state to be exported at {fps:g} "
+            f"frames a second, got {len(run.t)} frames; {cure}"
+        )
+    error, spacing = interpolation_error(run), min(run.scene.cloth.spacing)
+    found = (
+        f"a stored frame interpolated from its neighbours is wrong by {error:.3g} m, with a grid spacing of {spacing:.3g} m"
+    )
+    if error > USELESS * spacing:
+        raise ValueError(f"stored frames of run are too far apart to interpolate: {found}; {cure}")
+    if error > VISIBLE * spacing:
+        warnings.warn(f"interpolated frames may be visibly wrong: {found}; {cure}", stacklevel=5)

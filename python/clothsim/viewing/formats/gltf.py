@@ -12,28 +12,39 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from ...base import Floats
 from ...machine.build import build_config
-from ..clip import Clip
+from ..exports import Clip
 from ..raster import CLOTH_FRONT, SPHERE
-from .ball import linear, unit_ball
+from .meshes import unit_ball
 
-_FLOAT, _UNSIGNED = 5126, 5125
-_VERTICES, _INDICES = 34962, 34963
-_KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
-CLOTH_COLOR, BALL_COLOR = linear(CLOTH_FRONT), linear(SPHERE)
+FLOAT, UNSIGNED = 5126, 5125
+VERTICES, INDICES = 34962, 34963
+KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 # Radians by which the normals of the first frame are off. With the normals of the triangles, as on a flat sheet, Blender
 # shades flat in all frames. Its limit is 4.5e-4. At twice, no change is visible either.
 TILT = 2e-3
 
 
+def linear(color: npt.NDArray[np.float64]) -> tuple[float, float, float]:
+    """An sRGB colour in linear light, as materials have it."""
+    red, green, blue = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4).tolist()
+    return red, green, blue
+
+
+MATERIALS = {"cloth": (linear(CLOTH_FRONT), 0.9), "sphere": (linear(SPHERE), 0.5)}
+"""Name -> colour and roughness."""
+
+
 def write(clip: Clip, path: Path) -> list[Path]:
     file = _File()
-    nodes = [_cloth(file, clip)]
+    times = file.accessor(clip.times, bounds=True)
+    nodes = [_cloth(file, clip, times)]
     if clip.spheres:
-        ball = _ball(file)
-        nodes += [_sphere(file, clip, ball, k) for k in range(len(clip.spheres))]
+        vertices, corners, _ = unit_ball()
+        ball = file.mesh("sphere", vertices, vertices, corners)
+        nodes += [_sphere(file, clip, ball, times, k) for k in range(len(clip.spheres))]
     file.write(path, nodes)
     return [path]
 
@@ -42,14 +53,19 @@ class _File:
     """The JSON and the binary chunk of a .glb file while they grow."""
 
     def __init__(self) -> None:
+        materials = [
+            {
+                "name": name,
+                "doubleSided": name == "cloth",
+                "pbrMetallicRoughness": {"baseColorFactor": [*color, 1.0], "metallicFactor": 0.0, "roughnessFactor": rough},
+            }
+            for name, (color, rough) in MATERIALS.items()
+        ]
         self.json: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": f"clothsim {build_config()['version']}"},
             "scene": 0,
-            "bufferViews": [],
-            "accessors": [],
-            "meshes": [],
-            "nodes": [],
-            "materials": [_material("cloth", CLOTH_COLOR, 0.9), _material("sphere", BALL_COLOR, 0.5)],
+            **{name: [] for name in ("bufferViews", "accessors", "meshes", "nodes")},
+            "materials": materials,
             "animations": [{"name": "run", "samplers": [], "channels": []}],
         }
         self._parts: list[bytes] = []
@@ -59,37 +75,39 @@ class _File:
         self.json[name].append(entry)
         return len(self.json[name]) - 1
 
-    def accessor(self, values: Any, target: int | None = None, bounds: bool = False) -> int:
+    def accessor(self, values: npt.NDArray[Any], target: int | None = None, bounds: bool = False) -> int:
         """Add an accessor of float32 values, or of uint32 if `values` are integers; return its number."""
-        whole = np.asarray(values).dtype.kind == "i"
+        whole = values.dtype.kind == "i"
         data = np.ascontiguousarray(values, "<u4" if whole else "<f4")
         view = {"buffer": 0, "byteOffset": self._length, "byteLength": data.nbytes}
-        if target is not None:
-            view["target"] = target
         self._parts.append(data.tobytes())
         self._length += data.nbytes
         entry: dict[str, Any] = {
-            "bufferView": self.add("bufferViews", view),
-            "componentType": _UNSIGNED if whole else _FLOAT,
+            "bufferView": self.add("bufferViews", view | ({} if target is None else {"target": target})),
+            "componentType": UNSIGNED if whole else FLOAT,
             "count": len(data),
-            "type": _KINDS[1 if data.ndim == 1 else data.shape[1]],
+            "type": KINDS[1 if data.ndim == 1 else data.shape[1]],
         }
         if bounds:
-            entry["min"] = np.atleast_1d(data.min(axis=0)).tolist()
-            entry["max"] = np.atleast_1d(data.max(axis=0)).tolist()
+            entry |= {"min": np.atleast_1d(data.min(axis=0)).tolist(), "max": np.atleast_1d(data.max(axis=0)).tolist()}
         return self.add("accessors", entry)
 
-    def animate(self, node: int, path: str, times: int, values: Floats) -> None:
+    def mesh(self, name: str, positions: Any, normals: Any, corners: Any, uv: Any = None, targets: Any = None) -> int:
+        attributes = {"POSITION": self.accessor(positions, VERTICES, True), "NORMAL": self.accessor(normals, VERTICES)}
+        if uv is not None:
+            attributes["TEXCOORD_0"] = self.accessor(uv, VERTICES)
+        indices = self.accessor(corners.ravel(), INDICES)
+        primitive = {"attributes": attributes, "indices": indices, "material": list(MATERIALS).index(name)}
+        if targets is None:
+            return self.add("meshes", {"name": name, "primitives": [primitive]})
+        primitive["targets"] = targets
+        return self.add("meshes", {"name": name, "primitives": [primitive], "weights": [0.0] * len(targets)})
+
+    def animate(self, node: int, path: str, times: int, values: npt.NDArray[Any]) -> None:
         animation = self.json["animations"][0]
         animation["samplers"].append({"input": times, "output": self.accessor(values), "interpolation": "LINEAR"})
         sampler = len(animation["samplers"]) - 1
         animation["channels"].append({"sampler": sampler, "target": {"node": node, "path": path}})
-
-    def times(self, clip: Clip) -> int:
-        """The accessor of the times of frames, one for all animations."""
-        if not hasattr(self, "_times"):
-            self._times = self.accessor(clip.times, bounds=True)
-        return self._times
 
     def write(self, path: Path, nodes: list[int]) -> None:
         self.json["scenes"] = [{"nodes": nodes}]
@@ -103,67 +121,28 @@ class _File:
             file.writelines(self._parts)
 
 
-def _material(name: str, color: tuple[float, float, float], roughness: float) -> dict[str, Any]:
-    return {
-        "name": name,
-        "doubleSided": name == "cloth",
-        "pbrMetallicRoughness": {"baseColorFactor": [*color, 1.0], "metallicFactor": 0.0, "roughnessFactor": roughness},
-    }
-
-
-def _cloth(file: _File, clip: Clip) -> int:
+def _cloth(file: _File, clip: Clip, times: int) -> int:
     """The mesh of the first frame. Other frames are added as differences, one at a time."""
     targets = []
     for frame in clip.frames():
         positions, normals = frame.positions, clip.normals(frame.positions)
         if frame.number == 0:
-            axis = np.eye(3)[np.abs(normals).argmin(axis=-1)]
-            tilted = normals + TILT * np.cross(normals, axis)
+            tilted = normals + TILT * np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
             first = positions, tilted / np.linalg.norm(tilted, axis=-1, keepdims=True)
             continue
-        targets.append(
-            {
-                "POSITION": file.accessor(positions - first[0], _VERTICES, bounds=True),
-                "NORMAL": file.accessor(normals - first[1], _VERTICES),
-            }
-        )
-    primitive: dict[str, Any] = {
-        "attributes": {
-            "POSITION": file.accessor(first[0], _VERTICES, bounds=True),
-            "NORMAL": file.accessor(first[1], _VERTICES),
-            # The origin of textures is their upper left corner.
-            "TEXCOORD_0": file.accessor(clip.uv * [1, -1] + [0, 1], _VERTICES),
-        },
-        "indices": file.accessor(clip.triangles.ravel(), _INDICES),
-        "material": 0,
-        "targets": targets,
-    }
-    mesh = {"name": "cloth", "primitives": [primitive], "weights": [0.0] * len(targets)}
-    node = file.add("nodes", {"name": "cloth", "mesh": file.add("meshes", mesh)})
-    weights = np.eye(len(clip), len(targets), -1)
-    file.animate(node, "weights", file.times(clip), weights.ravel())
+        moved = file.accessor(positions - first[0], VERTICES, True)
+        targets.append({"POSITION": moved, "NORMAL": file.accessor(normals - first[1], VERTICES)})
+    # The origin of textures is their upper left corner.
+    mesh = file.mesh("cloth", *first, clip.triangles, clip.uv * [1, -1] + [0, 1], targets)
+    node = file.add("nodes", {"name": "cloth", "mesh": mesh})
+    file.animate(node, "weights", times, np.eye(len(clip), len(targets), -1).ravel())
     return node
 
 
-def _ball(file: _File) -> int:
-    vertices, corners = unit_ball()
-    primitive = {
-        "attributes": {
-            "POSITION": file.accessor(vertices, _VERTICES, bounds=True),
-            "NORMAL": file.accessor(vertices, _VERTICES),
-        },
-        "indices": file.accessor(corners.ravel(), _INDICES),
-        "material": 1,
-    }
-    return file.add("meshes", {"name": "sphere", "primitives": [primitive]})
-
-
-def _sphere(file: _File, clip: Clip, mesh: int, k: int) -> int:
+def _sphere(file: _File, clip: Clip, mesh: int, times: int, k: int) -> int:
     centers = np.array([clip.centers(n)[k] for n in range(len(clip))])
-    node = file.add(
-        "nodes",
-        {"name": f"sphere_{k}", "mesh": mesh, "scale": [clip.spheres[k].radius] * 3, "translation": centers[0].tolist()},
-    )
+    place = {"scale": [clip.spheres[k].radius] * 3, "translation": centers[0].tolist()}
+    node = file.add("nodes", {"name": f"sphere_{k}", "mesh": mesh, **place})
     if np.ptp(centers, axis=0).any():
-        file.animate(node, "translation", file.times(clip), centers)
+        file.animate(node, "translation", times, centers)
     return node

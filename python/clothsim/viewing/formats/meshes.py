@@ -1,0 +1,147 @@
+"""Files of meshes: .obj (text), .ply (binary) and VTK's .pvd with .vtp, one file a frame; .pc2, positions of all frames."""
+
+from __future__ import annotations
+
+import struct
+from base64 import b64encode
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import numpy.typing as npt
+
+from ...base import Floats
+from ..exports import Clip, Frame
+
+AROUND, FROM_POLE_TO_POLE = 48, 24  # cells of a sphere; off the true one by at most 0.5 % of the radius
+VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64"}
+
+
+class Body(NamedTuple):
+    """A mesh of one frame: the cloth, or a sphere."""
+
+    name: str
+    positions: Floats  # (points, 3) [m]
+    corners: npt.NDArray[np.int64]  # (triangles, 3)
+    normals: Floats
+    uv: Floats  # texture coordinates, (points, 2)
+
+
+@cache
+def unit_ball() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
+    """Vertices, which are also the normals, triangles whose normals point outwards, and longitude and latitude, 0 to 1."""
+    v, u = np.meshgrid(np.linspace(0, 1, FROM_POLE_TO_POLE + 1), np.linspace(0, 1, AROUND + 1), indexing="ij")
+    polar, around = np.pi * v, 2 * np.pi * u
+    vertices = np.stack([np.sin(polar) * np.sin(around), np.cos(polar), np.sin(polar) * np.cos(around)], -1)
+    r, c = np.divmod(np.arange(FROM_POLE_TO_POLE * AROUND), AROUND)
+    corner = r * (AROUND + 1) + c
+    below, right = corner + AROUND + 1, corner + 1
+    upper = np.stack([corner, below, right], -1)[r > 0]  # at a pole a cell is one triangle
+    lower = np.stack([right, below, below + 1], -1)[r < FROM_POLE_TO_POLE - 1]
+    return vertices.reshape(-1, 3), np.concatenate([upper, lower]), np.stack([u, 1 - v], -1).reshape(-1, 2)
+
+
+def bodies(clip: Clip, frame: Frame) -> list[Body]:
+    """The cloth, then the spheres at their places in that frame."""
+    vertices, corners, uv = unit_ball()
+    return [
+        Body("cloth", frame.positions, clip.triangles, clip.normals(frame.positions), clip.uv),
+        *(
+            Body(f"sphere_{k}", center + sphere.radius * vertices, corners, vertices, uv)
+            for k, (sphere, center) in enumerate(zip(clip.spheres, frame.centers))
+        ),
+    ]
+
+
+def write(clip: Clip, path: Path) -> list[Path]:
+    """Files numbered from 1: of .obj one a frame, whose objects are the bodies, else one a frame and body."""
+    suffix = path.suffix.lower()
+    if suffix == ".pc2":
+        return _write_pc2(clip, path)
+    files, entries = [], []
+    for frame in clip.frames():
+        meshes = bodies(clip, frame)
+        for part, body in enumerate(meshes[:1] if suffix == ".obj" else meshes):
+            name = f"{path.stem}_{body.name}" if part else path.stem
+            files.append(path.with_name(f"{name}_{frame.number + 1:04d}{'.vtp' if suffix == '.pvd' else path.suffix}"))
+            files[-1].write_bytes(
+                _obj(meshes) if suffix == ".obj" else _ply(body) if suffix == ".ply" else _vtp(clip, frame, body)
+            )
+            entries.append(f'<DataSet timestep="{frame.time!r}" part="{part}" file={quoteattr(files[-1].name)}/>\n')
+    if suffix != ".pvd":
+        return files
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
+    path.write_text(head + "".join(entries) + "</Collection>\n</VTKFile>\n", encoding="utf-8")
+    return [path, *files]
+
+
+def _write_pc2(clip: Clip, path: Path) -> list[Path]:
+    """The cache, and the mesh that it moves."""
+    if clip.fps is None:
+        raise ValueError("fps must be a number for .pc2, which holds frames at equal distances: those of the run are not")
+    with path.open("wb") as file:
+        # Signature, version, points, first frame, frames a sample, samples.
+        file.write(struct.pack("<12siiffi", b"POINTCACHE2\0", 1, len(clip.uv), 0.0, 1.0, len(clip)))
+        for frame in clip.frames():
+            file.write(frame.positions.astype("<f4").tobytes())
+    mesh = path.with_suffix(".obj")
+    mesh.write_bytes(_obj(bodies(clip, clip[0])[:1]))
+    return [path, mesh]
+
+
+def _obj(meshes: Sequence[Body]) -> bytes:
+    """Positions with 9 digits, which keep all of a float32, texture coordinates and normals."""
+    lines, first = ["# clothsim, metres\n"], 1
+    for body in meshes:
+        corners = np.repeat(body.corners.ravel() + first, 3).reshape(-1, 9)
+        lines.append(f"o {body.name}\n")
+        for form, values in (
+            ("v %.9g %.9g %.9g\n", body.positions),
+            ("vt %.9g %.9g\n", body.uv),
+            ("vn %.6g %.6g %.6g\n", body.normals),
+            ("f %d/%d/%d %d/%d/%d %d/%d/%d\n", corners),
+        ):
+            lines.append((form * len(values)) % tuple(values.ravel().tolist()))
+        first += len(body.positions)  # OBJ counts through all objects
+    return "".join(lines).encode()
+
+
+def _ply(body: Body) -> bytes:
+    """Binary, little-endian, float32; texture coordinates under the names that Blender reads."""
+    vertices = np.hstack([body.positions, body.normals, body.uv]).astype("<f4")
+    faces = np.empty(len(body.corners), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, body.corners
+    names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz", "s", "t"))
+    head = f"ply\nformat binary_little_endian 1.0\ncomment clothsim, metres\nelement vertex {len(vertices)}\n{names}"
+    head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    return head.encode() + vertices.tobytes() + faces.tobytes()
+
+
+def _vtp(clip: Clip, frame: Frame, body: Body) -> bytes:
+    """XML PolyData; mass points have velocities, and depths below the nearest sphere's true radius [m]."""
+
+    def array(name: str, values: npt.NDArray[np.generic]) -> str:
+        """Binary data follow their length, both as base64."""
+        text = b64encode(struct.pack("<Q", values.nbytes) + values.tobytes()).decode()
+        kind, components = VTK_TYPES[values.dtype.str[1:]], values.shape[1] if values.ndim == 2 else 1
+        head = f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="binary">'
+        return f"{head}{text}</DataArray>\n"
+
+    data = {"Normals": body.normals, "TCoords": body.uv}
+    if body.name == "cloth":
+        distances = (s.radius - np.linalg.norm(body.positions - c, axis=-1) for s, c in zip(clip.spheres, frame.centers))
+        depth = np.max([np.zeros(len(body.positions)), *distances], axis=0)
+        data |= {"velocity": frame.velocities, "depth": depth}
+    point_data = "".join(array(name, values.astype("<f4")) for name, values in data.items())
+    polys = array("connectivity", body.corners.ravel().astype("<i8"))
+    polys += array("offsets", np.arange(3, 3 * len(body.corners) + 3, 3, dtype="<i8"))
+    return (
+        '<?xml version="1.0"?>\n<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f'<PolyData>\n<Piece NumberOfPoints="{len(body.positions)}" NumberOfPolys="{len(body.corners)}">\n'
+        f'<PointData Normals="Normals" TCoords="TCoords">\n{point_data}</PointData>\n'
+        f"<Points>\n{array('Points', body.positions.astype('<f8'))}</Points>\n<Polys>\n{polys}</Polys>\n"
+        "</Piece>\n</PolyData>\n</VTKFile>\n"
+    ).encode()
