@@ -1,10 +1,17 @@
 """The hard cases end on the adapter as they end in the strict core, errors included."""
 
 import clothsim as cs
+import numpy as np
 import pytest
 
 CASES = cs.scenes.hard_cases()
 STEPS = 300  # of the longer ones, the first
+
+
+def flushed(arrays, precision):
+    """With zeros for subnormal numbers, which the core flushes and an adapter may keep."""
+    tiny = np.finfo(np.float32 if precision == "single" else np.float64).tiny
+    return [np.where(np.abs(a) < tiny, 0 * a, a) for a in arrays]
 
 
 def outcome(case, precision, backend, steps):
@@ -32,7 +39,7 @@ def test_it_ends_as_in_the_core(name, needs_float64, same_bits):
         assert gpu[2] == cpu[2], precision
         clocks = [[core["time"], core["clock_steps"], core["clock_step"]] for core in (gpu[0], cpu[0])]
         assert clocks[0] == clocks[1], precision
-        assert same_bits(gpu[1], cpu[1]), precision
+        assert same_bits(*(flushed(one[1], precision) for one in (gpu, cpu))), precision
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")

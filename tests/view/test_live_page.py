@@ -361,9 +361,9 @@ def test_two_tabs_run_and_128_x_128_fits(live, opened, tmp_path):
 
 def test_the_gallery_leads_to_pages_that_run_offline(opened, tmp_path):
     page = opened(write_gallery(tmp_path), offline=True)
-    for k in range(page.tab.locator("figure a").count()):
+    for k in range(page.tab.locator("p a").count()):
         page.tab.goto((tmp_path / "live.html").as_uri())
-        page.tab.locator("figure a").nth(k).click()
+        page.tab.locator("p a").nth(k).click()
         page.ready()
         page.tab.wait_for_function("() => window.live.live.counted > 2")
         assert page.tab.is_hidden("#problem")

@@ -167,7 +167,17 @@ class Scene(Record):
         return groups
 
     def kinks(self, begin: float, end: float) -> list[float]:
-        """Times between these two at which a pin or a sphere has a kink [s], increasing; see the motions' ``kinks``.
+        """Times at which the motion of a pin or a sphere has a kink; see the motions' ``kinks``.
+
+        Parameters
+        ----------
+        begin, end : float
+            Times between which kinks are listed [s].
+
+        Returns
+        -------
+        list of float
+            [s], increasing.
 
         Examples
         --------
