@@ -61,7 +61,7 @@ class ClothsimAccessor:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The "identity" (scene, grid, settings, version) and the "sessions" (machine, wall time, instruction sets of each)."""
+        """The "identity" (scene, grid, settings, version) and the "sessions" (machine, wall time, instruction sets)."""
         text = self._dataset.attrs.get(ATTRIBUTE)
         if text is None:
             raise ValueError(
