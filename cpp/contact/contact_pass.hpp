@@ -65,7 +65,6 @@ public:
         open_.assign(vectors, 0);
         unresolved_.assign(vectors, 0);
         free_.assign(vectors, 0);
-        pushed_rows_.assign(std::size_t(geometry_.rows), 0);
         mass_.assign(vectors * std::size_t(lanes), Real(0));
         for (int r = 0; r < geometry_.rows; ++r)
             for (int j = 0; j < geometry_.vectors; ++j)
@@ -99,19 +98,14 @@ public:
                           int threads) {
         memory_ = &memory;
         swept_.clear();
-        velocities_.clear();
         for (const Sphere* sphere : spheres_) {
             const double band = band_of_cells(sphere->contact_radius, diagonal_, sizeof(Real) == 4);
             swept_.push_back(swept(*sphere, t0, t1, dt, rounding, band));
-            velocities_.push_back(exact::vec(swept_.back().velocity));
         }
         current_ = true;
         report_ = {};
-        const double before = impulses_.power(numbers_, velocities_);
         if (cell_pass_) respond_to_cells(threads);
         else respond_to_points(threads);
-        report_.work = before - impulses_.power(numbers_, velocities_);
-        for (std::uint8_t& pushed : pushed_rows_) report_.other_work |= std::exchange(pushed, 0) != 0;
         return report_;
     }
 
@@ -131,7 +125,6 @@ public:
         impulses_.give(numbers_[std::size_t(&s - swept_.data())], i / plan_.cloth.columns,
                        i % plan_.cloth.columns, mass(i) * change);
     }
-    void note_other_work() { report_.other_work = true; }
     bool pinned(int i) const { return plan_.cloth.pinned[std::size_t(i)]; }
     double mass(int i) const { return plan_.cloth.mass[std::size_t(i)]; }
     Vec3 field_at(int i) const { return plan_.field_at(i); }
@@ -181,7 +174,6 @@ private:
         a.mass = mass_.data();
         a.impulses = impulses_.of_row(numbers_[0], 0);
         a.impulse_row = std::ptrdiff_t(impulses_.size_of_row());
-        a.pushed_rows = pushed_rows_.data();
         a.unresolved = [](void* context, int row, int vector, std::uint64_t lanes) {
             auto* const pass = static_cast<ContactPass*>(context);
             pass->unresolved_[pass->index(row, vector)] |= lanes;
@@ -327,11 +319,10 @@ private:
     AlignedVector<Real> before_;
     bool current_ = false;  // whether `before_` is the state
     AlignedVector<Real>* memory_ = nullptr;
-    std::vector<std::uint8_t> open_, pushed_rows_;
+    std::vector<std::uint8_t> open_;
     std::vector<std::uint64_t> unresolved_, free_;
     std::vector<Real> mass_;  // a lane after the other; 0 of padding
     std::vector<SweptSphere> swept_;
-    std::vector<Vec3> velocities_;  // in this step
     std::optional<CellPass<Real>> cell_pass_;
     LargeCells large_cells_;
     bool raising_ = false;

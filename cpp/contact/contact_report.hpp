@@ -10,11 +10,13 @@ struct ContactReport {
     std::int64_t pinned_inside = -1;  // first pinned point that a sphere has run into, or -1
     std::int64_t capped = -1;  // first point in contact whose cells are larger than a sphere, or -1
     bool changed = false;             // whether a response changed a mass point
-    double work = 0;  // of moving spheres, by their impulses [J]
-    bool other_work =
-        false;  // whether a sphere did work that no impulse shows: it pushed or squeezed a point
 
-    // The first one counts; -1: none.
+    // The first of each kind counts.
+    void note(const ContactReport& later) {
+        note_trapped(later.trapped);
+        note_pinned(later.pinned_inside);
+        note_capped(later.capped);
+    }
     static void keep_first(std::int64_t& first, std::int64_t i) { first = first < 0 ? i : first; }
     void note_trapped(std::int64_t i) { keep_first(trapped, i); }
     void note_capped(std::int64_t i) { keep_first(capped, i); }

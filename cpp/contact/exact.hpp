@@ -9,7 +9,6 @@
 //   spring_energy(i, x)     of all springs of point i if it were at x [J]
 //   cell_surface_at(i, s)   distances of point i from a sphere of offset "cell"
 //   give(i, s, change)      notes that sphere s has changed the velocity of point i
-//   note_other_work()       a point that began inside was pushed, or one was squeezed between spheres
 #pragma once
 
 #include <algorithm>
@@ -134,7 +133,6 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres, con
             const bool was_inside = start_distance < surface.innermost;
             const bool fewer = was_inside && start_distance + s.push < surface.top;
             if (p.norm() >= (fewer ? start_distance + s.push - s.slop / 2 : surface.lowest)) continue;
-            if (was_inside || last) points.note_other_work();
             if (round > 0 && last && !was_inside) {
                 end.position = on_common_circle(*last, last_top, s, surface.top, end.position);
             } else {

@@ -33,7 +33,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
     AdaptiveEngine& adaptive = *engine.adaptive();
     AdaptiveOutcome outcome;
     const double end = request.end;
-    checkpoint_.drop();
+    end_block();
     begin_watches();
     double t = clock.now();
     const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);
@@ -68,10 +68,7 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
                 outcome.unstable = Outcome::Unstable{0, trapped, outcome.steps + 1, next, true};
                 return outcome;
             }
-            const std::int64_t pinned = std::exchange(engine.contact_report.pinned_inside, -1);
-            if (pinned >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {0, pinned};
-            const std::int64_t capped = std::exchange(engine.contact_report.capped, -1);
-            if (capped >= 0 && !outcome.capped) outcome.capped = {0, capped};
+            report_contacts(outcome);
             t = next;
             outcome.steps += 1;
             outcome.error = error;

@@ -2,10 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
-#include "contact/exact.hpp"
-#include "contact/offset.hpp"
 #include "integrators/methods.hpp"
 #include "measure/mode_bounds.hpp"
 
@@ -66,44 +63,17 @@ bool EnergyWatch::beyond(double part, double made, double moving) const {
     return !(guaranteed_ && swing_ > part && made <= swing_ * moving);
 }
 
-bool EnergyWatch::watches_contact(const Watched& watched) const {
-    return !watched.other_work && !swings() &&
-        std::all_of(plan_.spheres.begin(), plan_.spheres.end(),
-                    [](const Sphere& sphere) { return sphere.response == Response::continuous; });
-}
-
-double EnergyWatch::lifts() const {
-    const bool single = plan_.precision == Precision::single;
-    const double epsilon =
-                     single ? std::numeric_limits<float>::epsilon() : std::numeric_limits<double>::epsilon(),
-                 diagonal = std::hypot(plan_.cloth.row_spacing, plan_.cloth.column_spacing);
-    const double size = x_.cwiseAbs().rowwise().sum().maxCoeff();  // a sphere in contact is within its reach
-    double height = 0, weight = 0;
-    for (const Sphere& sphere : plan_.spheres) {
-        const double slop = slop_epsilons * epsilon * (size + 3 * sphere.reach());
-        const double band = sphere.cells ? band_of_cells(sphere.contact_radius, diagonal, single) : 0;
-        height += 2 * (slop + band * sphere.reach());
-    }
-    for (int i = 0; i < plan_.cloth.points(); ++i)
-        weight += plan_.cloth.mass[std::size_t(i)] * plan_.field_at(i).norm();
-    return height * weight;
-}
-
 std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {
-    const bool touched = engine.watched.in_contact();
-    if (!started_ || (touched && !watches_contact(engine.watched))) return -1;
+    if (!started_ || engine.watched.in_contact()) return -1;
     const Energy now = energy_of(engine);
-    const double unsure = touched ? work_accuracy * engine.watched.work_size + lifts() : 0;
-    const double made = now.total() - start_ - engine.watched.sphere_work - unsure,
-                 moving = now.kinetic + now.elastic;
+    const double made = now.total() - start_, moving = now.kinetic + now.elastic;
     guaranteed_ = guaranteed_ && swings() && guaranteed();
-    if (record && !touched) {
+    if (record) {
         engine.watched.energy_gained = std::max(engine.watched.energy_gained, made);
         if (made > negligible_ && beyond(grown_part, made, moving) && !std::exchange(grown_, true))
             news_ = true;
     }
-    if (!(made > negligible_ && beyond(runaway_part, made, moving))) return -1;
-    return fastest_free_point(engine);
+    return made > negligible_ && beyond(runaway_part, made, moving) ? fastest_free_point(engine) : -1;
 }
 
 std::int64_t EnergyWatch::fastest_free_point(const Engine& engine) {

@@ -9,10 +9,10 @@
 
 namespace clothsim {
 
-// Until a sphere responds, nothing adds to the total energy of a cloth, except an unstable step. Later moving
-// spheres do. A step may be unstable above the stability limit, and below the guaranteed limit at states
-// outside the guarantee. The cloth need not fly apart: waves may grow until it has folded into a shape that
-// stops them.
+// Until a sphere responds, nothing adds to the total energy of a cloth, except an unstable step. The watch
+// ends with the first response: moving spheres do work, and so do lifts off a sphere. A step may be unstable
+// above the stability limit, and below the guaranteed limit at states outside the guarantee. The cloth need
+// not fly apart: waves may grow until it has folded into a shape that stops them.
 //
 // Driven pins do work of any size, so that a cloth with some is not watched.
 class EnergyWatch {
@@ -40,9 +40,6 @@ public:
     // lengths, a stretch of a thousandth. An unstable energy doubles within steps, so half or twice the part
     // changes little.
     static constexpr double negligible_part = 1e-6;
-    // Part of the work of moving spheres by which it may be wrong. Where cells grow, points are moved
-    // outwards without an impulse, by less than the sphere's own way.
-    static constexpr double work_accuracy = 1;
     // Steps between two inspections above the guaranteed time step, where growth is likely.
     static constexpr std::int64_t steps_between_checks = 16;
 
@@ -61,14 +58,6 @@ private:
     bool guaranteed() const;
     // Whether the method's own swing reaches what is judged. Else no state is asked for its guarantee.
     bool swings() const { return swing_ > grown_part; }
-    // Whether contacts of a run are watched too. Continuous responses of points make no energy, and moving
-    // spheres work by their impulses. The paper's responses can make energy. A push out of a sphere and a
-    // squeeze between two do work that no impulse shows.
-    bool watches_contact(const Watched& watched) const;
-    // The work against weight and forces by the lifts of continuous responses [J], which no impulse shows.
-    // They put a point a few rounding errors off its distance (SweptSphere::slop). With offset "cell" they
-    // put it on top of the band above that, and once more if its cells have grown.
-    double lifts() const;
     // Whether the energy made is more than this part of the moving one, and more than the method's own swing.
     bool beyond(double part, double made, double moving) const;
 

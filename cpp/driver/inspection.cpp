@@ -5,19 +5,6 @@
 #include "measure/diagnostics.hpp"
 
 namespace clothsim {
-namespace {
-
-// Energies are compared after every so many steps of a run; above the guaranteed time step sooner, as growth
-// is likely.
-constexpr std::int64_t steps_between_energies = most_steps_unchecked,
-                       steps_between_energies_above = EnergyWatch::steps_between_checks;
-
-// Of all members. Up to here a state becomes a checkpoint early, by the clock on the wall, only if its energy
-// is right too. Else the step named as unstable would depend on how busy the machine is. Half: more cloths
-// whose step is named up to 128 steps late. Twice: up to 5 % more time.
-constexpr std::int64_t most_points_judged_early = 16384;
-
-}  // namespace
 
 bool Simulation::above_stable_dt() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
@@ -26,11 +13,11 @@ bool Simulation::above_stable_dt() const {
 }
 
 std::int64_t Simulation::energy_period(std::size_t i) const {
-    return clock.dt > stable_dt_[i] ? steps_between_energies_above : steps_between_energies;
+    return clock.dt > stable_dt_[i] ? EnergyWatch::steps_between_checks : most_steps_of_block;
 }
 
 std::int64_t Simulation::energy_period() const {
-    return above_stable_dt() ? steps_between_energies_above : steps_between_energies;
+    return above_stable_dt() ? EnergyWatch::steps_between_checks : most_steps_of_block;
 }
 
 void Simulation::begin_watches() {
@@ -43,7 +30,7 @@ void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
     if (frozen_[i]) return;
     bad_points_[i] = members_[i]->first_bad_point(speed_limits_[i]);
     const bool due = age % energy_period(i) == 0;
-    // A checkpoint is taken where states are sampled, and must be a good one.
+    // A block begins where states are sampled, at a good one.
     const bool sampled = sample_every_ > 0 && age % sample_every_ == 0;
     if (bad_points_[i] < 0 && (due || sampled || each || clock.dt > stable_dt_[i]))
         bad_points_[i] = watches_[i].runaway_point(*members_[i], due);
@@ -83,13 +70,6 @@ void Simulation::sample() {
         }
         watches_[i].runaway_point(*members_[i], true);
     }
-}
-
-bool Simulation::may_be_checkpoint() {
-    if (points_ > most_points_judged_early) return true;
-    return std::all_of(all_.begin(), all_.end(), [&](std::size_t i) {
-        return frozen_[i] || watches_[i].runaway_point(*members_[i], false) < 0;
-    });
 }
 
 std::int64_t Simulation::first_bad_member() const {

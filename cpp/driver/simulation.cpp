@@ -12,17 +12,16 @@
 namespace clothsim {
 namespace {
 
-// A checkpoint serves later calls too, so that a call of one step need not copy the state. To go back over
-// the steps of earlier calls cannot be interrupted, and takes no longer than this. Half or twice: as
-// long without Ctrl-C.
-constexpr double most_seconds_of_earlier_calls = 0.5;
-constexpr double seconds_between_polls = 0.01;  // not tuned: below what a person notices
-// Of steps between separating planes since a checkpoint. Where a plane is crossed, they are repeated with a
-// contact pass each, and Ctrl-C waits for them.
-constexpr double most_seconds_behind_planes = 0.004;
-// Of a batch later: each member has to come into cache, and should then be stepped more than once. Half or
-// twice: as long until Ctrl-C is seen.
-constexpr double seconds_of_batch = 0.05;
+// Half of the 0.1 s within which Ctrl-C ends a call of short steps.
+constexpr double seconds_between_polls = 0.05;
+// Ctrl-C waits for steps that are repeated at once. So these times the mass points are at most as many, which
+// is 0.1 s of RK4 on one slow core.
+constexpr std::int64_t most_points_repeated = 1 << 22;
+// A block is no shorter: the copy of the state takes up to a third of a step.
+constexpr std::int64_t least_steps_of_block = 8;
+// Least mass points of a member for a thread of a team. Such a team is taken to be three quarters as many
+// times faster as it has threads.
+constexpr std::int64_t least_points_per_thread = 512;
 
 }  // namespace
 
@@ -70,15 +69,15 @@ void Simulation::restart(std::size_t i) {
     members_[i]->watched = {};
     age_ = 0;
     bad_points_[i] = -1;
-    checkpoint_.drop();
+    end_block();
 }
 
-std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& load, std::int64_t steps,
-                                        double dt, int threads, const std::function<bool()>& interrupted) {
+std::optional<Outcome> Simulation::call(double time, const Load& load, std::int64_t steps, double dt,
+                                        int threads, const std::function<bool()>& interrupted) {
     clock = {time, 0, clock.dt};
     set_step(dt);
     std::fill(frozen_.begin(), frozen_.end(), 0);
-    const Checkpoint::Load load_state = [&](std::size_t i) {
+    const Load load_state = [&](std::size_t i) {
         const bool finite = load(i);
         members_[i]->place_pins(time);
         return finite;
@@ -91,9 +90,10 @@ std::optional<Outcome> Simulation::call(double time, const Checkpoint::Load& loa
     });
     for (const std::size_t i : all_) restart(i);
     if (!finite) return {};
-    checkpoint_.take_input(load_state);
+    in_block_ = true;
+    input_ = &load_state;
     const Outcome outcome = advance(steps, dt, threads, interrupted);
-    checkpoint_.drop();
+    end_block();
     return outcome;
 }
 
@@ -101,7 +101,7 @@ void Simulation::set_sphere(std::size_t i, std::size_t sphere, const Vec3& cente
     plans_[i].spheres[sphere].center = center;
     plans_[i].spheres[sphere].motion = motion;
     members_[i]->set_sphere(sphere, center, motion);
-    checkpoint_.drop();
+    end_block();
 }
 
 void Simulation::set_force(std::size_t i, const double* force) {
@@ -109,19 +109,19 @@ void Simulation::set_force(std::size_t i, const double* force) {
         plans_[i].force = PointsView(force, plans_[i].cloth.points(), 3);
         members_[i]->set_force(force);
     });
-    checkpoint_.drop();
+    end_block();
 }
 
 void Simulation::set_frozen(std::size_t i, bool frozen) {
     frozen_[i] = frozen;
     bad_points_[i] = -1;
-    checkpoint_.drop();
+    end_block();
 }
 
 void Simulation::set_step(double dt) {
     if (dt == clock.dt && !speed_limits_.empty()) return;
     clock.set_step(dt);
-    checkpoint_.drop();
+    end_block();
     speed_limits_.clear();
     for (std::size_t i = 0; i < plans_.size(); ++i)
         speed_limits_.push_back(runaway_speed(plans_[i].cloth, dt, stable_dt_[i]));
@@ -129,129 +129,152 @@ void Simulation::set_step(double dt) {
 }
 
 // All of it member by member, so that the state of a member is in cache for it.
-void Simulation::run_member(std::size_t i, const Block& block, bool copy, int threads) {
+void Simulation::run_member(std::size_t i, const Steps& steps, bool copy, int threads) {
     Engine& member = *members_[i];
     member.threads = threads;
-    if (copy) checkpoint_.copy(i);
-    if (!member.advance_in_contact(block.steps, clock, threads, true)) {
-        checkpoint_.restore(i);
+    if (copy) member.save_checkpoint();
+    if (!member.advance_in_contact(steps.count, clock, threads, true)) {
+        back_to_start_of_block(i);
         Clock from = clock;
-        from.steps -= checkpoint_.steps();
-        member.advance_in_contact(checkpoint_.steps() + block.steps, from, threads, false);
+        from.steps -= steps_in_block_;
+        member.advance_in_contact(steps_in_block_ + steps.count, from, threads, false);
     }
-    if (block.inspect) inspect(i, age_ + block.steps, block.each);
-    if (sample_every_ > 0 && (age_ + block.steps) % sample_every_ == 0) sample(i, clock.at(block.steps));
+    if (steps.inspect) inspect(i, age_ + steps.count, steps.each);
+    if (sample_every_ > 0 && (age_ + steps.count) % sample_every_ == 0) sample(i, clock.at(steps.count));
 }
 
-void Simulation::run(const Block& block, int threads) {
-    const bool copy = !checkpoint_.taken();
-    if (copy) checkpoint_.take();
+void Simulation::each_member_of(const std::vector<std::size_t>& members, int threads,
+                                const MemberWork& work) {
+    // Most members are stepped by one thread each. The whole team steps those left one after the other where
+    // that is faster.
+    const std::size_t team = std::size_t(threads), left = members.size() % team;
+    const bool shared = 4 * left <= 3 * team && plans_[0].cloth.points() >= least_points_per_thread * threads;
+    const std::size_t alone = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);
+    std::atomic<std::size_t> next{0};
+    if (alone > 0)
+        in_team(int(std::min(team, alone)), [&](int, int) {
+            for (std::size_t i; (i = next++) < alone;) work(members[i], 1);
+        });
+    for (std::size_t i = alone; i < members.size(); ++i) work(members[i], threads);
+}
+
+void Simulation::run(const Steps& steps, int threads) {
+    const bool copy = !std::exchange(in_block_, true);
     moving_.clear();
     for (const std::size_t i : all_)
         if (!frozen_[i]) moving_.push_back(i);
     try {
-        each_member_of(moving_, plans_[0].cloth.points(), threads,
-                       [&](std::size_t i, int team) { run_member(i, block, copy, team); });
+        each_member_of(moving_, threads, [&](std::size_t i, int team) { run_member(i, steps, copy, team); });
     } catch (...) {
-        checkpoint_.drop();  // some members have a copy of another step
+        end_block();  // some members have a copy of another step
         throw;
     }
-    checkpoint_.pass(block.steps);
-    clock.steps += block.steps;
-    age_ += block.steps;
+    steps_in_block_ += steps.count;
+    clock.steps += steps.count;
+    age_ += steps.count;
 }
 
-void Simulation::back_to_checkpoint() {
+void Simulation::end_block() {
+    in_block_ = false;
+    steps_in_block_ = 0;
+    input_ = nullptr;
+}
+
+void Simulation::back_to_start_of_block(std::size_t i) {
+    if (!input_) return members_[i]->restore_checkpoint();
+    members_[i]->begin_anew();
+    (*input_)(i);
+}
+
+void Simulation::back_to_start_of_block() {
     for (std::size_t i = 0; i < members_.size(); ++i) {
-        if (!frozen_[i]) checkpoint_.restore(i);
+        if (!frozen_[i]) back_to_start_of_block(i);
         members_[i]->contact_report = {};
         bad_points_[i] = -1;
     }
-    clock.steps -= checkpoint_.steps();
-    age_ -= checkpoint_.steps();
-    checkpoint_.restored();
+    clock.steps -= steps_in_block_;
+    age_ -= steps_in_block_;
+    steps_in_block_ = 0;
 }
 
 void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) {
-    const std::int64_t all = checkpoint_.steps(), steps = std::min(all, outcome.steps);
-    back_to_checkpoint();
+    const std::int64_t all = steps_in_block_, steps = std::min(all, outcome.steps);
+    back_to_start_of_block();
     begin_watches();  // at the input, if it did not pay
     if (all > steps) run({all - steps, false}, threads);
     outcome.steps -= steps;
     for (std::int64_t k = 0; k < steps; ++k, ++outcome.steps) {
         outcome.interrupted = poll.stopped();
         if (outcome.interrupted) break;
-        checkpoint_.drop();
+        end_block();
         run({1, true, true}, threads);
         const std::int64_t bad = first_bad_member();
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
         const ContactReport contact = members_[std::size_t(bad)]->contact_report;
-        back_to_checkpoint();
+        back_to_start_of_block();
         outcome.unstable = {bad, point >= 0 ? point : contact.trapped, outcome.steps + 1, clock.at(1),
                             point < 0};
         break;
     }
     for (auto& member : members_) member->contact_report = {};
-    checkpoint_.drop();
+    end_block();
+}
+
+std::int64_t Simulation::steps_of_block() const {
+    std::int64_t steps = energy_period();
+    // Where a separating plane is crossed, a whole block is repeated at once.
+    if (std::any_of(members_.begin(), members_.end(),
+                    [](const auto& member) { return member->has_continuous(); }))
+        while (steps > least_steps_of_block && steps * points_ > most_points_repeated) steps /= 2;
+    return steps;
+}
+
+void Simulation::report_contacts(Outcome& outcome) {
+    for (std::size_t i = 0; i < members_.size(); ++i) {
+        ContactReport& found = members_[i]->contact_report;
+        const std::int64_t pinned = std::exchange(found.pinned_inside, -1),
+                           capped = std::exchange(found.capped, -1);
+        if (pinned >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), pinned};
+        if (capped >= 0 && !outcome.capped) outcome.capped = {std::int64_t(i), capped};
+    }
 }
 
 Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
                             const std::function<bool()>& interrupted) {
     set_step(dt);
     Outcome outcome;
-    const std::int64_t energy_period = this->energy_period();
+    const std::int64_t block = steps_of_block();
     // A call with arrays that ends before energies are compared needs none of them.
-    const bool watched = above_stable_dt() || !checkpoint_.is_input() || steps >= energy_period;
+    const bool watched = above_stable_dt() || !input_ || steps >= energy_period();
     if (steps > 0 && watched) begin_watches();
-    const bool continuous = !above_stable_dt() &&
-        std::any_of(members_.begin(), members_.end(),
-                    [](const auto& member) { return member->has_continuous(); });
-    const double longest = members_.size() > 1 ? seconds_of_batch
-        : continuous                           ? most_seconds_behind_planes
-                                               : seconds_between_polls;
-    const double renewal = continuous ? most_seconds_behind_planes : std::numeric_limits<double>::infinity();
-    const double oldest = above_stable_dt() ? 0 : most_seconds_of_earlier_calls;
-    if (checkpoint_.steps() > 0 && checkpoint_.seconds() > oldest) checkpoint_.drop();
+    if (steps_in_block_ * points_ > most_points_repeated) end_block();
     Poll poll(interrupted);
     auto start = poll.asked();
     while (outcome.steps < steps) {
-        // Energies are compared, and states sampled, at the same steps whatever the clock on the wall says.
-        const std::int64_t to_energies = energy_period - age_ % energy_period;
-        const std::int64_t to_sample =
-            sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : most_steps_unchecked;
-        const std::int64_t to_inspection = std::min(
-            {most_steps_unchecked - checkpoint_.steps(), to_energies, to_sample, steps - outcome.steps});
+        // Blocks end, and states are sampled, at the same steps whatever the clock on the wall says.
+        const std::int64_t to_block = block - age_ % block;
+        const std::int64_t to_sample = sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : to_block;
+        const std::int64_t to_inspection = std::min({to_block, to_sample, steps - outcome.steps});
         const std::int64_t n = std::min(chunk_, to_inspection);
-        const bool renew = checkpoint_.seconds() > renewal;
-        run({n, n == to_inspection || renew}, threads);
+        run({n, n == to_inspection}, threads);
         outcome.steps += n;
         const auto end = Poll::Clock::now();
-        const double seconds = std::chrono::duration<double>(end - start).count();
-        step_seconds_ = seconds / double(n);
-        checkpoint_.spend(seconds);
-        chunk_ = std::clamp(std::int64_t(longest / std::max(step_seconds_, 1e-9)), std::int64_t(1),
-                            most_steps_unchecked);
-        for (std::size_t i = 0; i < members_.size(); ++i) {
-            ContactReport& found = members_[i]->contact_report;
-            const std::int64_t pinned = std::exchange(found.pinned_inside, -1),
-                               capped = std::exchange(found.capped, -1);
-            if (pinned >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), pinned};
-            if (capped >= 0 && !outcome.capped) outcome.capped = {std::int64_t(i), capped};
-        }
+        const double seconds = std::max(std::chrono::duration<double>(end - start).count(), 1e-9);
+        chunk_ = std::clamp(std::int64_t(seconds_between_polls * double(n) / seconds), std::int64_t(1),
+                            most_steps_of_block);
+        start = end;
+        report_contacts(outcome);
         outcome.interrupted = poll.stopped(end);
-        start = std::max(end, poll.asked());
-        if (outcome.interrupted && n < to_inspection && !renew) inspect();
+        if (outcome.interrupted && n < to_inspection) inspect();
         if (first_bad_member() >= 0) {
             repeat_step_by_step(outcome, threads, poll);
             return outcome;
         }
         for (std::size_t i = 0; i < members_.size(); ++i)
             if (watches_[i].take_growth() && !outcome.grown) outcome.grown = std::int64_t(i);
-        // The next checkpoint is the state of this inspection, so that steps which are repeated pass none.
-        if (checkpoint_.steps() >= most_steps_unchecked || n == to_energies || n == to_sample ||
-            (renew && may_be_checkpoint()))
-            checkpoint_.drop();
+        // The next block begins at the state of this inspection, so that steps which are repeated pass none.
+        if (n == to_block || n == to_sample) end_block();
         if (outcome.interrupted || outcome.grown) return outcome;
     }
     return outcome;

@@ -4,9 +4,8 @@
 #include <functional>
 #include <optional>
 
-#include "driver/checkpoint.hpp"
 #include "driver/energy_watch.hpp"
-#include "driver/members.hpp"
+#include "engines/engine.hpp"
 #include "memory/poll.hpp"
 
 namespace clothsim {
@@ -35,10 +34,22 @@ struct Outcome {
     bool complete() const { return !interrupted && !unstable && !pinned_inside && !capped && !grown; }
 };
 
-// The state of an unstable run is caught within this many steps of its first non-finite value. Going back to
-// the last checkpoint then finds the exact step. Half inspects twice as often; twice repeats more steps of an
-// unstable run.
-inline constexpr std::int64_t most_steps_unchecked = 128;
+// Steps are taken first and judged afterwards, which costs less than an inspection before each. A block of at
+// most 128 steps begins with a copy of the state in each engine and ends with an inspection.
+//
+//     copy                              inspection
+//      |------- steps of a block -----------|
+//      |<~~~~~~~~~~~~ crossed by a member: it repeats them, with a contact pass after each
+//      |<~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~| a bad state: all members repeat them one by one, each inspected
+//
+// 1. A member crosses a separating plane (contact/separating_planes.hpp) in steps without a contact pass.
+// 2. A state is not finite, runs away, or holds a mass point trapped between spheres (Simulation::inspect).
+//
+// A block goes on over several calls of `advance`, as a call may be one step long. In the first block of a
+// call with arrays, these take the place of the copies, and stay unchanged until the call has succeeded.
+//
+// Half copies and inspects twice as often; twice repeats more steps of an unstable run.
+inline constexpr std::int64_t most_steps_of_block = 128;
 
 class Simulation {
 public:
@@ -60,13 +71,13 @@ public:
 
     // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a
     // member, and advance. None if `load` finds that a state is not finite.
-    std::optional<Outcome> call(double time, const Checkpoint::Load& load, std::int64_t steps, double dt,
-                                int threads, const std::function<bool()>& interrupted);
+    using Load = std::function<bool(std::size_t i)>;
+    std::optional<Outcome> call(double time, const Load& load, std::int64_t steps, double dt, int threads,
+                                const std::function<bool()>& interrupted);
 
-    // Work for every member, shared among threads like steps.
-    void each_member(int threads, const MemberWork& work) {
-        each_member_of(all_, plans_[0].cloth.points(), threads, work);
-    }
+    // Work for every member, shared among threads like steps: for member i by a team of so many threads.
+    using MemberWork = std::function<void(std::size_t i, int threads)>;
+    void each_member(int threads, const MemberWork& work) { each_member_of(all_, threads, work); }
 
     // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
     void set_stable_dt(std::vector<double> stable_dt);
@@ -80,7 +91,7 @@ public:
     void set_frozen(std::size_t i, bool frozen);
     bool frozen(std::size_t i) const { return frozen_[i] != 0; }
 
-    // `interrupted` is asked about every 10 ms, of a batch every 50 ms, between two steps.
+    // `interrupted` is asked between two steps, about every 50 ms.
     Outcome advance(std::int64_t steps, double dt, int threads, const std::function<bool()>& interrupted);
 
     // Error control, for one member whose integrator has it. It takes at most `steps` steps until `until` is
@@ -117,15 +128,17 @@ public:
 
 private:
     // Steps of all members, with what goes before and after them.
-    struct Block {
-        std::int64_t steps;
+    struct Steps {
+        std::int64_t count;
         bool inspect;  // at the state after them
         bool each = false;  // of steps that are repeated one by one, to find the one that went wrong
     };
-    // From a checkpoint, which is taken if there is none.
-    void run(const Block& block, int threads);
-    void run_member(std::size_t i, const Block& block, bool copy, int threads);
+    void each_member_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work);
+    void run(const Steps& steps, int threads);
+    void run_member(std::size_t i, const Steps& steps, bool copy, int threads);
     void set_step(double dt);
+    std::int64_t steps_of_block() const;
+    void report_contacts(Outcome& outcome);
     bool above_stable_dt() const;
     // Inspects the energy of a member, and whether its state is finite, at due numbers of steps.
     // Inspects also at the end of a call above the guaranteed time step, and after `each` repeated step.
@@ -138,16 +151,14 @@ private:
     // A member's state, of time t.
     void sample(std::size_t i, double t);
     void sample_accepted(double t);
-    // Whether steps may be repeated from this state, which has been inspected but for its energy.
-    bool may_be_checkpoint();
     std::int64_t first_bad_member() const;  // as last inspected, or -1
-    void back_to_checkpoint();
-    // A state is bad: the steps of this call since the checkpoint again one by one, up to the last good
-    // state.
+    void end_block();
+    void back_to_start_of_block();
+    void back_to_start_of_block(std::size_t i);
+    // A state is bad: the steps of this call in the block again one by one, up to the last good state.
     void repeat_step_by_step(Outcome& outcome, int threads, Poll& poll);
 
-    std::int64_t chunk_ = 1;  // steps between two readings of the clock
-    double step_seconds_ = 0;  // of the newest steps; 0: none yet
+    std::int64_t chunk_ = 1;  // steps between two questions for Ctrl-C
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
     std::int64_t points_ = 0;  // of all members
@@ -155,7 +166,9 @@ private:
     std::vector<std::uint8_t> frozen_;
     std::vector<std::size_t> all_, moving_;  // members; those that are not frozen, in this block
     std::vector<std::int64_t> bad_points_;  // the first of each member at its last inspection, or -1
-    Checkpoint checkpoint_{members_};
+    bool in_block_ = false;
+    std::int64_t steps_in_block_ = 0;  // so far
+    const Load* input_ = nullptr;  // brings the state at the start of the block; null: copies in the engines
     std::vector<EnergyWatch> watches_;
     bool watch_energy_ = true;
     std::int64_t age_ = 0;  // steps since the state was set

@@ -29,43 +29,29 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
         }
         keep_state();
         advance(1, now, threads);
-        const ContactReport report = respond_to_contacts(now.at(0), now.at(1), now.dt, threads);
-        watched.note_work(report.work, report.other_work);
-        contact_report.note_pinned(report.pinned_inside);
-        contact_report.note_capped(report.capped);
-        if (report.changed) lower(watched.first_contact, now.at(1));  // also of a step that finds no place
-        if (report.trapped >= 0) {
-            contact_report.note_trapped(report.trapped);
-            break;
-        }
+        respond(now.at(0), now.at(1), now.dt, threads);
+        if (contact_report.trapped >= 0) break;
         if (depths_watched_) note_depths(now.at(1));
     }
     return true;
 }
 
-bool Engine::accept_in_contact(double t0, double t1, int threads) {
+void Engine::respond(double t0, double t1, double dt, int threads) {
+    const ContactReport report = respond_to_contacts(t0, t1, dt, threads);
+    contact_report.note(report);
+    if (report.changed) lower(watched.first_contact, t1);  // also of a step that finds no place
+}
+
+void Engine::accept_in_contact(double t0, double t1, int threads) {
     step_size = t1 - t0;
-    AdaptiveEngine& method = *adaptive();
-    if (!has_continuous()) {
-        const bool touched = method.accept_step(t1, threads);
-        if (depths_watched_) note_depths(t1);
-        return touched;
+    if (has_continuous()) {
+        save_checkpoint();
+        keep_state();
     }
-    save_checkpoint();
-    keep_state();
-    bool touched = method.accept_step(t1, threads);
-    const ContactReport report = respond_to_contacts(t0, t1, t1 - t0, threads);
-    watched.note_work(report.work, report.other_work);
-    contact_report.note_pinned(report.pinned_inside);
-    contact_report.note_capped(report.capped);
-    if (report.trapped >= 0) {
-        contact_report.note_trapped(report.trapped);
-        restore_checkpoint();
-        return true;
-    }
-    if (report.changed) lower(watched.first_contact, t1);
+    adaptive()->accept_step(t1, threads);
+    if (has_continuous()) respond(t0, t1, t1 - t0, threads);
+    if (contact_report.trapped >= 0) return restore_checkpoint();
     if (depths_watched_) note_depths(t1);
-    return touched || report.changed;
 }
 
 double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {

@@ -89,7 +89,7 @@ public:
     virtual SavedState saved_state() const = 0;
     virtual void set_saved_state(const SavedState& state) = 0;
 
-    // A copy that the engine keeps, with its counts and extremes; see driver/checkpoint.hpp.
+    // A copy that the engine keeps, with its counts and extremes; see driver/simulation.hpp.
     virtual void save_checkpoint() = 0;
     virtual void restore_checkpoint() = 0;
 
@@ -98,9 +98,8 @@ public:
     // Not null: the integrator carries an error estimate.
     virtual AdaptiveEngine* adaptive() { return nullptr; }
     // Take the step that `adaptive()` has tried, from t0 to t1, with both collision passes at its end.
-    // Whether a sphere changed the state. Where the spheres leave a point no place (contact_report), the
-    // state is that at t0.
-    bool accept_in_contact(double t0, double t1, int threads);
+    // Where the spheres leave a point no place (contact_report), the state is that at t0.
+    void accept_in_contact(double t0, double t1, int threads);
     // Whether a sphere asks for continuous contact.
     virtual bool has_continuous() const = 0;
 
@@ -110,6 +109,7 @@ protected:
     virtual bool advance_behind_planes(std::int64_t steps, const Clock& clock, int threads) = 0;
     // Before a step that may not be; after it.
     virtual void keep_state() = 0;
+    void respond(double t0, double t1, double dt, int threads);
     virtual ContactReport respond_to_contacts(double t0, double t1, double dt, int threads) = 0;
     // The present state ends a step, at time t: depths of the mass points near which a sphere has responded.
     virtual void note_depths(double t) = 0;

@@ -137,7 +137,7 @@ public:
         return squares[0] / std::sqrt((squares[0] + 0.01 * squares[1]) * points);
     }
 
-    bool accept_step(double t, int threads) override {
+    void accept_step(double t, int threads) override {
         this->planes_.drop();
         previous_.swap(this->memory_);
         this->memory_.swap(result_);
@@ -155,7 +155,6 @@ public:
         // state since.
         if (explicit_->error_needs_end) std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
         this->state_known_ = explicit_->error_needs_end && !contact_[0] && !kink;
-        return contact_[0];
     }
 
     double contact_step(double t, double h, double near, bool tried) override {

@@ -40,13 +40,6 @@ public:
         for (std::size_t i = 0; i < rows_ * groups_; ++i, sum += 3) all += Vec3(sum[0], sum[1], sum[2]);
         return all;
     }
-    // Sum of impulses times velocities of some spheres [J].
-    double power(const std::vector<std::size_t>& spheres, const std::vector<Vec3>& velocities) const {
-        double sum = 0;
-        for (std::size_t s = 0; s < spheres.size(); ++s)
-            if (!velocities[s].isZero(0)) sum += on_sphere(spheres[s]).dot(velocities[s]);
-        return sum;
-    }
     void begin_anew() { std::fill(sums_.begin(), sums_.end(), 0.0); }
     const std::vector<double>& sums() const { return sums_; }
     // Go on from the sums of a cloth of this shape. Spheres that had none begin at 0.

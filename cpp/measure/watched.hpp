@@ -2,7 +2,6 @@
 #pragma once
 
 #include <atomic>
-#include <cmath>
 #include <limits>
 
 namespace clothsim {
@@ -36,16 +35,8 @@ struct Watched {
     Shared<double> point_depth{0};  // of mass points below a sphere's true radius, every step [m]
     double triangle_depth = 0;           // of triangles, at the states sampled [m]
     double stretch = -std::numeric_limits<double>::infinity();  // at the states sampled
-    double sphere_work = 0;  // of moving spheres with the response "continuous", by their impulses [J]
-    double work_size = 0;  // sum of its absolute values over the steps [J]
-    bool other_work = false;  // whether a sphere did work that no impulse shows
     double energy_gained = 0;  // most that the total was above that of the start, where it is watched [J]
 
-    void note_work(double work, bool other) {
-        sphere_work += work;
-        work_size += std::abs(work);
-        other_work |= other;
-    }
     bool in_contact() const { return first_contact < std::numeric_limits<double>::infinity(); }
 };
 

@@ -60,7 +60,7 @@ def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype)
 @each("members", [3, 5, 7])
 def test_members_that_a_team_steps_have_the_same_bits(variant, crumpled, same_bits, members):
     scene, x, v, dt = crumpled(shape=(33, 70), spheres=BALL)
-    assert x[..., 0].size >= 4 * 512  # of cpp/driver/members.hpp
+    assert x[..., 0].size >= 4 * 512  # of cpp/driver/simulation.cpp
     xs, vs = np.stack([x + 0.01 * k for k in range(members)]), np.stack([v] * members)
     expected = cs.step(scene, xs, vs, dt, 15, **variant.options)
     for threads in (2, 4):

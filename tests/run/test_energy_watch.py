@@ -5,7 +5,6 @@ import warnings
 import clothsim as cs
 import numpy as np
 import pytest
-from contact.physics import on_sphere
 
 SHEET = cs.Cloth((8, 8), mass=32.0, stiffness=35_000.0, damping=0.0)
 
@@ -170,87 +169,15 @@ def test_a_cloth_that_falls_as_one_body_is_stable_at_any_speed(precision):
     assert abs(stepper.velocities - velocity).max() < 1e-3
 
 
-# With continuous contact
-
-
-def falling_on(sphere, points=8, **cloth):
-    """A sheet without pins that falls at 1 m/s on a sphere of 0.3 m, 5 cm below."""
-    cloth = cs.Cloth((points, points), **{"mass": 1.0, "stiffness": 100.0, "damping": 0.0, "pins": (), **cloth})
-    return cs.Scene(cloth, sphere, velocity=np.zeros((points, points, 3)) + (0, -1.0, 0))
-
-
-def planted(restitution, **arguments):
-    """A sphere from which points bounce with more than their speed of arrival: no public sphere does."""
-    sphere = cs.Sphere((0.5, -0.35, 0.5), 0.3, **arguments)
-    object.__setattr__(sphere, "restitution", restitution)
-    return sphere
-
-
-@pytest.mark.parametrize(
-    ("offset", "integrator"),
-    [("none", "rk4"), ("cell", "velocity_verlet"), ("edge", "dop853"), (0.01, "semi_implicit_euler")],
-)
-def test_a_contact_that_makes_energy_ends_the_run(offset, integrator):
-    scene = falling_on(planted(4.0, offset=offset))
-    for precision in ("double", "single"):
-        with pytest.raises(cs.UnstableError) as error:
-            cs.Stepper(scene, integrator=integrator, precision=precision).advance(4000, 2e-4)
-        assert error.value.time > 0.05  # of the first touch
-        start, _ = energy_of(scene, scene.initial_position, scene.initial_velocity)
-        total, moving = energy_of(scene, error.value.x, error.value.v)
-        assert total - start < 0.91 * moving  # the state before the step
-    with pytest.raises(cs.UnstableError):
-        cs.simulate(scene, 0.8, rtol=1e-3, integrator="dopri5")
-    right = scene.replace(spheres=scene.spheres[0].replace(restitution=1.0))
-    cs.Stepper(right, integrator=integrator).advance(4000, 2e-4)
-
-
-@pytest.mark.parametrize("response", ["ray", "reflect"])
-def test_the_papers_responses_may_make_energy(response):
-    cs.Stepper(falling_on(planted(4.0, response=response, offset="none"))).advance(2000, 2e-4)
-
-
-@pytest.mark.parametrize("restitution", [0.0, 1.0])
-@pytest.mark.parametrize("offset", ["none", "cell"])
-@pytest.mark.parametrize(("speed", "duration"), [(1.0, 2.0), (60.0, 0.05)])
-def test_the_work_of_a_moving_sphere_is_no_growth(speed, duration, offset, restitution):
-    """Slowly it lifts a sheet by 2 m, of whose energy the sheet keeps next to none as motion; fast it throws it."""
-    sphere = cs.Sphere(
-        (0.5, -5.02, 0.5), 5.0, cs.Linear((0, speed, 0)), offset=offset, restitution=restitution, friction=0.5
-    )
-    scene = falling_on(sphere, damping=0.5, drag=0.01)
-    stepper = cs.Stepper(scene)
-    stepper.advance(round(duration / 5e-4), 5e-4)
-    start, _ = energy_of(scene, scene.initial_position, scene.initial_velocity)
-    total, moving = energy_of(scene, stepper.positions, stepper.velocities)
-    assert total - start > (3 if speed == 1 else 0.5) * moving > 0
-    assert -speed * stepper.impulses[0, 1] > 0.9 * (total - start)
-
-
-@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
-@pytest.mark.parametrize("offset", ["none", "cell"])
-def test_a_push_out_of_a_sphere_is_no_growth(offset):
-    """The sheet of rubber is at rest; all its energy comes from the push, which gives no impulse."""
-    sphere = cs.Sphere((0.5, -0.1, 0.5), 0.3, offset=offset)
-    cloth = cs.Cloth((8, 8), mass=10.0, stiffness=1e4, damping=1.0, pins=((0, 0), (0, -1), (-1, 0), (-1, -1)))
-    scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
+@pytest.mark.parametrize("response", ["ray", "reflect", "continuous"])
+def test_a_response_ends_the_watch(response):
+    """Laws of contact and moving spheres may add energy; here a point bounces with four times its speed of arrival."""
+    sphere = cs.Sphere((0.5, -0.35, 0.5), 0.3, response=response, offset="none")
+    object.__setattr__(sphere, "restitution", 4.0)  # no public sphere does that
+    cloth = cs.Cloth((8, 8), mass=1.0, stiffness=100.0, damping=0.0, pins=())
+    scene = cs.Scene(cloth, sphere, velocity=np.zeros((8, 8, 3)) + (0, -1.0, 0))
     stepper = cs.Stepper(scene)
     stepper.advance(2000, 2e-4)
-    total, _ = energy_of(scene, stepper.positions, stepper.velocities)
-    assert total > 10
-
-
-@pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("offset", ["none", "edge", "cell"])
-@pytest.mark.parametrize("radius", [0.25, 5.0, 1000.0])
-def test_a_cloth_that_begins_on_a_sphere_makes_no_energy(radius, offset, precision):
-    """A response lifts it by rounding errors, or by the band of "cell", 1 mm at 1000 m: no impulse shows that."""
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        points, size = int(rng.integers(4, 12)), 0.1 * 10 ** rng.uniform(-0.5, 0.5)
-        cloth = cs.Cloth((points, points), (size, size), 10 ** rng.uniform(-1, 1), 10 ** rng.uniform(0, 3), 0.05, pins=())
-        sphere = cs.Sphere((0, -radius, 0), radius, offset=offset, restitution=float(seed % 2), friction=0.5)
-        x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), 0.05)
-        dt = min(1e-4, cs.max_stable_dt(cs.Scene(cloth)) / 2)
-        run = cs.simulate(cs.Scene(cloth, sphere, position=x), 300 * dt, dt=dt, precision=precision)
-        assert run.report["first_contact"]["time"] < run.t[-1]
+    start, _ = energy_of(scene, scene.initial_position, scene.initial_velocity)
+    total, moving = energy_of(scene, stepper.positions, stepper.velocities)
+    assert total - start > 0.9 * moving

@@ -34,7 +34,6 @@ struct ContactArguments {
     double*
         impulses;  // on the sphere, if it is one: x, y and z of a row, `impulse_row` from row to row [N s]
     std::ptrdiff_t impulse_row;
-    std::uint8_t* pushed_rows;  // set where a point that began inside was pushed out
     bool bounces;  // whether velocities before the step are needed; those of `before` are old otherwise
     // Points without a response here: those whose bounce flies; all that are near if there are several
     // spheres; pinned points in a sphere.

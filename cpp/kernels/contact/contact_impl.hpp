@@ -118,7 +118,6 @@ __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Re
         const auto responded = asked & m.responded & moves;
         if (xsimd::none(responded)) continue;
         responded_lanes |= std::uint64_t(responded.mask()) << l;
-        if (xsimd::any(m.inside & responded)) a.pushed_rows[row] = 1;
         const D chosen = xsimd::select(responded, D(1.0), D(0.0));
         each<3>([&](auto k) __attribute__((always_inline)) {
             Memory::write(state + k * g.component, g.compensation, x[k], chosen);
