@@ -38,6 +38,8 @@ from .engine.stepping import acceleration, reference_step, step
 
 if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
+    from .accuracy.fit import Fit, fit
+    from .accuracy.sensitivity import sensitivity
     from .gpu.live_page import view
     from .stability.map import stability_map
     from .sweeps.api import sweep
@@ -57,6 +59,7 @@ __all__ = [
     "ContactError",
     "ContactWarning",
     "Convergence",
+    "Fit",
     "Keyframes",
     "Linear",
     "OrderWarning",
@@ -77,6 +80,7 @@ __all__ = [
     "convergence",
     "difference",
     "energy",
+    "fit",
     "integrators",
     "largest_stretch",
     "load_run",
@@ -89,6 +93,7 @@ __all__ = [
     "reference_step",
     "save_scene",
     "scenes",
+    "sensitivity",
     "settle",
     "simulate",
     "stability_map",
@@ -105,9 +110,12 @@ __getattr__, __dir__ = _on_demand(
     globals(),
     {
         "Convergence": ".accuracy",
+        "Fit": ".accuracy.fit",
         "Reference": ".accuracy",
         "convergence": ".accuracy",
+        "fit": ".accuracy.fit",
         "reference": ".accuracy",
+        "sensitivity": ".accuracy.sensitivity",
         "work_precision": ".accuracy",
         "stability_map": ".stability.map",
         "open_sweep": ".sweeps.store",

@@ -1,4 +1,4 @@
-"""Pictures: error against cost, and error against time step."""
+"""Pictures: error against cost, error against time step, and a fit."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.plots import BLACK, BLUE, GREY, name_lines, shown_axes, style
+from ..base.plots import BLACK, BLUE, COLORS, GREY, name_lines, shown_axes, style
 from .methods import OWN
 
 if TYPE_CHECKING:
+    from .fit import Fit
     from .order import Convergence
 
 _DASHES = {"double": "-", "single": ":"}
 _SIZE = 13.0, 6.4
+_SIZE_OF_FIT = 13.0, 4.2
 
 
 def draw_work_precision(data: Any, ax: Any = None) -> Any:
@@ -73,3 +75,35 @@ def draw_convergence(found: Convergence, ax: Any = None) -> Any:
     axes.set(xlabel="time step dt [s]", ylabel=f"rms error after {found.reference.t[-1]:g} s [m]")
     axes.legend(fontsize="small", frameon=False)
     return axes
+
+
+_SHOWN = 3  # points of the data
+
+
+def draw_fit(found: Fit, ax: Any = None) -> Any:
+    """`Fit.plot`."""
+    curves, off, matrix = shown_axes(ax, 3, *_SIZE_OF_FIT)
+    data = found.positions.reshape(len(found.times), -1, 3)
+    residuals = found.residuals.reshape(data.shape)
+    spread = np.nan_to_num(np.nanmax(data, axis=0) - np.nanmin(data, axis=0))
+    for n, k in enumerate(np.argsort(-spread.max(axis=1), kind="stable")[:_SHOWN]):
+        c = int(spread[k].argmax())
+        curves.plot(found.times, data[:, k, c], "o", ms=4, color=COLORS[n], label=f"{'xyz'[c]} of point {k}")
+        curves.plot(found.times, data[:, k, c] - residuals[:, k, c], "-", color=COLORS[n])
+    curves.set(xlabel="time [s]", ylabel="position [m]", title="measured (dots) and fitted")
+    curves.legend(fontsize="small")
+    off.plot(found.times, residuals.reshape(len(found.times), -1) * 1e3, ".", ms=3, color=BLUE, alpha=0.5)
+    for side in (-1, 1):
+        off.axhline(side * 2e3 * found.report["sigma"], color=GREY, ls="--")
+    off.set(xlabel="time [s]", ylabel="measured less fitted [mm]", title="residuals; dashed: 2 sigma")
+    names, deviation = [*found.values], np.sqrt(np.diag(found.covariance))
+    correlation = found.covariance / np.outer(deviation, deviation)
+    matrix.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1)
+    for i, j in np.argwhere(np.isfinite(correlation)):
+        matrix.text(j, i, f"{correlation[i, j]:.2f}", ha="center", va="center", fontsize=8)
+    labels = [name if np.isfinite(found.values[name]) else f"{name} (unknown)" for name in names]
+    matrix.set_xticks(range(len(names)), labels, rotation=30, ha="right")
+    matrix.set_yticks(range(len(names)), labels)
+    matrix.set_title("correlation of the parameters")
+    matrix.grid(False)
+    return np.array([curves, off, matrix])
