@@ -103,8 +103,8 @@ def test_the_motion_of_another_cloth_is_told(sigma, monkeypatch):
 
 def test_after_a_contact_nothing_is_fitted(monkeypatch):
     monkeypatch.setattr("clothsim.accuracy.fit._STARTS", 0)
-    scene = SCENE.replace(spheres=cs.Sphere((0.25, -0.2, 0.25), 0.1))
-    data = cs.simulate(scene, 1.0, rtol=1e-6, times=TIMES).x[1:]
+    scene = SCENE.replace(spheres=cs.Sphere((0.25, -0.3, 0.25), 0.2))
+    data = cs.simulate(scene, 1.0, dt=1e-3, times=TIMES).x[1:]
     found = cs.fit(scene, TIMES, data, ["stiffness"])
     assert np.isnan(found.values["stiffness"])
     assert "the cloth meets a sphere" in found.report["reason"] and "give only the times before" in found.report["reason"]
@@ -124,10 +124,7 @@ BAD = [
     ({"times": TIMES[:5]}, "positions must be an array of shape \\(5, 4, 4, 3\\) of numbers, NaN where"),
     ({"times": TIMES - 0.5}, "times must be"),
     ({"positions": DATA[..., :2]}, "got shape \\(10, 4, 4, 2\\)"),
-    (
-        {"positions": np.full_like(DATA, np.nan)},
-        "positions must have more numbers at free points than over has names, 1, got 0",
-    ),
+    ({"positions": np.full_like(DATA, np.nan)}, "positions must have more numbers at free points .* 1, got 0"),
     ({"positions": np.where(DATA > 0.2, np.inf, DATA)}, "positions must be .* got inf at index"),
     ({"positions": DATA > 0}, "positions must be .* dtype bool"),
     ({"points": [(0, 0)]}, "positions must be an array of shape \\(10, 1, 3\\)"),
@@ -135,10 +132,7 @@ BAD = [
     ({"points": [(1, 1), (-3, 1)], "positions": DATA[:, 0, :2]}, "points must name each point once"),
     ({"points": 3}, "points must be a sequence of \\(row, column\\)"),
     ({"over": ["size"]}, "over must name numbers of the scene, got 'size'"),
-    (
-        {"over": {"stiffness": (70, 90)}},
-        "over\\['stiffness'\\] must be \\(least, most\\) around the scene's 60 and least >= 0",
-    ),
+    ({"over": {"stiffness": (70, 90)}}, "must be \\(least, most\\) from 0 to inf around 60, got \\(70"),
     ({"over": {"stiffness": (-1, 90)}}, "over\\['stiffness'\\] must be \\(least, most\\)"),
     ({"over": {"stiffness": 3}}, "over\\['stiffness'\\] must be a sequence of 2 numbers"),
     ({"sigma": 0.0}, "sigma must be a finite number > 0"),

@@ -8,7 +8,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
-NEEDS = {"blender": "pxr", "fit_stiffness": "scipy"}
+NEEDS = {"blender": "pxr", "fit": "scipy"}
 
 
 def run(*command, cwd):

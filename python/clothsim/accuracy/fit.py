@@ -23,12 +23,13 @@ from ..base.table import aligned
 from ..model.scene import Scene
 from ..run.result import Run
 from ..run.simulate import simulate
-from .sensitivity import Changes, Clock, Parameter, changed, changes, checked_times, difference, parameters_of, positions_of
+from .sensitivity import Clock, Parameter, changed, changes, checked_times, difference, parameters_of, positions_of
 from .work_plot import draw_fit
 
 _FEWEST = 4  # times of the first stage
 _PRIOR = 3.0  # width of the prior, in logarithms or scales
 _WIDEST = 1e3  # factor, or scales, that a parameter without bounds may move
+_EDGE = 1e-3  # of logarithms or scales, from a bound
 _STARTS = 8  # further starts where a minimum does not explain the data
 _SINGULAR = 1e-5  # singular value over the largest, of columns of length 1: below, the data cannot tell parameters apart
 _PART = 1e-2  # of a parameter in a direction that is not determined
@@ -42,21 +43,22 @@ class Fit(EqualByValue):
 
     Attributes
     ----------
+    scene : Scene
+        The scene at the minimum, with any value of a parameter that is not determined.
     values, errors : dict
-        Parameters by name and their standard deviations; NaN where the data does not determine them, with a reason in
-        ``report["reasons"]``.
+        Parameters by name, and their standard deviations; NaN where the data does not determine them.
     covariance : numpy.ndarray
         Covariance of the values, in their order; NaN as above.
     residuals : numpy.ndarray
         Measured less fitted positions [m], of the shape of the data; NaN where nothing was measured.
-    scene : Scene
-        The scene at the minimum. Parameters that are not determined have a value there that fits as well as others do.
     run : Run
-        Its run, with frames at the times of the data.
+        The run of `scene`, with frames at `times`.
+    times, positions : numpy.ndarray
+        The data [s, m].
     report : dict
-        "reason": "", or why errors have no meaning; "reasons" by parameter; "sigma" [m], as given or estimated;
-        "chi_square" per degree of freedom (NaN if sigma is estimated); "correlation" of residuals at neighbouring times;
-        "condition" of the Jacobian with columns of length 1; "evaluations", "jacobians", "starts", "wall_time" [s].
+        "reason": "", or why something is NaN; "reasons" by parameter; "sigma" [m], as given or estimated; "chi_square" per
+        degree of freedom (NaN if sigma is estimated); "correlation" of residuals at neighbouring times; "condition" of
+        the Jacobian with columns of length 1; "evaluations", "jacobians", "starts", "wall_time" [s].
 
     Examples
     --------
@@ -75,7 +77,7 @@ class Fit(EqualByValue):
     residuals: Floats
     run: Run
     times: Floats
-    positions: Floats  # as measured
+    positions: Floats
     report: dict[str, Any]
 
     def __repr__(self) -> str:
@@ -96,11 +98,6 @@ class Fit(EqualByValue):
         -------
         numpy.ndarray of matplotlib.axes.Axes
 
-        Raises
-        ------
-        ImportError
-            Without matplotlib, naming the extra that brings it.
-
         Examples
         --------
         >>> import clothsim as cs, matplotlib; matplotlib.use("Agg")
@@ -119,7 +116,7 @@ class _Problem:
         self.scene, self.names, self.times = scene, names, times
         self.data, self.measured = data, measured  # (times, rows, columns, 3); whether a number counts
         parameters = parameters_of(scene, names, "over")
-        self.start, self.scales, self.least = np.array([(one.value, one.scale, one.least) for one in parameters]).T
+        self.start, self.scales, self.least, self.most = np.array([one[2:] for one in parameters]).T
         self.logarithmic = (self.least == 0) & (self.start > 0)
         self.size = max(scene.cloth.size)
         self.evaluations = self.jacobians = 0
@@ -127,6 +124,11 @@ class _Problem:
     def values(self, u: Floats) -> Floats:
         values: Floats = np.where(self.logarithmic, self.start * np.exp(u * self.logarithmic), self.start + u * self.scales)
         return values
+
+    def coordinates(self, values: Floats) -> Floats:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u: Floats = np.where(self.logarithmic, np.log(values / self.start), (values - self.start) / self.scales)
+        return u
 
     def slopes(self, u: Floats) -> Floats:
         """Derivatives of the values by the coordinates."""
@@ -163,11 +165,8 @@ class _Problem:
                 return np.append(found / sigma, np.eye(len(v)) * held, axis=0)
 
             digits = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if held else 1e-10)
-            edge = 1e-6 * (bounds[1] - bounds[0])
-            start = np.clip(u, bounds[0] + edge, bounds[1] - edge)
-            found = least_squares(
-                residuals, start, jacobian, bounds, max_nfev=20 if held else 60, args=(u, clock, held, count), **digits
-            )
+            start, most = np.clip(u, bounds[0] + _EDGE / 2, bounds[1] - _EDGE / 2), 20 if held else 60
+            found = least_squares(residuals, start, jacobian, bounds, args=(u, clock, held, count), max_nfev=most, **digits)
             u = found.x
         found.unit = sigma
         return found
@@ -254,22 +253,21 @@ def fit(
             found = problem.minimise(u, bounds, sigma or max(1e-3 * moved, least), rtol, least_squares)
             best = found if best is None or found.cost < best.cost else best
             chi, correlation, noise, misfit = _judged(problem, best, sigma, least)
-            u, starts = random.uniform(-math.log(10), math.log(10), len(names)), starts + 1
+            u, starts = random.uniform(-math.log(10), math.log(10), len(names)) * problem.logarithmic, starts + 1
         scene, parameters = problem.at(best.x)
         clock = Clock(scene, times)
         clock.refine(scene, rtol)
-        derivatives = changes(scene, parameters, clock)
+        _, change, _, _, ended = changes(scene, parameters, clock)
         run = simulate(scene, float(times[-1]), rtol=rtol, times=times)
-    jacobian = problem.columns(derivatives.change, parameters, best.x) / noise
-    covariance, condition, reasons = _determined(jacobian, derivatives, best.x, bounds, names)
+    jacobian = problem.columns(change, parameters, best.x) / noise
+    covariance, condition, reasons = _determined(jacobian, ended, best.x, bounds)
     slopes = problem.slopes(best.x)
     values = np.where([bool(reason) for reason in reasons], np.nan, problem.values(best.x))
     covariance = covariance * np.outer(slopes, slopes) + 0 * np.add.outer(values, values)
-    told = [
-        f"{', '.join(n for n, r in zip(names, reasons) if r == one)}: {one}" for one in dict.fromkeys(filter(None, reasons))
-    ]
-    if any(derivatives.reasons):
-        told = [f"{next(filter(None, derivatives.reasons))}: give only the times before"]
+    groups = {one: [name for name, reason in zip(names, reasons) if reason == one] for one in reasons if one}
+    told = [f"{', '.join(group)}: {one}" for one, group in groups.items()]
+    if any(ended):
+        told = [f"{next(filter(None, ended))}: give only the times before"]
     elif misfit:
         told.append(f"{misfit}: no such cloth moves like this, or the noise is not independent; errors have no meaning")
         covariance = np.full_like(covariance, np.nan)
@@ -290,19 +288,19 @@ def fit(
     return Fit(scene, dict(zip(names, values.tolist())), errors, covariance, residuals, run, times, given, report)
 
 
-def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tuple[Floats, tuple[Any, Any]]:
+def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tuple[Floats, Any]:
     """Measured positions, and the rows and columns of their points."""
-    rows, columns = scene.cloth.shape
-    if points is None:
-        place = tuple(np.indices((rows, columns)))
-    else:
+    sides = scene.cloth.shape
+    place: Any = np.indices(sides)
+    if points is not None:
         check.size("points", points, "a sequence of (row, column)")
         pairs = [check.items(f"points[{k}]", pair, 2, "integers (row, column)") for k, pair in enumerate(points)]
-        for k, pair in enumerate(pairs):
-            for n, m in zip(pair, (rows, columns)):
-                check.integer(f"points[{k}]", n, minimum=-m, maximum=m - 1)
-        place = tuple(np.array(pairs, dtype=int).reshape(-1, 2).T % [[rows], [columns]])
-        if len({*zip(*place)}) < len(pairs):
+        ends = [
+            [check.integer(f"points[{k}]", i, minimum=-n, maximum=n - 1) % n for i, n in zip(pair, sides)]
+            for k, pair in enumerate(pairs)
+        ]
+        place = np.array(ends, dtype=int).reshape(-1, 2).T
+        if len(np.unique(place, axis=1).T) < len(pairs):
             raise ValueError(f"points must name each point once, got {list(points)}")
     shape = (len(times), *place[0].shape, 3)
     accepted = f"an array of shape {shape} of numbers, NaN where nothing was measured"
@@ -313,24 +311,22 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
         raise ValueError(f"positions must be {accepted}, got shape {given.shape}")
     given = given.astype(np.float64)
     check.check_all("positions", given, ~np.isinf(given), accepted)
-    return given, (place[0], place[1])
+    return given, place
 
 
 def _bounds(over: Any, problem: _Problem) -> tuple[Floats, Floats]:
     """Bounds of the coordinates."""
-    high = np.where(problem.logarithmic, math.log(_WIDEST), _WIDEST)
-    low = np.where((problem.least == 0) & ~problem.logarithmic, 0.0, -high)  # a positive parameter that starts at 0
-    for k, (name, value, least) in enumerate(zip(problem.names, problem.start, problem.least)):
-        if isinstance(over, Mapping):
-            argument = f"over[{name!r}]"
-            given = [check.number(argument, n) for n in check.items(argument, over[name], 2, "numbers (least, most)")]
-            if not (least <= given[0] <= value <= given[1] and given[0] < given[1]):
-                no_less = " and least >= 0" if least == 0 else ""
-                raise ValueError(
-                    f"{argument} must be (least, most) around the scene's {value:g}{no_less}, got {tuple(given)}"
-                )
-            ends = np.log(np.maximum(given, 1e-300) / value) if problem.logarithmic[k] else np.array(given) - value
-            low[k], high[k] = ends if problem.logarithmic[k] else ends / problem.scales[k]
+    ends = np.stack([problem.least, problem.most])
+    for k, name in enumerate(problem.names if isinstance(over, Mapping) else ()):
+        argument, value, (low, high) = f"over[{name!r}]", problem.start[k], ends[:, k]
+        given = [check.number(argument, n) for n in check.items(argument, over[name], 2, "numbers (least, most)")]
+        if not (low <= given[0] <= value <= given[1] <= high and given[0] < given[1]):
+            raise ValueError(
+                f"{argument} must be (least, most) from {low:g} to {high:g} around {value:g}, got {tuple(given)}"
+            )
+        ends[:, k] = given
+    far = np.where(problem.logarithmic, math.log(_WIDEST), _WIDEST)
+    low, high = np.clip(problem.coordinates(ends), -far, far)
     return low, high
 
 
@@ -341,20 +337,20 @@ def _judged(problem: _Problem, found: Any, sigma: float | None, least: float) ->
     whole = np.full(problem.measured.shape, np.nan)
     whole[problem.measured] = found.fun[:count]
     pairs = whole[1:] * whole[:-1]
-    number = max(int(np.isfinite(pairs).sum()), 1)
-    correlation = float(np.nansum(pairs) / number / max(np.nanmean(whole**2), 1e-300))
+    number = int(np.isfinite(pairs).sum())
+    correlation = float(np.nansum(pairs) / number / max(np.nanmean(whole**2), 1e-300)) if number else math.nan
     if sigma is not None:
         chi = 2 * float(found.cost) / free
         bad = chi > 1 + _SIGMAS * math.sqrt(2 / free)
         return chi, correlation, sigma, f"chi-square is {chi:.3g} per degree of freedom" if bad else ""
     noise = found.unit * math.sqrt(2 * float(found.cost) / free)
-    bad = noise > 10 * least and correlation > max(_CORRELATED, _SIGMAS / math.sqrt(number))
+    bad = noise > 10 * least and correlation > max(_CORRELATED, _SIGMAS / math.sqrt(max(number, 1)))
     reason = f"residuals at neighbouring times have a correlation of {correlation:.2f}" if bad else ""
     return math.nan, correlation, max(noise, least), reason
 
 
 def _determined(
-    jacobian: Floats, found: Changes, u: Floats, bounds: tuple[Floats, Floats], names: list[str]
+    jacobian: Floats, ended: list[str], u: Floats, bounds: tuple[Floats, Floats]
 ) -> tuple[Floats, float, list[str]]:
     """Covariance of the coordinates, condition of the scaled Jacobian, and why a parameter is not determined."""
     lengths = np.linalg.norm(jacobian, axis=0)
@@ -368,19 +364,14 @@ def _determined(
     covariance = inverse / np.outer(safe, safe)
     lost = np.abs(right[~kept] / safe)
     vague = (lost > _PART * lost.max(axis=1, keepdims=True)).any(axis=0)
-    reasons = []
-    for k in range(len(u)):
-        error = math.sqrt(covariance[k, k])
-        if found.reasons[k]:
-            reasons.append(found.reasons[k])
-        elif not used[k]:
-            reasons.append("has no effect on what was measured")
-        elif vague[k]:
-            reasons.append(f"only combinations are determined: the condition of the scaled Jacobian is {condition:.1e}")
-        elif min(u[k] - bounds[0][k], bounds[1][k] - u[k]) <= 1e-4 * (bounds[1][k] - bounds[0][k]):
-            reasons.append("ends at its bound")
-        elif error > 1:
-            reasons.append(f"its error would be {error:.1g} times its value or scale")
-        else:
-            reasons.append("")
+    near_bound = np.minimum(u - bounds[0], bounds[1] - u) <= _EDGE
+    reasons = list(ended)
+    for k, error in enumerate(np.sqrt(np.diag(covariance))):
+        why = {
+            "has no effect on what was measured": not used[k],
+            f"only combinations are determined: the condition of the scaled Jacobian is {condition:.1e}": vague[k],
+            "ends at its bound": near_bound[k],
+            f"its error would be {error:.1g} times its value or scale": error > 1,
+        }
+        reasons[k] = reasons[k] or next((reason for reason, holds in why.items() if holds), "")
     return covariance, condition, reasons

@@ -42,11 +42,13 @@ class Parameter(NamedTuple):
     value: float
     scale: float  # a change of it changes the motion visibly
     least: float
+    most: float
 
     @property
-    def one_sided(self) -> bool:
-        """Whether a central difference would need values that the scene refuses."""
-        return self.value - 2 * _STEP * self.scale <= self.least
+    def side(self) -> int:
+        """The only side to which it can vary, else 0."""
+        reach = 2 * _STEP * self.scale
+        return int(self.value - reach <= self.least) - int(self.value + reach >= self.most)
 
 
 def _numbers(scene: Scene) -> dict[str, list[float]]:
@@ -79,7 +81,8 @@ def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
         if any(other != value for other in known[field]):
             raise ValueError(f"{argument} must name single numbers, got {name!r}, here {known[field]}: name its parts")
         least = -math.inf if field[-2:] in ("_x", "_y", "_z") else 0.0
-        found.append(Parameter(name, field, value, max(abs(value), scales.get(units(field), 0.0)), least))
+        most = 1.0 if field.endswith("restitution") else math.inf
+        found.append(Parameter(name, field, value, max(abs(value), scales.get(units(field), 0.0)), least, most))
     if len({one.field for one in found}) < len(found):
         raise ValueError(f"{argument} must name each parameter once, got {list(names)}")
     return found
@@ -122,13 +125,13 @@ class Clock:
 
     def refine(self, scene: Scene, rtol: float) -> None:
         """Shorten the steps until positions should be off by at most `rtol` of the cloth's size."""
-        (x, known, _), (y, *_) = (positions_of([scene], self, self.counts(scene, coarse)) for coarse in (False, True))
+        (x, (known, _)), (y, _) = (positions_of([scene], self, self.counts(scene, coarse)) for coarse in (False, True))
         off = np.abs(x - y)[:, self.times <= known].max(initial=0.0)
         if off > rtol * self.size:
             self.finer = min((off / (rtol * self.size)) ** (1 / _ORDER), _FINEST)
 
 
-def positions_of(scenes: Sequence[Scene], clock: Clock, counts: npt.NDArray[np.int64]) -> tuple[Floats, float, str]:
+def positions_of(scenes: Sequence[Scene], clock: Clock, counts: npt.NDArray[np.int64]) -> tuple[Floats, tuple[float, str]]:
     """Positions of each scene at the times of `clock`, shape (scenes, times, rows, columns, 3).
 
     Also the last of the times before a contact or a failure in any of the scenes, and the reason; positions after a failure
@@ -145,66 +148,53 @@ def positions_of(scenes: Sequence[Scene], clock: Clock, counts: npt.NDArray[np.i
         try:
             stepper.advance(count, (stop - t) / count)
         except (UnstableError, ContactError) as error:
-            return result, min(known, t), reason or f"a run ended after {t:.4g} s: {error}"
+            return result, (min(known, t), reason or f"a run ended after {t:.4g} s: {error}")
         if not reason and np.any(stepper.impulses):
             known, reason = t, f"the cloth meets a sphere between {t:.4g} and {stop:.4g} s: motions part there"
         t = stop
         if t in places:
             result[:, places[t]] = stepper.positions
-    return result, known, reason
+    return result, (known, reason)
 
 
 def difference(
     scene: Scene, parameters: Sequence[Parameter], clock: Clock, coarse: bool = False
-) -> tuple[Floats, Floats, float, str]:
+) -> tuple[Floats, Floats, tuple[float, str]]:
     """Positions of `scene`, and by how much they change per scale of each parameter, axis 0; see `positions_of`."""
     h = _STEP * (2 if coarse else 1)
-    sides = np.array([one.one_sided for one in parameters])
+    sides = np.array([one.side for one in parameters])
     members = []
     for one, side in zip(parameters, sides):
-        members += [changed(scene, [one], [one.value + k * h * one.scale]) for k in ((1, 2) if side else (-1, 1))]
+        members += [changed(scene, [one], [one.value + k * h * one.scale]) for k in ((side, 2 * side) if side else (-1, 1))]
     if not coarse or sides.any():
         members.append(scene)
-    x, known, reason = positions_of(members, clock, clock.counts(scene, coarse))
+    x, end = positions_of(members, clock, clock.counts(scene, coarse))
     low, high = x[: 2 * len(sides) : 2], x[1 : 2 * len(sides) : 2]
     change = high - low
-    change[sides] = (4 * (low - x[-1]) - (high - x[-1]))[sides]
-    return x[-1], change / (2 * h), known, reason
+    for k in np.flatnonzero(sides):
+        change[k] = sides[k] * (4 * (low[k] - x[-1]) - (high[k] - x[-1]))
+    return x[-1], change / (2 * h), end
 
 
-class Changes(NamedTuple):
-    """Derivatives per scale of each parameter."""
-
-    x: Floats  # (times, rows, columns, 3)
-    change: Floats  # (parameters, times, rows, columns, 3)
-    error: Floats  # (parameters, times)
-    known_until: Floats  # (parameters,)
-    reasons: list[str]
-
-
-def changes(scene: Scene, parameters: Sequence[Parameter], clock: Clock) -> Changes:
-    """The extrapolated derivatives of `sensitivity`, per scale of each parameter."""
-    x, near, known, why = difference(scene, parameters, clock)
-    _, far, known_too, why_too = difference(scene, parameters, clock, coarse=True)
-    if known_too < known:
-        known, why = known_too, why_too
+def changes(scene: Scene, parameters: Sequence[Parameter], clock: Clock) -> tuple[Floats, Floats, Floats, Floats, list[str]]:
+    """Positions, extrapolated derivatives per scale of each parameter, and their errors, ends of meaning, and reasons."""
+    x, near, first = difference(scene, parameters, clock)
+    _, far, second = difference(scene, parameters, clock, coarse=True)
+    known, why = min(first, second)
     change = near + (near - far) / 3
     error = np.abs(near - far).max(axis=(2, 3, 4)) / 3 + _ROUNDING / 100 * clock.size / _STEP
     largest = np.fmax.accumulate(np.abs(change).max(axis=(2, 3, 4)), axis=1)
-    parted = error > _PARTED * largest + _ROUNDING * clock.size / _STEP
-    late = clock.times > known
-    until, reasons = np.empty(len(parameters)), []
-    for k in range(len(parameters)):
-        bad = late | np.isnan(error[k])
-        first = np.flatnonzero(parted[k] & ~bad)
-        reason = why if bad.any() else ""
-        if first.size:
-            bad |= np.arange(len(bad)) >= first[0]
-            reason = f"differences of two sizes disagree from {clock.times[first[0]]:.4g} s on: motions part there"
-        change[k, bad], error[k, bad] = np.nan, np.nan
-        until[k] = clock.times[~bad][-1] if not bad.all() else 0.0
-        reasons.append(reason)
-    return Changes(x, change, error, until, reasons)
+    bad = np.isnan(error) | (clock.times > known)
+    parted = ~bad & (error > _PARTED * largest + _ROUNDING * clock.size / _STEP)
+    reasons = [
+        f"differences of two sizes disagree from {clock.times[one.argmax()]:.4g} s on: motions part there"
+        if one.any()
+        else why * bool(late.any())
+        for one, late in zip(parted, bad)
+    ]
+    bad |= np.logical_or.accumulate(parted, axis=1)
+    change[bad], error[bad] = np.nan, np.nan
+    return x, change, error, np.where(bad, 0.0, clock.times).max(axis=1), reasons
 
 
 def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray.Dataset:
@@ -255,18 +245,18 @@ def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray
     parameters = parameters_of(scene, of, "of")
     clock = Clock(scene, checked_times(times))
     clock.refine(scene, _DIGITS)
-    found = changes(scene, parameters, clock)
+    x, change, error, until, reasons = changes(scene, parameters, clock)
     scales = np.array([one.scale for one in parameters])
     place = ("time", "row", "column", "component")
     data: xarray.Dataset = xr.Dataset(
         {
-            "dx": (("parameter", *place), found.change / scales.reshape(-1, 1, 1, 1, 1)),
-            "error": (("parameter", "time"), found.error / scales[:, None]),
-            "x": (place, found.x, {"units": "m"}),
+            "dx": (("parameter", *place), change / scales.reshape(-1, 1, 1, 1, 1)),
+            "error": (("parameter", "time"), error / scales[:, None]),
+            "x": (place, x, {"units": "m"}),
             "value": ("parameter", [one.value for one in parameters]),
             "unit": ("parameter", [units(one.field) for one in parameters]),
-            "known_until": ("parameter", found.known_until, {"units": "s"}),
-            "reason": ("parameter", found.reasons),
+            "known_until": ("parameter", until, {"units": "s"}),
+            "reason": ("parameter", reasons),
         },
         {
             "parameter": [one.name for one in parameters],

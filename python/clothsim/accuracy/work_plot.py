@@ -87,8 +87,9 @@ def draw_fit(found: Fit, ax: Any = None) -> Any:
     residuals = found.residuals.reshape(data.shape)
     spread = np.nan_to_num(np.nanmax(data, axis=0) - np.nanmin(data, axis=0))
     for n, k in enumerate(np.argsort(-spread.max(axis=1), kind="stable")[:_SHOWN]):
-        c = int(spread[k].argmax())
-        curves.plot(found.times, data[:, k, c], "o", ms=4, color=COLORS[n], label=f"{'xyz'[c]} of point {k}")
+        c, place = int(spread[k].argmax()), tuple(map(int, np.unravel_index(k, found.positions.shape[1:-1])))
+        label = f"{'xyz'[c]} of point {place if len(place) > 1 else f'number {k}'}"
+        curves.plot(found.times, data[:, k, c], "o", ms=4, color=COLORS[n], label=label)
         curves.plot(found.times, data[:, k, c] - residuals[:, k, c], "-", color=COLORS[n])
     curves.set(xlabel="time [s]", ylabel="position [m]", title="measured (dots) and fitted")
     curves.legend(fontsize="small")
@@ -100,7 +101,8 @@ def draw_fit(found: Fit, ax: Any = None) -> Any:
     correlation = found.covariance / np.outer(deviation, deviation)
     matrix.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1)
     for i, j in np.argwhere(np.isfinite(correlation)):
-        matrix.text(j, i, f"{correlation[i, j]:.2f}", ha="center", va="center", fontsize=8)
+        color = "white" if abs(correlation[i, j]) > 0.6 else BLACK
+        matrix.text(j, i, f"{correlation[i, j]:.2f}", ha="center", va="center", fontsize=8, color=color)
     labels = [name if np.isfinite(found.values[name]) else f"{name} (unknown)" for name in names]
     matrix.set_xticks(range(len(names)), labels, rotation=30, ha="right")
     matrix.set_yticks(range(len(names)), labels)
