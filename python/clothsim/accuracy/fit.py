@@ -18,7 +18,6 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base.clocks import Stopwatch
 from ..base.extras import needed
-from ..base.record import EqualByValue
 from ..base.table import aligned
 from ..model.scene import Scene
 from ..run.result import Run
@@ -38,7 +37,7 @@ _CORRELATED = 0.2  # of residuals at neighbouring times
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit(EqualByValue):
+class Fit:
     """Parameters that were fitted to a motion, the result of `fit`.
 
     Attributes
