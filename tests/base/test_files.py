@@ -152,7 +152,7 @@ def test_odd_places_are_refused(tmp_path):
 WITHIN = {
     "base/files.py": None,
     "base/plots.py": ".savefig(part",
-    "viewing/chart.py": "self.savefig(file",
+    "viewing/plots.py": "self.savefig(file",
     "viewing/formats": None,
 }
 

@@ -6,7 +6,7 @@ import sys
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.viewing import sweep_plots as plots
+from clothsim.viewing import plots
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
@@ -70,6 +70,9 @@ def test_the_convergence_fan(swept):
     assert slope == pytest.approx([4, 4, 4], rel=1e-9)
     assert axes.get_xscale() == axes.get_yscale() == "log"
     assert axes.get_xlabel() == "dt [s]" and axes.get_legend().get_title().get_text() == "stiffness [N/m]"
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    assert left < swept.dt.min() < swept.dt.max() < right and low < swept.error.min() < swept.error.max() < high
+    assert high / low < 1e3 * swept.error.max() / swept.error.min()
     crosses = sum(len(line.get_xdata()) for line in axes.get_lines() if line.get_marker() == "x")
     assert crosses == int((swept.status == 2).sum()) > 0
 
@@ -87,6 +90,8 @@ def test_heat_maps(swept):
     axes = swept.clothsim.plot.heatmap("largest_stretch", x="dt", y="stiffness")
     mesh = axes.collections[0]
     assert np.array_equal(np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True)
+    scaled = swept.assign(largest_stretch=swept.largest_stretch**8).clothsim.plot.heatmap("largest_stretch").collections[0]
+    assert isinstance(scaled.norm, plt.matplotlib.colors.LogNorm)  # more than two decades
     line = swept.isel(dt=0).clothsim.plot.heatmap().get_lines()[0]
     assert np.array_equal(line.get_ydata(), swept.error.isel(dt=0))
     corners = {"corners": lambda run: run.x[-1, 0], "height": lambda run: run.x[-1, ..., 1].mean()}

@@ -6,7 +6,7 @@ from pathlib import Path
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.viewing import camera, lettering, palette
+from clothsim.viewing import camera, legend
 
 ABOVE = cs.Camera((0.0, 1.0, 0.0), (0.5, 0.0, 0.5), 1.1, 1.1)
 FLAT = cs.Scene(cs.Cloth(pins=()))
@@ -26,7 +26,7 @@ def hue(pixel):
 def test_an_array_colours_each_mass_point_by_the_scale():
     values = np.add.outer(np.zeros(32), np.arange(32.0))
     pixels = cs.picture(FLAT, camera=ABOVE, width=550, color=values).pixels
-    scale = palette.scale_of(values, values, None)
+    scale = legend.scale_of(values, values, None)
     for column in (0.5, 10.5, 20.5, 30.5):  # between grid lines
         x = round(550 * (0.5 + (column / 31 - 0.5) / 1.1))
         expected = hue(scale.colors(np.array(column)))
@@ -45,11 +45,11 @@ def test_named_colours_follow_the_measure_on_one_scale(run, name):
         "speed": lambda k: np.linalg.norm(run.v[k], axis=-1).max(),
         "depth": lambda k: cs.penetration(run.x[k], run.scene.spheres[0])["points"],
     }[name]
-    values = palette.values_of(name, run.scene, run.x, run.v, run.t)
+    values = legend.values_of(name, run.scene, run.x, run.v, run.t)
     for k in (0, 5, 10):
         assert values[k].max() == pytest.approx(measure(k), abs=1e-12)
     # The scale of a run is that of all its frames; a state alone has its own.
-    scale = palette.scale_of(name, values, None)
+    scale = legend.scale_of(name, values, None)
     own = cs.picture(run.scene, run.x[3], v=run.v[3], color=name, width=200).pixels
     same = run.picture(3, color=name, width=200, limits=(scale.low, scale.high)).pixels
     assert np.array_equal(run.picture(3, color=name, width=200).pixels, same)
@@ -58,11 +58,11 @@ def test_named_colours_follow_the_measure_on_one_scale(run, name):
 
 
 def test_colour_scales_are_those_of_the_pages_and_rise_in_lightness():
-    script = Path(palette.__file__).with_name("web").joinpath("draw.js").read_text()
+    script = Path(legend.__file__).with_name("web").joinpath("draw.js").read_text()
     for name in ("VIRIDIS", "HEAT"):
         stops = re.search(rf"const {name} = \[(.*?)\]", script)
-        assert tuple(re.findall(r"[0-9a-f]{6}", stops[1])) == getattr(palette, name)
-        colors = palette.Scale("", "", 1, 0, 1, getattr(palette, name), False).colors(np.linspace(0, 1, 50))
+        assert tuple(re.findall(r"[0-9a-f]{6}", stops[1])) == getattr(legend, name)
+        colors = legend.Scale("", "", 1, 0, 1, getattr(legend, name), False).colors(np.linspace(0, 1, 50))
         assert (np.diff(colors @ [0.2126, 0.7152, 0.0722]) > 0).all() or (np.diff(colors @ [0.3, 0.6, 0.1]) < 0).all()
 
 
@@ -85,7 +85,7 @@ def test_the_length_in_a_label_is_that_of_the_picture(width, scene_width):
     row = np.flatnonzero(dark.sum(axis=1) == dark.sum(axis=1).max())[-1]
     line = np.flatnonzero(dark[row])
     longest = max(np.split(line, np.flatnonzero(np.diff(line) > 1) + 1), key=len)
-    length = lettering.nice_length(0.17 * scene_width)
+    length = legend.nice_length(0.17 * scene_width)
     assert len(longest) == pytest.approx(length / scene_width * width, abs=1.5)
 
 
@@ -94,7 +94,7 @@ def test_a_label_says_as_printed():
     printed, mended = (
         cs.picture(cs.scenes.paper_static("ray", as_printed=one), width=400, label=True).pixels for one in (True, False)
     )
-    strip, below = lettering.labelled(mended[:1], 0.0, 400.0, None).shape[0] - 1, printed.shape[0] - mended.shape[0]
+    strip, below = legend.labelled(mended[:1], 0.0, 400.0, None).shape[0] - 1, printed.shape[0] - mended.shape[0]
     assert np.array_equal(printed[-strip:], mended[-strip:])
     note = printed[-strip - below : -strip]
     columns = np.flatnonzero((note < 150).any(axis=(0, 2)))

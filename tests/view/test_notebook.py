@@ -93,3 +93,14 @@ def test_a_comparison_shows_its_labels_and_last_frames(run):
     last = html.rsplit("<img", 1)[1]
     assert png_of(last) == other.picture(width=400)._repr_png_()
     assert both.show(400)._repr_html_().startswith("<iframe")
+
+
+def test_a_comparison_draws_its_runs_side_by_side_in_one_view(run):
+    other = cs.simulate(cs.scenes.paper_static("reflect"), 0.1, dt=1e-3)
+    both = cs.compare({"ray": run, "reflect": other})
+    drawn = both.picture(t=0.15, width=150)
+    left, right = np.split(np.asarray(drawn), 2, axis=1)
+    assert left.shape == right.shape and not np.array_equal(left, right)
+    same = cs.compare({"a": run, "b": run}).picture(width=150)
+    assert np.array_equal(*np.split(np.asarray(same), 2, axis=1))
+    assert np.array_equal(np.asarray(same)[:, :150], run.picture(width=150))

@@ -8,7 +8,8 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.run.result import Run
-from clothsim.viewing.packing import pack, point_stretch
+from clothsim.viewing.legend import point_stretch
+from clothsim.viewing.page import pack
 from pages import frames, pixels, seek
 
 FRAMES = 300
@@ -76,7 +77,7 @@ def test_positions_on_the_page_are_those_of_the_run_to_the_stated_precision(alon
         difference = np.abs(np.reshape(shown, run.x[0].shape) - run.x[frame]).reshape(-1, 3).max(axis=0)
         assert (difference <= 0.5001 * extent / 65535 + 1e-7).all()  # float32 on the page
     micron = 1e6 * extent.max() / 65535 / 2
-    assert f"stored to {micron:.2g} um" in page.tab.inner_text("body")
+    assert f"stored to {micron:.2g} um" in page.tab.text_content("body")
 
 
 def test_packed_values_are_right_where_differences_overflow():
@@ -283,6 +284,18 @@ def test_labels_are_text_whatever_they_hold(tmp_path, opened):
     assert page.said == []
 
 
+def test_a_page_opens_on_the_last_frame_and_plays_once_without_loop(both, opened):
+    page = opened(both)
+    page.ready()
+    assert frames(page) == [299, 50]
+    page.tab.uncheck("#loop")
+    page.tab.select_option("#speed", "4")
+    seek(page, 280)
+    page.tab.click("#play")
+    page.tab.wait_for_function("() => !page.state.playing")
+    assert frames(page) == [299, 50] and page.tab.inner_text("#play") == "▶"
+
+
 @pytest.mark.slow
 def test_a_notebook_plays_the_run_in_a_frame(runs, tmp_path, opened):
     shown = runs["method 2"].show()
@@ -290,9 +303,9 @@ def test_a_notebook_plays_the_run_in_a_frame(runs, tmp_path, opened):
     page = opened(tmp_path / "cell.html")
     frame = page.tab.frame_locator("iframe")
     frame.locator("body[data-ready]").wait_for(timeout=30_000)
-    assert frame.locator("#runs canvas").get_attribute("data-frame") == "0"
-    frame.locator("#forth").click()
-    assert frame.locator("#runs canvas").get_attribute("data-frame") == "1"
+    assert frame.locator("#runs canvas").get_attribute("data-frame") == "50"
+    frame.locator("#back").click()
+    assert frame.locator("#runs canvas").get_attribute("data-frame") == "49"
     assert page.said == []
 
 

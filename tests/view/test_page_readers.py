@@ -48,6 +48,7 @@ def test_a_click_probes_the_point_below_it_and_a_drag_does_not(both, runs, opene
     page = opened(both)
     page.ready()
     page.tab.click("button:text-is('top')")
+    seek(page, 0)
     script = "(c) => page.camera.projection(c)(page.runs[1].positions(0), 3 * 330)"
     x, y, _ = page.tab.locator("#canvas-1").evaluate(script)
     page.tab.locator("#canvas-1").click(position={"x": x, "y": y})

@@ -9,7 +9,7 @@ from shutil import which
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.viewing import camera, png, raster
+from clothsim.viewing import camera, raster
 from clothsim.viewing.animation import shown_frames
 from colors import distance
 from commands import python
@@ -108,7 +108,7 @@ def test_png_is_read_back_bit_for_bit():
     pixels = np.random.default_rng(0).integers(0, 256, (37, 53, 3), np.uint8)
     pixels[5:20] = pixels[5]  # rows that each filter suits
     pixels[20:30, :, 0] = np.arange(53)
-    assert np.array_equal(np.array(image.open(BytesIO(png.encode(pixels)))), pixels)
+    assert np.array_equal(np.array(image.open(BytesIO(cs.Picture(pixels)._repr_png_()))), pixels)
 
 
 def test_picture_saves_shows_and_is_an_array(tmp_path):
@@ -193,7 +193,7 @@ def test_plot_has_the_run_s_figures(run, tmp_path):
 
 
 def test_contacts_are_the_points_within_the_contact_radius():
-    from clothsim.viewing.chart import touching
+    from clothsim.viewing.plots import touching
 
     cloth = cs.Cloth((11, 11), pins=())  # spacing 0.1 m: near is 3.125 mm
     sphere = cs.Sphere((0.5, -0.25, 0.5), 0.25, offset="none", response="ray")

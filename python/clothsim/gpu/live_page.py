@@ -30,8 +30,7 @@ from ..model.scene import Scene
 from ..stability.limit import max_stable_dt
 from ..viewing.camera import DIRECTIONS, camera_for
 from ..viewing.notebook import Frame
-from ..viewing.page import json_text, page_text, poster
-from ..viewing.page_controls import filled
+from ..viewing.page import filled, json_text, page_text, poster
 from ..viewing.picture import PIN_SIZE, file_path
 from .parameters import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, NEAR, rest_lengths
 from .shader import Features, SphereFeatures, check_scenes, shader_text, source

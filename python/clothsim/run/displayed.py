@@ -96,9 +96,9 @@ class DisplayedRun:
         >>> [axes.get_ylabel() for axes in run.plot().axes]
         ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
         """
-        from ..viewing.chart import plot
+        from ..viewing.plots import plot_run
 
-        return plot(self, path, log=log)
+        return plot_run(self, path, log=log)
 
     def animate(
         self,

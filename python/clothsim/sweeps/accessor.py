@@ -34,7 +34,7 @@ class Plots:
         A Dataset of `stability_map` or `work_precision` has one plot, that of the command. `ax` may be given: axes of
         matplotlib, two of them for `work_precision`. The axes are returned.
         """
-        from ..viewing.sweep_plots import plot
+        from ..viewing.plots import plot
 
         return plot(self._dataset, kind, **options)
 

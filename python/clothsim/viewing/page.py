@@ -1,23 +1,24 @@
 """One self-contained page that plays runs: `Run.to_html`, `compare`.
 
-The page is our own WebGL. A snapshot of k3d shows a single scene, without curves, and without red
-where cloth is inside a sphere. Frames are packed (`packing`).
-
-Everything is inside the file, and its content security policy forbids requests.
+The page is our own WebGL. A snapshot of k3d shows a single scene, without curves, and without red where cloth is inside a
+sphere. Everything is inside the file, and its content security policy forbids requests. `pack` says how frames are stored.
 """
 
 from __future__ import annotations
 
 import json
+import zlib
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
+from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from string import Template
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base import check
+from ..base import Floats, check
 from ..base.files import write_bytes
 from ..base.plots import COLORS
 from ..base.progress import ProgressBar
@@ -26,11 +27,10 @@ from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for, reach
-from .chart import PARTS, curves
+from .legend import point_stretch
 from .notebook import Frame, runs_html
-from .packing import pack, point_stretch, tops_of
-from .page_controls import TURNED_BY, controls, few, filled, small_print, views, web_file
-from .picture import PIN_SIZE, file_path, picture
+from .picture import PIN_SIZE, Picture, file_path, picture
+from .plots import PARTS, curves
 
 Advance = Callable[[int], object]
 
@@ -40,6 +40,13 @@ WIDER = 2.5
 MOST_RUNS = 8  # a browser keeps 16 canvases of WebGL alive, and eight panels fill a screen
 MOST_SPHERES = 100  # whose depths a fragment shader compares; WebGL 2 warrants room for 112
 POSTER_WIDTH = 400  # pixels of the picture shown where scripts or WebGL are missing
+LEVELS = 65535
+TOP_PARTS = {"max": 1.0, "99 %": 0.99, "90 %": 0.9}
+"""Part of all values that a colour scale of the page holds, by the name of the choice."""
+SHORTEST = 4.0  # s; a run that is over sooner is shown slowed down
+SPEEDS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4)
+VIEWS = ("corner", "front", "right", "top")
+TURNED_BY = "On a focused cloth shift and arrows turn, plus and minus enlarge, 0 goes back."
 SHADING = {
     "front": raster.CLOTH_FRONT.tolist(),
     "back": raster.CLOTH_BACK.tolist(),
@@ -80,22 +87,7 @@ class Comparison:
         Positions are rounded to 1/65535 of the run's extent on each axis (15 um on 2 m). The square roots of stretch,
         speed and distance have 255 levels. A run that is shorter than another keeps its last frame.
 
-        Parameters
-        ----------
-        path : path-like
-            File to write.
-        title : str, optional
-            Heading of the page. Default: the labels.
-
-        Returns
-        -------
-        pathlib.Path
-            The file written.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If an argument is not as above.
+        `title` is the heading, by default the labels. Errors are those of `Run.to_html`.
         """
         path = file_path("path", path)
         title = " and ".join(self.runs) if title is None else check.instance("title", title, str)
@@ -110,20 +102,25 @@ class Comparison:
         return write_bytes(path, content)
 
     def show(self, height: int = 600) -> Frame:
-        """The page inside a notebook, to be played.
+        """The page inside a notebook, to be played; `height` is 300 to 4000 pixels."""
+        return self._frame(" and ".join(self.runs), height)
 
-        Parameters
-        ----------
-        height : int, default 600
-            Of the page in pixels, 300 to 4000.
-
-        Returns
-        -------
-        Frame
-        """
+    def _frame(self, title: str, height: int) -> Frame:
         height = check.integer("height", height, minimum=300, maximum=4000)
-        page = _page(" and ".join(self.runs), self.runs, difference=self.difference)
-        return Frame(page, f"{self!r}, to be played in a notebook", height)
+        return Frame(_page(title, self.runs, difference=self.difference), f"<{title}, to be played in a notebook>", height)
+
+    def picture(self, t: float | None = None, **style: Any) -> Picture:
+        """The runs side by side, in one view: the stored frames nearest to the time `t` [s], by default the last ones.
+
+        A run that is shorter shows its last frame. `style` are further arguments of `Run.picture`.
+        """
+        cameras = [camera_for(None, run.scene, run.x, run.t) for run in self.runs.values()]
+        style = {"camera": common_view(cameras), **style}
+        times = (None if t is None else min(t, float(run.t[-1])) for run in self.runs.values())
+        shown = [run.picture(t=one, **style).pixels for run, one in zip(self.runs.values(), times)]
+        height = max(map(len, shown))  # the label of a run "as printed" has a further line
+        padded = [np.pad(one, ((0, height - len(one)), (0, 0), (0, 0)), constant_values=255) for one in shown]
+        return Picture(np.concatenate(padded, axis=1))
 
     def _repr_html_(self) -> str:
         return runs_html(self.runs)
@@ -216,9 +213,8 @@ def run_to_html(run: Run, path: str | Path, title: str | None = None, progress: 
 
 def run_to_frame(run: Run, height: int) -> Frame:
     """`Run.show`."""
-    height = check.integer("height", height, minimum=300, maximum=4000)
     title = _title_of(run)
-    return Frame(_page(title, {title: run}), f"<{title}, to be played in a notebook>", height)
+    return Comparison({title: run})._frame(title, height)
 
 
 def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None, difference: bool = False) -> str:
@@ -235,10 +231,10 @@ def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None
     )
     size = len(runs) if len(runs) <= 4 else MOST_RUNS
     body = (
-        f"<header><h1>{escape(title)}</h1>{views()}</header>\n"
+        f"<header><h1>{escape(title)}</h1>{_views()}</header>\n"
         f'<p id="problem" hidden></p>\n<div id="runs" class="of-{size}">{panels}</div>\n'
-        f"{controls(meta, runs)}{few(runs)}"
-        f'<div id="curves"></div>\n<p class="small">{escape(small_print(meta))}</p>\n'
+        f"{_controls(meta, runs)}{_sparse(runs)}"
+        f'<div id="curves"></div>\n{_help(meta)}\n'
         f"{data}"
         f'<script type="application/json" id="meta">{json_text(meta)}</script>\n'
     )
@@ -249,6 +245,65 @@ def page_text(title: str, body: str, scripts: Sequence[str]) -> str:
     """The text of a self-contained page that makes no request; `scripts` are files of web/."""
     code, style = "\n".join(map(web_file, scripts)), web_file("page.css")
     return filled("frame.html", title=escape(title), style=style, body=body, shading=json_text(SHADING), code=code)
+
+
+def web_file(name: str) -> str:
+    """The text of a file of web/."""
+    return (files(__package__) / "web" / name).read_text(encoding="utf-8")
+
+
+def filled(name: str, **values: str) -> str:
+    """A file of web/ with its $names replaced."""
+    return Template(web_file(name)).substitute(values)
+
+
+def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
+    duration = max(float(run.t[-1] - run.t[0]) for run in runs.values())
+    usual = max(s for s in SPEEDS if s <= max(min(1.0, duration / SHORTEST), SPEEDS[0]))
+    speeds = "".join(
+        f'<option value="{s}"{" selected" if s == usual else ""}>{s if s >= 1 else f"1/{round(1 / s)}"} x</option>'
+        for s in SPEEDS
+    )
+    texts = {"depth": "depth below a sphere", "difference": f"difference to {next(iter(runs))}"}
+    modes = "".join(
+        f'<option value="{name}">{escape(texts.get(name, name))}</option>'
+        for name in ("faces", "stretch", "speed", "depth", "difference")
+        if name == "faces" or name in meta["tops"]
+    )
+    tops = "".join(f"<option{' selected' if name == '99 %' else ''}>{name}</option>" for name in TOP_PARTS)
+    return filled("controls.html", speeds=speeds, modes=modes, tops=tops)
+
+
+def _sparse(runs: Mapping[str, Run]) -> str:
+    """A sentence where a run has no frames between the first and the last."""
+    short = [label for label, run in runs.items() if len(run) <= 2]
+    if not short:
+        return ""
+    return (
+        f'<p id="few">Only the marked times are stored of {escape(", ".join(short))}, so nothing between them is shown: '
+        "give fps=30 to simulate for a film.</p>\n"
+    )
+
+
+def _views() -> str:
+    buttons = "".join(
+        f'<button type="button" data-direction="{json.dumps(DIRECTIONS[name])}">{name}</button>' for name in VIEWS
+    )
+    return f'<span class="views">view {buttons}</span>'
+
+
+def _help(meta: Mapping[str, Any]) -> str:
+    micron = 1e6 * max(run["precision"] for run in meta["runs"])
+    more = (
+        f"Shift-drag or two fingers move, a double-click goes back. {TURNED_BY} Positions are stored to {micron:.2g} um. A "
+        "colour scale ends at the highest value, or at that which 99 % or 90 % of all points and frames do not exceed. "
+        "Blue: upper face at the start; sand: lower face; small balls: pins."
+    )
+    if "depth" in meta["tops"]:
+        more += " Red: surface of a sphere with cloth under it, stronger with depth up to 10 mm. A point in contact is "
+        more += "nearer to a sphere than the contact radius and 1/32 of the spacing."
+    short = "Drag turns, wheel or pinch enlarges, a click shows the values of a mass point, space plays, arrows step."
+    return f'<details class="small"><summary>{short}</summary>{more}</details>'
 
 
 def _contents(
@@ -266,7 +321,10 @@ def _contents(
         ]
         for line, one in zip(lines[1:], found, strict=True):
             line["difference"] = one["rms"]
-    tops = {name: tops_of(each) for name, each in values.items()}
+    tops = {
+        name: {choice: max(float(np.quantile(one, part)) for one in each) for choice, part in TOP_PARTS.items()}
+        for name, each in values.items()
+    }
     if 0 < max(len(run.scene.spheres) for run in runs.values()) <= MOST_SPHERES:
         deepest = max(float(line["triangles"].max()) for line in lines if "triangles" in line)
         tops["depth"] = {"max": deepest or 1e-3}
@@ -276,43 +334,44 @@ def _contents(
         advance(len(run.t))
         base64 = b64encode(packed.data).decode("ascii")
         data += f'<script type="application/octet-stream" id="data-{k}">{base64}</script>\n'
+        cloth = run.scene.cloth
+        spheres = [
+            {"radius": s.radius, "centers": [_rounded(c, 15) for c in s.center_at(run.t if s.motion else run.t[:1])]}
+            for s in run.scene.spheres
+        ]
         entries.append(
             {
                 "label": label,
                 "data": f"data-{k}",
-                "shape": list(run.scene.cloth.shape),
+                "shape": cloth.shape,
                 "t": _rounded(run.t, 9),
                 "low": packed.low.tolist(),
                 "step": packed.step.tolist(),
                 "precision": packed.precision,
-                "spheres": [
-                    {
-                        "radius": sphere.radius,
-                        "centers": [_rounded(c, 15) for c in sphere.center_at(run.t if sphere.motion else run.t[:1])],
-                    }
-                    for sphere in run.scene.spheres
-                ],
-                "pins": np.flatnonzero(run.scene.cloth.pinned).tolist(),
-                "dots": [] if min(run.scene.cloth.shape) > 1 else np.flatnonzero(~run.scene.cloth.pinned).tolist(),
-                "dotSize": PIN_SIZE * max(run.scene.cloth.size),
+                "spheres": spheres,
+                "pins": np.flatnonzero(cloth.pinned).tolist(),
+                "dots": [] if min(cloth.shape) > 1 else np.flatnonzero(~cloth.pinned).tolist(),
+                "dotSize": PIN_SIZE * max(cloth.size),
                 "curves": {name: _rounded(values, 6) for name, values in lines[k].items()},
             }
         )
     return {"tops": tops, "names": list(values), "camera": _camera(runs, cameras), "runs": entries}, data
 
 
-def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
-    """A view that contains all runs but those of far wider views, which would make the others small; and its depth."""
+def common_view(views: list[Camera]) -> Camera:
+    """A view that contains all of `views` but far wider ones, which would make the others small."""
     views = [view for view in views if view.width <= WIDER * min(one.width for one in views)]
     target = np.mean([view.target for view in views], axis=0)
-    far = [float(np.linalg.norm(view.target - target)) for view in views]
-    return {
-        "direction": list(DIRECTIONS["corner"]),
-        "target": target.tolist(),
-        "reach": 1.05 * max(reach(run.scene, run.x, run.t, target) for run in runs.values()),
-        "width": max(v.width + 2 * d for v, d in zip(views, far, strict=True)),
-        "height": max(v.height + 2 * d for v, d in zip(views, far, strict=True)),
-    }
+    far = [2 * float(np.linalg.norm(view.target - target)) for view in views]
+    width, height = (max(getattr(v, side) + d for v, d in zip(views, far)) for side in ("width", "height"))
+    return Camera(DIRECTIONS["corner"], target, width, height)
+
+
+def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
+    """The view of the page, and a distance from its target that holds all runs."""
+    view = common_view(views)
+    far = 1.05 * max(reach(run.scene, run.x, run.t, np.array(view.target)) for run in runs.values())
+    return {"direction": view.direction, "target": view.target, "reach": far, "width": view.width, "height": view.height}
 
 
 def poster(scene: Scene, x: np.ndarray, t: float, camera: Camera) -> str:
@@ -331,3 +390,48 @@ def json_text(meta: Mapping[str, Any]) -> str:
     """JSON for a script element."""
     # "</script>" in a label would end the element.
     return json.dumps(meta, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+class Packed(NamedTuple):
+    """`data` holds the frames; `low` and `step` [m] have one entry per axis."""
+
+    data: bytes
+    low: Floats
+    step: Floats
+
+    @property
+    def precision(self) -> float:
+        """Largest error of a stored coordinate [m]."""
+        return float(self.step.max() / 2)
+
+
+def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
+    """Positions, shape (frames, rows, columns, 3), in 16 bits and values, shape (frames, points), in 8, deflated.
+
+    Positions of a run are integers q, 0 to 65535, between its lowest and highest coordinate on each axis: x = low + step q.
+    Second differences in time, q[k] - 2 q[k-1] + q[k-2], are small where a cloth moves smoothly. Their low bytes and high
+    bytes are stored apart, which makes nearly all high bytes 0 and lets deflate remove them. A value is one of 255 levels of
+    the square root of its part of a top: the reader may colour by a small part of the largest value.
+    """
+    frames = len(x)
+    flat = x.reshape(frames, -1, 3)
+    low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
+    step = (high - low) / LEVELS
+    # Frame by frame, and deflated piece by piece: Ctrl-C acts in between.
+    zigzag = np.empty((frames, flat[0].size), np.uint16)
+    last = rate = np.zeros(flat[0].size, np.int64)
+    for k, points in enumerate(flat):
+        q = np.round((points - low) / np.where(step > 0, step, 1.0)).astype(np.int64).T.reshape(-1)
+        signed = (q - last - rate).astype(np.int16).astype(np.int32)  # modulo 65536, and back
+        zigzag[k] = (signed << 1) ^ (signed >> 31)  # 0, -1, 1, -2, ... are 0, 1, 2, 3
+        last, rate = q, q - last if k else rate
+    deflate = zlib.compressobj(6)
+    data = [deflate.compress((one & 255).astype(np.uint8).tobytes()) for one in zigzag]
+    data += [deflate.compress((one >> 8).astype(np.uint8).tobytes()) for one in zigzag]
+    for values, top in zip(scalars, tops, strict=True):
+        before = np.zeros(values.shape[1:], np.uint8)
+        for one in values:
+            levels = np.round(255 * np.sqrt(np.clip(one / (top or 1.0), 0, 1))).astype(np.uint8)
+            data.append(deflate.compress((levels - before).tobytes()))
+            before = levels
+    return Packed(b"".join([*data, deflate.flush()]), low, step)

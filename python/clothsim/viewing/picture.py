@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,22 +16,22 @@ from ..base.extras import needed
 from ..base.threads import available_threads
 from ..engine.arrays import start_time
 from ..model.scene import Scene
-from . import png
 from .camera import Camera, camera_for, extremes, eye_of
-from .lettering import LEAST_WIDTH, labelled
-from .palette import scale_of, values_of
+from .legend import LEAST_WIDTH, Pixels, labelled, scale_of, values_of
 from .raster import CLOTH_FRONT, PIN, SPHERE, Ball, Ground, render
 
 WIDEST = 8192  # pixels; a square picture of this width takes 200 MB
 PIN_SIZE = 0.013  # radius of a drawn pin, as a part of the cloth's longer side
 GROUND_REACH = 1.5  # radius of the ground, as a part of the diagonal of all that is drawn
+WIDTH = 640  # pixels; fits beside the text of a page or notebook
+BAND = 1 << 20  # bytes of a PNG that are packed between two checks for Ctrl-C: 30 ms
 
 
 class Style(NamedTuple):
     """The arguments of `clothsim.picture` that say how a state is drawn."""
 
     camera: Any = None
-    width: int = 640
+    width: int = WIDTH
     color: Any = "faces"
     limits: Any = None
     label: bool = False
@@ -68,7 +71,7 @@ class Drawing:
             raise ValueError(f'limits must be None with color="faces", got {check.shown(style.limits)}')
         self.scale = None if self.values is None else scale_of(style.color, self.values, style.limits)
 
-    def pixels(self, k: int) -> npt.NDArray[np.uint8]:
+    def pixels(self, k: int) -> Pixels:
         """The picture of frame `k`, shape (height, width, 3)."""
         x, t, cloth = self.x[k], float(self.t[k]), self.scene.cloth
         size = PIN_SIZE * max(cloth.size)
@@ -94,9 +97,6 @@ class Drawing:
         return labelled(drawn, t, self.width / self.camera.width, self.scale, note)
 
 
-WIDTH = 640  # pixels; fits beside the text of a page or notebook
-
-
 class Picture:
     """An RGB picture that a notebook shows, and that saves itself.
 
@@ -120,7 +120,7 @@ class Picture:
     dtype('uint8')
     """
 
-    def __init__(self, pixels: npt.NDArray[np.uint8]) -> None:
+    def __init__(self, pixels: Pixels) -> None:
         given = np.asarray(pixels)
         if given.dtype != np.uint8 or given.ndim != 3 or given.shape[2] != 3 or not given.size:
             raise ValueError(
@@ -168,7 +168,15 @@ class Picture:
         return path
 
     def _repr_png_(self) -> bytes:
-        return png.encode(self.pixels)
+        """The PNG file (ISO/IEC 15948)."""
+        height, width, _ = self.pixels.shape
+        chunks = (
+            (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
+            (b"IDAT", b"".join(_compressed(self.pixels.reshape(height, 3 * width)))),
+            (b"IEND", b""),
+        )
+        packed = (struct.pack(">I", len(d)) + kind + d + struct.pack(">I", zlib.crc32(kind + d)) for kind, d in chunks)
+        return b"\x89PNG\r\n\x1a\n" + b"".join(packed)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         pixels = self.pixels if dtype is None else self.pixels.astype(dtype)
@@ -177,6 +185,17 @@ class Picture:
     def __repr__(self) -> str:
         height, width, _ = self.pixels.shape
         return f"<Picture of {width} x {height} pixels>"
+
+
+def _compressed(rows: Pixels) -> Iterator[bytes]:
+    """The stream of rows by the filter Sub, which packs pictures of a cloth 3 % better than a choice for each row."""
+    packer = zlib.compressobj(6)
+    band = max(1, BAND // rows.shape[1])
+    for first in range(0, len(rows), band):
+        lines = np.insert(rows[first : first + band], 0, 1, axis=1)  # 1: Sub
+        lines[:, 4:] -= rows[first : first + band, :-3]  # modulo 256, as the standard says
+        yield packer.compress(lines.tobytes())
+    yield packer.flush()
 
 
 def file_path(name: str, value: Any) -> Path:
@@ -271,30 +290,24 @@ def picture(
     v = None if v is None else check.points("v", v, scene.cloth.shape)[None]
     path = None if path is None else file_path("path", path)
     style = Style(camera, width, color, limits, label, shadow, ground, perspective)
-    drawn = Picture(Drawing(scene, x[None], v, np.array([t]), style).pixels(0))
-    if path is not None:
-        drawn.save(path)
-    return drawn
+    return _drawn(Drawing(scene, x[None], v, np.array([t]), style), 0, path)
 
 
-def frame_index(run: Any, frame: int | None, t: float | None) -> int:
-    """The stored frame for `frame` or for the time `t`; by default the last frame."""
+def picture_of_run(run: Any, frame: int | None, t: float | None, path: str | Path | None, *style: Any) -> Picture:
+    """`Run.picture`. One camera and one colour scale hold all frames, so that pictures of a run can be compared."""
     count = len(run.t)
     if t is not None:
         if frame is not None:
             raise ValueError(f"frame must be None with t, got frame = {frame!r} and t = {t!r}")
         t = check.number("t", t, minimum=float(run.t[0]), maximum=float(run.t[-1]))
-        return int(np.abs(run.t - t).argmin())
-    if frame is None:
-        return count - 1
-    return check.integer("frame", frame, minimum=-count, maximum=count - 1) % count
-
-
-def picture_of_run(run: Any, frame: int | None, t: float | None, path: str | Path | None, *style: Any) -> Picture:
-    """`Run.picture`. One camera and one colour scale hold all frames, so that pictures of a run can be compared."""
-    k = frame_index(run, frame, t)
+        frame = int(np.abs(run.t - t).argmin())
+    k = count - 1 if frame is None else check.integer("frame", frame, minimum=-count, maximum=count - 1) % count
     path = None if path is None else file_path("path", path)
-    drawn = Picture(Drawing(run.scene, run.x, run.v, run.t, Style(*style)).pixels(k))
+    return _drawn(Drawing(run.scene, run.x, run.v, run.t, Style(*style)), k, path)
+
+
+def _drawn(drawing: Drawing, k: int, path: Path | None) -> Picture:
+    picture = Picture(drawing.pixels(k))
     if path is not None:
-        drawn.save(path)
-    return drawn
+        picture.save(path)
+    return picture

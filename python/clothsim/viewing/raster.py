@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,6 @@ GRID_SHADE = 0.72  # factor of the colour on a grid line
 GROUND = np.array([0.93, 0.93, 0.92])
 SAMPLES = 2  # a pixel, along each axis
 
-
 _SHADING = _core.Shading(
     colors={
         "background": BACKGROUND,
@@ -46,8 +45,7 @@ _SHADING = _core.Shading(
 )
 
 
-@dataclass(frozen=True)
-class Ball:
+class Ball(NamedTuple):
     """A sphere to draw; the cloth inside it is painted red where `solid`."""
 
     center: npt.ArrayLike
@@ -56,8 +54,7 @@ class Ball:
     solid: bool = True
 
 
-@dataclass(frozen=True)
-class Ground:
+class Ground(NamedTuple):
     """A horizontal plane at `height` that fades at `radius` around `middle` [m]."""
 
     height: float
@@ -105,18 +102,18 @@ def render(
 def _on_screen(points: Floats, camera: Camera, axes: Floats, scale: float, width: int, height: int) -> Floats:
     """Samples to the right and down, and nearness; see Sheet in cpp/picture/frame.hpp."""
     seen = np.einsum("rck,ak->rca", points - camera.target, axes)
-    if camera.distance is None:
-        return np.stack([width / 2 + scale * seen[..., 0], height / 2 - scale * seen[..., 1], seen[..., 2]], -1)
-    ahead = camera.distance - seen[..., 2]
-    nearness = 1 / np.where(ahead > 0, ahead, np.nan)
-    scale_there = scale * camera.distance * nearness
-    return np.stack([width / 2 + scale_there * seen[..., 0], height / 2 - scale_there * seen[..., 1], nearness], -1)
+    nearness = seen[..., 2]
+    if camera.distance is not None:
+        ahead = camera.distance - nearness
+        nearness = 1 / np.where(ahead > 0, ahead, np.nan)
+        seen *= (camera.distance * nearness)[..., None]
+    return np.stack([width / 2 + scale * seen[..., 0], height / 2 - scale * seen[..., 1], nearness], -1)
 
 
 def _normals(points: Floats) -> Floats:
     if min(points.shape[:2]) < 2:
         return np.zeros_like(points)
     along_rows, along_columns = np.gradient(points, axis=(0, 1))
-    normals = np.cross(along_rows, along_columns)
+    normals: Floats = np.cross(along_rows, along_columns)
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-300)
     return normals

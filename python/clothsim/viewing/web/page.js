@@ -191,6 +191,7 @@ async function start() {
     const passed = Math.max(0, (now - state.before) / 1000) * Number($("speed").value);
     state.before = Math.max(now, state.before);
     let t = state.t + passed;
+    if (state.t >= end && !$("loop").checked) return pause();
     if (t > end) t = state.t < end ? end : begin;  // the last frame is seen before it starts again
     show(t);
     requestAnimationFrame(tick);
@@ -241,7 +242,7 @@ async function start() {
   theme();
   new ResizeObserver(() => { redraw(); curves.draw(); }).observe($("runs"));
   legend();
-  const asked = () => Number(new URLSearchParams(location.hash.slice(1)).get("t") ?? begin);  // page.html#t=0.8
+  const asked = () => Number(new URLSearchParams(location.hash.slice(1)).get("t") ?? end);  // page.html#t=0.8; the last frame shows more than a flat sheet
   addEventListener("hashchange", () => { pause(); show(asked()); });
   show(asked(), true);
   for (const p of panels) p.canvas.classList.add("drawn");
