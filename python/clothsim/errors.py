@@ -112,8 +112,9 @@ class RunInterrupted(KeyboardInterrupt):
 
     Parameters
     ----------
-    run : Run or None
-        The run up to the last whole step, whose last frame is the state after it. None if memory lacks for its first frame.
+    run : Run, list of Run or None
+        The run up to the last whole step, whose last frame is the state after it; of many scenes, the runs of those begun.
+        None if memory lacks for its first frame.
 
     Examples
     --------
@@ -133,7 +134,8 @@ class RunInterrupted(KeyboardInterrupt):
 
     def __init__(self, run: Any = None) -> None:
         self.run = run
-        super().__init__("" if run is None else f"simulate was interrupted at t = {run.t[-1]:g} s")
+        last = run[-1] if isinstance(run, list) else run
+        super().__init__("" if last is None else f"simulate was interrupted at t = {last.t[-1]:g} s")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.run,)
@@ -168,6 +170,8 @@ class ContactError(ArithmeticError):
     ----------
     run : Run or None
         From `simulate`: the run up to the state before that step.
+    runs : list of Run or None
+        From `simulate` of many scenes: the runs of all, of which some may have ended early.
 
     Examples
     --------
@@ -184,6 +188,7 @@ further apart, or make them smaller
     v: np.ndarray | None
     member: int | None = None
     run: Any = field(default=None, init=False)
+    runs: Any = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         which = "" if self.member is None else f" of batch member {self.member}"
@@ -227,6 +232,8 @@ class UnstableError(ArithmeticError):
     ----------
     run : Run or None
         From `simulate`: the run up to the state before that step.
+    runs : list of Run or None
+        From `simulate` of many scenes: the runs of all, of which some may have ended early.
 
     Examples
     --------
@@ -250,6 +257,7 @@ more mass
     v: np.ndarray | None = None
     member: int | None = None
     run: Any = field(default=None, init=False)
+    runs: Any = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         super().__init__(self._message())

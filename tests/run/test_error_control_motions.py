@@ -6,8 +6,8 @@ from functools import partial
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps.member import Member, Stopped, SweepOptions
-from clothsim.sweeps.task import run_controlled
+from clothsim.sweeps.member import SweepOptions
+from clothsim.sweeps.task import Stopped, Task, run_task
 from random_cloths import draw, rms
 
 REQUESTS = [{"rtol": 1e-6}, {"rtol": 1e-9}, {"rtol": 1e-6, "integrator": "dopri5"}, {"rtol": 1e-5, "integrator": "rk4"}, {}]
@@ -183,18 +183,17 @@ def test_more_kinks_than_steps_are_refused():
 
 def test_a_sweep_ends_in_the_middle_of_a_run_with_a_tolerance():
     """Its runs are on threads, which Ctrl-C does not reach."""
-    options = SweepOptions(duration=0.5, rtol=1e-6)
-    member, calls = Member.make(0, pulsed(), {}, options), []
+    task, calls = Task(pulsed(), SweepOptions(duration=0.5, rtol=1e-6), {0: {}}), []
 
     def pause(most):
         calls.append(most)
         if len(calls) == most:
             raise Stopped
 
-    with pytest.raises(Stopped):
-        run_controlled(member, options, pause=partial(pause, most=5))
+    assert not run_task(task, partial(pause, most=5)).records
     assert len(calls) == 5
-    assert run_controlled(member, options, pause=partial(pause, most=math.inf)).error is None
+    (record,) = run_task(task, partial(pause, most=math.inf)).records
+    assert record.status == 1
 
 
 def test_frames_between_steps_have_driven_pins_where_they_are():

@@ -5,10 +5,8 @@ from unittest import mock
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.engine.stepper import SilentStepper
-from clothsim.sweeps.member import Member, SweepOptions
+from clothsim.engine.state import State
 from clothsim.sweeps.metrics import solve
-from clothsim.sweeps.task import Batch
 
 xarray = pytest.importorskip("xarray")
 
@@ -21,10 +19,6 @@ BALL = cs.Scene(
 
 def sweep(*args, **options):
     return cs.sweep(*args, progress=False, **options)
-
-
-def member(scene, dt, duration=0.2, index=0, **numerics):
-    return Member.make(index, scene, numerics, SweepOptions(duration, dt))
 
 
 # The same bits as alone
@@ -45,30 +39,6 @@ def test_members_have_the_bits_of_simulate(crumpled):
                     assert mine.position.values.tobytes() == alone.x.tobytes()
                     assert mine.velocity.values.tobytes() == alone.v.tobytes()
                     assert np.array_equal(result.time, alone.t)
-
-
-@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-def test_a_member_that_diverges_leaves_the_bits_of_the_others(monkeypatch, precision):
-    # A call is shared with it only where its divergence was not foreseen.
-    monkeypatch.setattr(Member, "likely_unstable", False)
-    stiffness = [1e3, 9e4, 2e3, 3e5, 3e3]
-    scenes = [SMALL.replace(cloth=SMALL.cloth.replace(stiffness=k)) for k in stiffness]
-    members = [member(s, 3e-3, 0.5, k, precision=precision) for k, s in enumerate(scenes)]
-    assert len({m.batch_key for m in members}) == 1
-    outcomes = Batch(members, SweepOptions()).run()
-    diverged = [k for k, outcome in enumerate(outcomes) if outcome.error is not None]
-    assert diverged == [1, 3]
-    for k, (scene, outcome) in enumerate(zip(scenes, outcomes, strict=True)):
-        if k in diverged:
-            with pytest.raises(cs.UnstableError) as caught:
-                cs.simulate(scene, 0.5, dt=3e-3, precision=precision)
-            assert outcome.error.step == caught.value.step
-            assert outcome.error.time == caught.value.time
-            assert outcome.error.x.tobytes() == caught.value.x.tobytes()
-        else:
-            alone = cs.simulate(scene, 0.5, dt=3e-3, precision=precision)
-            assert outcome.x[-1].tobytes() == alone.x[-1].tobytes()
-            assert outcome.v[-1].tobytes() == alone.v[-1].tobytes()
 
 
 UNDAMPED = cs.Scene(cs.Cloth((6, 7), mass=2.56, stiffness=1e3, damping=0))
@@ -110,7 +80,7 @@ def test_a_point_that_spheres_trapped_harms_its_member_alone(trap):
 def test_a_contact_error_has_the_message_of_the_member_alone(monkeypatch):
     given = {"step": 1, "time": 1e-3, "point": (0, 0), "x": None, "v": None}
     fails = mock.Mock(side_effect=cs.ContactError(**given, member=0))
-    monkeypatch.setattr(SilentStepper, "advance", fails)
+    monkeypatch.setattr(State, "advance", fails)
     result = sweep(BALL, {"sphere_radius": [0.1]}, duration=0.3, dt=1e-3, metrics=["stable"])
     assert str(result.message.values[0]) == str(cs.ContactError(**given))
 

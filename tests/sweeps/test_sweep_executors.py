@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from clothsim.sweeps import results, store, workers
 from clothsim.sweeps.grid import make_grid
-from clothsim.sweeps.member import Member, Stopped, SweepOptions
+from clothsim.sweeps.member import Member, SweepOptions
 from clothsim.sweeps.metrics import choose_metrics
-from clothsim.sweeps.task import Batch, Task, run_task
+from clothsim.sweeps.task import Stopped, Task, run_task
 from clothsim.sweeps.workers import Workers, checked_members, tasks
 
 pytest.importorskip("xarray")
@@ -172,30 +172,29 @@ def test_running_members_are_kept_at_an_interrupt(small_tasks, recorded, monkeyp
     assert sorted(recorded) == sorted(started) and 2 <= len(started) < 24
 
 
-def stopping(calls):
-    """A pause that stops its task at this call."""
-    asked = itertools.count(1)
+def test_a_stopped_task_returns_its_finished_members():
+    finished = []
 
     def pause():
-        if next(asked) >= calls:
+        if finished:
             raise Stopped
 
-    return pause
-
-
-def test_a_stopped_task_returns_its_finished_members():
     values = {k: {"dt": dt} for k, dt in enumerate((1e-3, 5e-4, 2e-4))}
-    task = Task(SCENE, SweepOptions(0.05), values)
-    result = run_task(task, stopping(2))
-    assert [record.index for record in result.records] == [0]
+    metrics = choose_metrics({"seen": lambda run: finished.append(run) or 0.0})
+    task = Task(SCENE, SweepOptions(0.05, metrics=metrics), values)
+    assert [record.index for record in run_task(task, pause).records] == [0]
     assert len(run_task(task).records) == 3
 
 
 def test_a_batch_stops_within_a_step_or_two_of_the_clock():
-    from tests.sweeps.test_sweep import member
+    asked = itertools.count(1)
 
-    with pytest.raises(Stopped):
-        Batch([member(SCENE, 1e-6, 100.0)], SweepOptions(), pause=stopping(4)).run()
+    def pause():
+        if next(asked) >= 4:
+            raise Stopped
+
+    task = Task(SCENE, SweepOptions(100.0, 1e-6), {0: {}, 1: {}})
+    assert not run_task(task, pause).records
 
 
 # Tasks

@@ -7,7 +7,6 @@ solutions by the thousand, measures its members by this solution alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from ..base import Floats
 from ..engine.stepper import SilentStepper
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
+from ..run.recording import PAUSE
 
 # The first steps are this part of RK4's stable step, well below the stable step of dop853.
 _COARSEST = 0.5
@@ -36,20 +36,18 @@ class InDouble:
     contact: bool  # whether a sphere has responded in one of the runs
 
 
-def solve_in_double(
-    scene: Scene, times: list[float], threads: int | None, pause: Callable[[], None] = lambda: None
-) -> InDouble:
+def solve_in_double(scene: Scene, times: list[float], threads: int | None) -> InDouble:
     """Positions at `times` [s after the start], increasing, by the kernels.
 
     The step is halved until a halving changes no more than rounding does. No tolerance has to be chosen for a scene.
-    `pause` is called every few steps, and may raise an exception. Errors are those of `Stepper.advance`.
+    Errors are those of `Stepper.advance`.
     """
     largest = min(_COARSEST * stable_dt(scene), times[-1] / _FEWEST_STEPS)
-    positions, steps, contact = _run(scene, times, largest, threads, pause)
+    positions, steps, contact = _run(scene, times, largest, threads)
     change, changes = math.inf, np.full(len(times), math.inf)
     for _ in range(_MOST_HALVINGS):
         largest /= 2
-        finer, more, contact_too = _run(scene, times, largest, threads, pause)
+        finer, more, contact_too = _run(scene, times, largest, threads)
         before, change = change, float(abs(finer - positions).max())
         changes = np.linalg.norm(finer - positions, axis=-1).max(axis=(-2, -1))
         positions, steps, contact = finer, steps + more, contact or contact_too
@@ -58,18 +56,17 @@ def solve_in_double(
     return InDouble(positions, changes, _EVALUATIONS_PER_STEP * steps, contact)
 
 
-def _run(
-    scene: Scene, times: list[float], largest: float, threads: int | None, pause: Callable[[], None]
-) -> tuple[Floats, int, bool]:
+def _run(scene: Scene, times: list[float], largest: float, threads: int | None) -> tuple[Floats, int, bool]:
     """One run with steps of at most `largest`: positions at `times`, number of steps, and whether a sphere
     responded.
     """
     stepper = SilentStepper(scene, integrator="dop853", threads=threads)
-    positions, steps = [], 0
+    positions, steps, pause = [], 0, PAUSE.get()
     for begin, end in zip([0.0, *times[:-1]], times, strict=True):
         count = math.ceil((end - begin) / largest)
         for done in range(0, count, _STEPS_BETWEEN_PAUSES):
-            pause()
+            if pause is not None:
+                pause()
             stepper.advance(min(_STEPS_BETWEEN_PAUSES, count - done), (end - begin) / count)
         positions.append(stepper.positions)
         steps += count

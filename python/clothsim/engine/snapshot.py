@@ -166,7 +166,18 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
     return Snapshot({**header["arguments"], "scene": scene}, tuple(header["shape"]), str(header["dtype"]), core)
 
 
-def take(state: Any, scene: Scene | Sequence[Scene], options: Options) -> Snapshot:
-    """A snapshot of a state that was made with these options."""
+def take(state: Any, scene: Scene | Sequence[Scene], options: Options, core: dict[str, Any] | None = None) -> Snapshot:
+    """A snapshot of a state that was made with these options; `core`: the fields of one member of it."""
     arguments = {**{name: getattr(options, name) for name in _OPTIONS}, "scene": scene}
-    return Snapshot(arguments, state.shape, state.dtype.str, state.core.snapshot())
+    shape = state.shape if core is None else state.shape[-3:]
+    return Snapshot(arguments, shape, state.dtype.str, state.core.snapshot() if core is None else core)
+
+
+def of_members(core: dict[str, Any], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
+    """The fields of the core for each member of a batch, as they are for its scene alone."""
+    found, spheres = [], 0
+    for k, scene in enumerate(scenes):
+        part = {name: value[k : k + 1].copy() if isinstance(value, np.ndarray) else value for name, value in core.items()}
+        part["impulses"] = core["impulses"][spheres : (spheres := spheres + len(scene.spheres))].copy()
+        found.append(part)
+    return found

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any, cast
 
+import numpy as np
+
+from .. import _core
 from ..base import Floats
 from ..machine.build import build_config
 from ..measure.measures import energy
+from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from ..typing import Report
 from .attempts import NOT_ASKED, Controlled, Estimate
-from .fixed_steps import Solution
+from .recording import Solution
 
 Account = dict[str, Any]
 
@@ -30,7 +33,7 @@ def of_controlled(found: Controlled, asked: float = math.nan) -> Account:
 
 def _account(error: Estimate, asked: float, evaluations: int, wall_time: float) -> Account:
     return {
-        "error_estimate": asdict(error),
+        "error_estimate": vars(error).copy(),
         "estimate_evaluations": evaluations,
         "estimate_wall_time": wall_time,
         "tolerance": {"asked": asked, "reached": bool(error.rms <= asked)},
@@ -88,10 +91,13 @@ def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:
 
 def _energy(moment: str, scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
     """The energy at a moment; NaN with a reason where it is not finite."""
+    parts = np.array(_core.energy(core_cloth(scene.cloth), scene.gravity, scene.force, x, v))
+    names = ("kinetic", "elastic", "gravity", "force", "total")
+    if math.isfinite(total := parts.sum()):
+        return {moment: dict(zip(names, [*parts.tolist(), float(total)], strict=True))}
     try:
         return {moment: energy(scene, x, v)}
     except ValueError as error:
-        names = ("kinetic", "elastic", "gravity", "force", "total")
         return {moment: dict.fromkeys(names, math.nan), "reason": str(error)}
 
 

@@ -17,10 +17,10 @@ from __future__ import annotations
 from ..base.interrupts import Interrupts
 from ..model.scene import Scene
 from .attempts import Attempts, Controlled
-from .fixed_steps import RunOptions, Solution
+from .fixed_steps import RunOptions
 from .frames import Schedule
 from .named import compared, estimated
-from .recording import Watch
+from .recording import Solution, Watch
 from .refined import refined
 
 

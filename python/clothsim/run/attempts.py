@@ -12,9 +12,9 @@ from ..errors import UnstableError
 from ..methods.bound import usable_dt
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
-from .fixed_steps import RunOptions, Solution, integrate, run_fixed, size_of
+from .fixed_steps import RunOptions, integrate, run_fixed, size_of
 from .frames import Schedule
-from .recording import Recording, Watch
+from .recording import Recording, Solution, Watch
 
 NOT_ASKED = "no estimate was asked for"
 MANY_STEPS = 1_000_000  # a fixed-step method takes no more to reach a tolerance
@@ -148,7 +148,7 @@ class Attempts:
     def fixed(self, dt: float, frames: Schedule, options: RunOptions | None = None) -> Solution:
         """A run at a time step that is not the caller's."""
         dt, options = self.duration / math.ceil(self.duration / dt), options or self.options
-        return self._add(run_fixed(self.scene, self.duration, dt, options, frames, self._watch, own_step=True))
+        return self._add(run_fixed(self.scene, self.duration, dt, options, frames, self._watch, own_step=True).solution())
 
     def add(self, run: Solution) -> None:
         self._done.append(run)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +20,7 @@ from ..model.sphere import Sphere
 
 @dataclass(frozen=True)
 class Ends:
-    """One time step: the states at its two ends.
+    """One time step of a cloth or a batch: the states at its two ends.
 
     Positions between them are the cubic Hermite polynomial of positions and velocities, of order 4 in the time step
     where no sphere responds. Velocities are its derivative, of order 3. Driven pins are where their motion has them.
@@ -29,36 +31,33 @@ class Ends:
     before: tuple[Floats, Floats]
     after: tuple[Floats, Floats]
 
-    def member(self, k: int) -> Ends:
-        """The step of one member of a batch."""
-        (x0, v0), (x1, v1) = self.before, self.after
-        return replace(self, before=(x0[k], v0[k]), after=(x1[k], v1[k]))
-
-    def at(self, t: float, scene: Scene) -> tuple[Floats, Floats]:
-        """Positions and velocities of a scene at its time `t` within the step."""
+    def at(self, t: float, scenes: Sequence[Scene]) -> tuple[Floats, Floats]:
+        """Positions and velocities at a time `t` of the scenes within the step."""
         (x0, v0), (x1, v1), h = self.before, self.after, self.step
         s = (t - self.begin) / h
         x = x0 + s * (h * v0 + s * (3 * (x1 - x0) - h * (2 * v0 + v1) + s * (2 * (x0 - x1) + h * (v0 + v1))))
         v = v0 + s * (6 * (x1 - x0) / h - 2 * (2 * v0 + v1) + 3 * s * (2 * (x0 - x1) / h + v0 + v1))
-        put_driven_pins([scene], x, v, t)
-        free = ~scene.cloth.pinned
-        for sphere in scene.spheres:
-            self._lift(x, free, sphere, point_radius(sphere, scene.cloth), t)
+        put_driven_pins(scenes, x, v, t)
+        for k, scene in enumerate(scenes):
+            member = k if x.ndim == 4 else ...
+            for sphere in scene.spheres:
+                ends = ((self.begin, x0[member]), (self.begin + h, x1[member]))
+                _lift(x[member], ends, ~scene.cloth.pinned, sphere, point_radius(sphere, scene.cloth), t)
         return x, v
 
-    def _lift(self, x: Floats, free: npt.NDArray[np.bool_], sphere: Sphere, radius: float, t: float) -> None:
-        """Lift free points to the lesser of their distances at both ends, where that is below the contact radius."""
-        ends = ((self.begin, self.before[0]), (self.begin + self.step, self.after[0]))
-        distances = [np.linalg.norm(places - sphere.center_at(time), axis=-1) for time, places in ends]
-        center = sphere.center_at(t)
-        away = x - center
-        distance = np.linalg.norm(away, axis=-1)
-        least = np.minimum(*distances)
-        highest = np.full(distance.shape, radius)
-        near = free & (distance < np.minimum(least, math.sqrt(2) * radius))
-        if in_cells(sphere) and near.any():
-            part = tuple(slice(max(k.min() - 1, 0), k.max() + 2) for k in np.nonzero(near))
-            highest[part] *= np.sqrt(1 + np.minimum(point_radii2(x[part]) / radius**2, 1))
-        allowed = np.minimum(least, highest)
-        inside = free & (distance < allowed) & (distance > 0)
-        x[inside] = center + away[inside] * (allowed[inside] / distance[inside])[:, None]
+
+def _lift(x: Floats, ends: Any, free: npt.NDArray[np.bool_], sphere: Sphere, radius: float, t: float) -> None:
+    """Lift free points to the lesser of their distances at both ends, where that is below the contact radius."""
+    distances = [np.linalg.norm(places - sphere.center_at(time), axis=-1) for time, places in ends]
+    center = sphere.center_at(t)
+    away = x - center
+    distance = np.linalg.norm(away, axis=-1)
+    least = np.minimum(*distances)
+    highest = np.full(distance.shape, radius)
+    near = free & (distance < np.minimum(least, math.sqrt(2) * radius))
+    if in_cells(sphere) and near.any():
+        part = tuple(slice(max(k.min() - 1, 0), k.max() + 2) for k in np.nonzero(near))
+        highest[part] *= np.sqrt(1 + np.minimum(point_radii2(x[part]) / radius**2, 1))
+    allowed = np.minimum(least, highest)
+    inside = free & (distance < allowed) & (distance > 0)
+    x[inside] = center + away[inside] * (allowed[inside] / distance[inside])[:, None]

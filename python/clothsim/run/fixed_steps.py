@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from itertools import pairwise
-from typing import Any, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +16,11 @@ from ..engine.options import Options
 from ..engine.snapshot import Snapshot
 from ..engine.state import State
 from ..methods.bound import guaranteed_dt, stable_dt
-from ..methods.data import METHODS
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .between import Ends
 from .frames import NEGLIGIBLE, Moment, Schedule
-from .recording import Continuation, Control, Recording, Watch
+from .recording import Continuation, Control, Recording, Solution, Steps, Watch
 
 # Velocities are weighed against positions by a frequency above all of the cloth: this many times
 # the bound on its frequencies. Errors of x then decide, and those of v are held to the same scale.
@@ -95,7 +93,7 @@ class Resumed:
         return state
 
 
-def _begun(scene: Scene, options: RunOptions, resumed: Resumed | None) -> tuple[State, Continuation]:
+def _begun(scene: Any, options: RunOptions, resumed: Resumed | None) -> tuple[State, Continuation]:
     """The state at the start of a run, and the settings of the run before."""
     if resumed is None:
         return options.state(scene), Continuation(options.start)
@@ -103,70 +101,11 @@ def _begun(scene: Scene, options: RunOptions, resumed: Resumed | None) -> tuple[
 
 
 def beginning(
-    scene: Scene, options: RunOptions, dt: float | None, frames: Schedule, resumed: Resumed | None = None
+    scene: Scene | Sequence[Scene], options: RunOptions, dt: float | None, frames: Schedule, resumed: Resumed | None = None
 ) -> Recording:
     """A run with its first frame alone."""
     state, earlier = _begun(scene, options, resumed)
     return Recording(state, options, Watch(), dt, frames if dt is None else frames.in_seconds(dt), earlier)
-
-
-@dataclass
-class Steps:
-    """The steps of a run with error control: its grid in time, and its local errors."""
-
-    tolerance: float = math.nan  # of a step [m], where the run has chosen them
-    ends: list[float] = field(default_factory=list)  # times of the scene [s]
-    kinks: list[int] = field(default_factory=list)  # steps before each kink of a motion
-    local_error: float = 0.0  # sum of the method's own estimates of the steps' errors [m]
-
-    def refined(self, start: float, ratio: float) -> list[float]:
-        """Ends of a grid with `ratio` times as many steps between two kinks. Time is interpolated over the step number."""
-        ends, finer = [start, *self.ends], []
-        for first, last in pairwise([0, *self.kinks, len(self.ends)]):
-            count = last - first
-            numbers = np.linspace(0, count, max(count + 1, math.ceil(ratio * count - NEGLIGIBLE)) + 1)[1:]
-            finer += np.interp(numbers, np.arange(count + 1), ends[first : last + 1]).tolist()
-        return finer
-
-
-def force_evaluations(options: Options, steps: int, counted: int) -> int:
-    """Force evaluations of so many steps; `counted` by the core, which does not for kernels that take whole steps."""
-    method = METHODS[options.integrator]
-    return method.stages * steps if method.in_kernels else counted
-
-
-@dataclass
-class Solution:
-    """Frames of one run and its cost."""
-
-    options: RunOptions
-    t: list[float]
-    x: Floats
-    v: Floats
-    steps: int
-    rejected: int
-    evaluations: int
-    wall_time: float  # of stepping [s]
-    watched: Mapping[str, Any]  # by the core, see watched.hpp
-    step: float  # fixed: the time step, adaptive: the mean one [s]
-    state: State
-    continuation: Continuation | None = None
-    grid: Steps = field(default_factory=Steps)  # with error control
-
-    @property
-    def contacts(self) -> bool:
-        """Whether a sphere has responded."""
-        return bool(self.watched["in_contact"])
-
-    @classmethod
-    def of(cls, run: Recording, grid: Steps | None = None) -> Solution:
-        """The run so far."""
-        state, t, options = run.state, run.t, run.options
-        evaluations = force_evaluations(options, run.steps, state.core.evaluations[0])
-        step = (t[-1] - t[0]) / max(run.steps, 1) if run.dt is None else min(run.dt, t[-1] - t[0] or run.dt)
-        x, v = run.arrays()
-        cost = run.steps, run.rejected, evaluations, run.wall_time
-        return cls(options, t, x, v, *cost, run.watched, step, state, run.continuation, grid or Steps())
 
 
 def integrate(
@@ -235,11 +174,11 @@ def integrate(
         else:
             ends = Ends(last, state.core.time - last, run.dense(last), run.arrays_now())
             run.store_between(seconds, until, ends)
-    return Solution.of(run, steps)
+    return run.solution(steps)
 
 
 def run_fixed(
-    scene: Scene,
+    scene: Scene | Sequence[Scene],
     duration: float,
     dt: float,
     options: RunOptions,
@@ -247,8 +186,9 @@ def run_fixed(
     watch: Watch | None = None,
     own_step: bool = False,
     resumed: Resumed | None = None,
-) -> Solution:
-    """One run at a fixed time step. The last step is shorter where the step size does not divide the duration.
+) -> Recording:
+    """One run, or a batch with one for each scene, at a fixed time step. The last step is shorter where the step size does
+    not divide the duration.
 
     Frames between two steps are interpolated, so that they never change the run.
 
@@ -261,27 +201,11 @@ def run_fixed(
     frames = (frames or Schedule()).in_seconds(dt)
     moments = frames.moments(earlier.start, earlier.seconds + duration, earlier.seconds)
     run = Recording(state, options, watch or Watch(), dt, frames, earlier)
-    pass_frames(run, moments, dt)
-    return Solution.of(run)
+    _pass_frames(run, moments, dt)
+    return run
 
 
-class Stepped(Protocol):
-    """A run or batch that `pass_frames` takes through its frames."""
-
-    def advance(self, steps: int, dt: float) -> None:
-        """Take `steps` steps of `dt`."""
-
-    def arrays_now(self) -> tuple[Floats, Floats]:
-        """Positions and velocities of the present state."""
-
-    def store(self, seconds: float, t: float) -> None:
-        """Store the present state as a frame."""
-
-    def store_between(self, seconds: float, t: float, ends: Ends) -> None:
-        """Store an interpolated frame."""
-
-
-def pass_frames(run: Stepped, moments: list[Moment], dt: float) -> None:
+def _pass_frames(run: Recording, moments: list[Moment], dt: float) -> None:
     """Take steps of `dt` from the first moment to the last, and store a frame at each of the others."""
     begin, origin = moments[0]
     length = moments[-1][0] - begin

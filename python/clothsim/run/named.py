@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from ..errors import UnstableError
 from ..methods.integration import integrators
 from .attempts import MANY_STEPS, MARGIN, MOST, ORDER, ROUNDING, RUNS, SMALL, Attempts, Controlled, Estimate, Why
-from .fixed_steps import Solution, rms, size_of
+from .fixed_steps import rms, size_of
 from .frames import Schedule
+from .recording import Solution
 
 
 def compared(runs: Attempts, asked: float, frames: Schedule) -> Controlled:

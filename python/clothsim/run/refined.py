@@ -27,8 +27,9 @@ from contextlib import suppress
 from ..errors import UnstableError
 from ..model.as_core import core_cloth
 from .attempts import MARGIN, MOST, ORDER, ROUNDING, RUNS, SMALL, Attempts, Controlled, Estimate, Why
-from .fixed_steps import RunOptions, Solution, size_of
+from .fixed_steps import RunOptions, size_of
 from .frames import Schedule
+from .recording import Solution
 
 # As the constants of `attempts`, these are ratios, found in the same way.
 # Tolerance of a step of a short run over the error that is asked for.

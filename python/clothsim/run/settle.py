@@ -24,8 +24,8 @@ from ..methods.bound import stable_dt
 from ..model.scene import Scene
 from ..typing import Report
 from .account import of_nothing, report
-from .fixed_steps import RunOptions, Solution
-from .recording import interrupted
+from .fixed_steps import RunOptions
+from .recording import Solution, interrupted
 from .result import Run
 
 _INTEGRATOR = "semi_implicit_euler"  # one force evaluation a step, and the longest step for it

@@ -1,30 +1,33 @@
-"""A whole run: `simulate`."""
+"""A whole run, or the runs of a batch: `simulate`."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from ..base import check
+from ..engine.arrays import scenes_of
 from ..engine.snapshot import take
-from ..errors import ContactError, UnstableError
+from ..errors import ContactError, RunInterrupted, UnstableError
 from ..methods.data import integrator_name
 from ..methods.integration import warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .account import Account, of_controlled, of_nothing, report
 from .adaptive import estimate_of, solve
-from .fixed_steps import Resumed, RunOptions, Solution, beginning, checked_tolerances, integrate, run_fixed, size_of
-from .frames import schedule
-from .recording import Recording, StopRun, Watch, interrupted, progress_bar
+from .fixed_steps import Resumed, RunOptions, beginning, checked_tolerances, integrate, run_fixed, size_of
+from .frames import Schedule, schedule
+from .recording import Recording, Solution, StopRun, Watch, interrupted, progress_bar
 from .result import Run
 
 
+@overload
 def simulate(
     scene: Scene,
     duration: float,
@@ -45,12 +48,37 @@ def simulate(
     strict: bool = False,
     backend: Backend = "cpu",
     estimate_error: bool | None = None,
-) -> Run:
+) -> Run: ...
+@overload
+def simulate(scene: Sequence[Scene], duration: float, *arguments: Any, **options: Any) -> list[Run]: ...
+def simulate(
+    scene: Scene | Sequence[Scene],
+    duration: float,
+    dt: float | None = None,
+    integrator: Integrator | None = None,
+    precision: Precision = "double",
+    rtol: float | None = None,
+    atol: float | None = None,
+    every: Every | None = None,
+    threads: int | None = None,
+    progress: bool = False,
+    *,
+    t: float = 0.0,
+    times: npt.ArrayLike | None = None,
+    fps: float | None = None,
+    callback: Callable[[float, Any, Any], Any] | None = None,
+    kernel: Kernel = "auto",
+    strict: bool = False,
+    backend: Backend = "cpu",
+    estimate_error: bool | None = None,
+) -> Run | list[Run]:
     """Run a scene from its initial state for `duration` and store frames.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or sequence of Scene
+        Scenes of one shape give a list of runs, each with the bits of that run alone. With `dt` they are stepped together;
+        with `callback`, `estimate_error`, error control or the backend "gpu", one after the other.
     duration : float
         Simulated time [s], > 0.
     dt : float, optional
@@ -92,7 +120,7 @@ def simulate(
 
     Returns
     -------
-    Run
+    Run, or list of Run
         ``run.t[-1] == t + duration``; where dt does not divide the duration, the last step is
         shorter. Frames never change steps. A frame between two steps is interpolated (cubic Hermite polynomial of
         both states). Its free mass points go no deeper into a sphere than in these states; triangles may. With error
@@ -145,10 +173,12 @@ def simulate(
         If an argument is not as above.
     UnstableError, ContactError
         If the state stops being finite or runs away (see `Stepper.advance`), or spheres trap a
-        mass point. ``error.run`` is the run up to the state before that step. An exception of the callback has the
-        frames so far as ``error.run`` too.
+        mass point. ``error.run`` is the run up to the state before that step. Of many scenes it is the error of the first
+        that fails, raised when all others have ended: ``error.member`` is its index, and ``error.runs`` has all runs. An
+        exception of the callback has the frames so far as ``error.run`` too.
     RunInterrupted
-        On Ctrl-C, a KeyboardInterrupt whose ``run`` is the run up to the last whole step, at least its first frame.
+        On Ctrl-C, a KeyboardInterrupt whose ``run`` is the run up to the last whole step, at least its first frame; of many
+        scenes, the list of those begun.
     ImportError, MemoryError, RuntimeError
         With the backend "gpu" only; see `step`.
 
@@ -182,11 +212,18 @@ def simulate(
     >>> run.report["integrator"], run.report["error_estimate"]["rms"] < 1e-6
     ('dop853', True)
     """
-    check.instance("scene", scene, Scene)
+    if not isinstance(scene, Scene):
+        scenes = scenes_of(scene)
+        if dt is None or callback is not None or estimate_error or backend == "gpu":
+            first = (duration, dt, integrator, precision, rtol, atol, every, threads, progress)
+            more = {"t": t, "times": times, "fps": fps, "callback": callback, "estimate_error": estimate_error}
+            return _one_by_one(scenes, *first, **more, kernel=kernel, strict=strict, backend=backend)
+    else:
+        scenes = [scene]
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     t = check.number("t", t)
     _check_end(t, duration)
-    asked = _asked_error(scene, dt, rtol, atol)
+    asked = _asked_error(scenes[0], dt, rtol, atol)
     frames = schedule(every, times, fps, t, duration)
     plain = integrator is None and asked is None and dt is None and backend != "gpu"
     if integrator is None:
@@ -199,39 +236,101 @@ def simulate(
             "rtol and atol must be None and integrator must be 'rk4' with backend 'gpu', which takes fixed steps: "
             "give dt, or leave it out for a step of half the guaranteed stable one"
         )
-    warn_of_order(named, scene)
+    any(warn_of_order(named, one) for one in scenes)
     if dt is not None:
         if integrator == "auto":
             raise ValueError("integrator must be a name with dt, got 'auto': it chooses the step")
         dt = check.number("dt", dt, minimum=0, exclusive=True)
         check.step_count(duration, dt)
-    frames.check_memory(duration, dt, scene.cloth.rows * scene.cloth.columns)
+    frames.check_memory(duration, dt, len(scenes) * scenes[0].initial_position.size // 3)
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
     _check_callback(callback)
 
     best = options.replace(integrator="dop853", precision="double") if integrator == "auto" else options
 
-    def compute(watch: Watch) -> tuple[Solution, Account]:
+    def compute(watch: Watch) -> Run | list[Run]:
+        if not isinstance(scene, Scene):
+            assert dt is not None
+            runs, errors = run_batch(scenes, duration, dt, options, frames, watch)
+            return _raise_first([errors[k] for k in sorted(errors)], runs)
         if dt is not None:
-            solution = run_fixed(scene, duration, dt, options, frames, watch)
-            if not estimate_error:
-                return solution, of_nothing()
-            return solution, of_controlled(estimate_of(scene, duration, solution))
+            solution, account = run_fixed(scene, duration, dt, options, frames, watch).solution(), of_nothing()
+            if estimate_error:
+                account = of_controlled(estimate_of(scene, duration, solution))
+            return _run(scene, solution, account)
         error = _DEFAULT_RTOL * size_of(scene) if asked is None else asked
         found = solve(scene, duration, error, best, frames, watch, options if plain else None)
-        return found.solution, of_controlled(found, error)
+        return _run(scene, found.solution, of_controlled(found, error))
 
+    start = scene if isinstance(scene, Scene) else scenes
     with progress_bar(progress, duration) as bar:
-        return _followed(scene, compute, Watch(callback, bar.bar), lambda: beginning(scene, best, dt, frames))
+        return _followed(compute, Watch(callback, bar.bar), lambda: beginning(start, best, dt, frames))
 
 
-def _followed(
-    scene: Scene, compute: Callable[[Watch], tuple[Solution, Account]], watch: Watch, begin: Callable[[], Recording]
-) -> Run:
-    """The run that `compute` finds, or its part before an early end: after Ctrl-C at least its first frame."""
+Failure = UnstableError | ContactError
+Runs = TypeVar("Runs", bound=Run | list[Run])
 
-    def so_far(reason: str) -> Run | None:
+
+def run_batch(
+    scenes: Sequence[Scene],
+    duration: float,
+    dt: float,
+    options: RunOptions,
+    frames: Schedule,
+    watch: Watch | None = None,
+    own_step: bool = False,
+) -> tuple[list[Run], dict[int, Failure]]:
+    """Runs of scenes at one time step, side by side; and by member, errors of those whose run ends early."""
+    recording = run_fixed(scenes, duration, dt, options, frames, watch, own_step)
+    return _runs(recording), {k: error for k, (error, _) in recording.failed.items()}
+
+
+def _one_by_one(scenes: list[Scene], *arguments: Any, **options: Any) -> list[Run]:
+    runs: list[Run] = []
+    errors: list[Failure] = []
+    for k, scene in enumerate(scenes):
+        try:
+            runs.append(simulate(scene, *arguments, **options))
+        except (UnstableError, ContactError) as error:
+            errors.append(dataclasses.replace(error, member=k))
+            errors[-1].run = error.run
+            runs.append(error.run)
+        except RunInterrupted as interrupt:
+            interrupt.run = [*runs, interrupt.run]
+            raise
+    return _raise_first(errors, runs)
+
+
+def _raise_first(errors: list[Failure], runs: list[Run]) -> list[Run]:
+    """Raise the first error, with the runs, or return the runs."""
+    for error in errors:
+        error.runs = runs
+        raise error
+    return runs
+
+
+def _runs(recording: Recording, reason: str = "") -> list[Run]:
+    """The runs so far, which ended early for the `reason`, or for that of a member's own error."""
+    runs = []
+    for k, (scene, solution) in enumerate(zip(recording.state.scenes, recording.solutions(), strict=True)):
+        error, _ = recording.failed.get(k, (None, None))
+        stopped = reason if error is None else _reason(error)
+        account = of_nothing(f"the run ended early: {stopped}") if stopped else of_nothing()
+        runs.append(_run(scene, solution, account, stopped))
+        if error is not None:
+            error.run = runs[-1]
+    return runs
+
+
+def _reason(error: Failure) -> str:
+    return "unstable" if isinstance(error, UnstableError) else "contact"
+
+
+def _followed(compute: Callable[[Watch], Runs], watch: Watch, begin: Callable[[], Recording]) -> Runs:
+    """What `compute` finds, or the part of the runs before an early end: after Ctrl-C at least their first frames."""
+
+    def so_far(reason: str) -> Any:
         recording = watch.recording
         if recording is None and reason == "interrupted":
             with suppress(Exception):  # as where memory lacks
@@ -242,17 +341,16 @@ def _followed(
             recording.end_at_frame()
         else:
             recording.end_here()
-        account = of_nothing(f"the run ended early: {reason}")
-        return _run(scene, Solution.of(recording), account, reason)
+        runs = _runs(recording, reason)
+        return runs if recording.state.batched else runs[0]
 
     try:
-        return _run(scene, *compute(watch))
+        return compute(watch)
     except StopRun:
-        run = so_far("callback")
-        assert run is not None  # the callback was called for a frame of it
-        return run
+        return cast(Runs, so_far("callback"))  # the callback was called for a frame of it
     except (UnstableError, ContactError) as error:
-        error.run = so_far("unstable" if isinstance(error, UnstableError) else "contact")
+        if error.run is None:
+            error.run = so_far(_reason(error))
         raise
     except KeyboardInterrupt:
         interrupted(lambda: so_far("interrupted"))
@@ -265,7 +363,8 @@ def _followed(
 
 
 def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Run:
-    snapshot, found = take(solution.state, scene, solution.options), report(scene, solution, account, stopped)
+    snapshot = take(solution.state, scene, solution.options, solution.saved)
+    found = report(scene, solution, account, stopped)
     return Run(scene, np.array(solution.t), solution.x, solution.v, found, snapshot, solution.continuation)
 
 
@@ -286,18 +385,17 @@ def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, callback
     options = RunOptions(**vars(snapshot.options), start=before.start)
     resumed, scene = Resumed(snapshot, before), run.scene
 
-    def compute(watch: Watch) -> tuple[Solution, Account]:
+    def compute(watch: Watch) -> Run:
         if before.control is None:
             assert before.dt is not None
-            solution = run_fixed(scene, duration, before.dt, options, frames, watch, resumed=resumed)
+            solution = run_fixed(scene, duration, before.dt, options, frames, watch, resumed=resumed).solution()
         else:
             solution = integrate(scene, duration, before.control[0], options, frames, watch, resumed=resumed)
-        return solution, of_nothing("the error of a resumed run is not estimated")
+        return _run(scene, solution, of_nothing("the error of a resumed run is not estimated"))
 
     with progress_bar(progress, duration) as bar:
-        return _followed(
-            scene, compute, Watch(callback, bar.bar), lambda: beginning(scene, options, before.dt, frames, resumed)
-        )
+        begin = lambda: beginning(scene, options, before.dt, frames, resumed)  # noqa: E731
+        return _followed(compute, Watch(callback, bar.bar), begin)
 
 
 # A duration over the time of its end that is above the rounding of the clock by a thousand times.

@@ -1,9 +1,9 @@
-"""One cloth of a sweep: its scene, its options and its result."""
+"""One cloth of a sweep: its scene, its options and the record of its run."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,16 +11,13 @@ import numpy as np
 
 from ..base import Floats, check
 from ..engine.options import Options
-from ..errors import ContactError, UnstableError
 from ..methods.bound import usable_dt
 from ..methods.data import integrator_name
 from ..model.as_core import core_cloth
 from ..model.fields import change_scene, split
 from ..model.scene import Scene
-from ..run.account import of_nothing, report
-from ..run.fixed_steps import RunOptions, Solution, checked_tolerances, force_evaluations
+from ..run.fixed_steps import checked_tolerances
 from ..run.frames import checked_every
-from ..run.result import Run
 from ..stability.limit import max_stable_dt
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
@@ -28,17 +25,6 @@ _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where non
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
 """What a member's status, the index into this, means."""
-
-Pause = Callable[[], None]
-"""Called from time to time by running members; may raise Stopped."""
-
-
-class Stopped(Exception):
-    """The sweep is to stop; members under way are given up."""
-
-
-def never() -> None:
-    """The pause of a task that runs to its end."""
 
 
 @dataclass(frozen=True)
@@ -130,57 +116,14 @@ class Member:
 
     @property
     def controlled(self) -> bool:
-        """Whether tolerances choose the step; see `run_controlled`."""
+        """Whether tolerances choose the step, of this member alone."""
         return math.isnan(self.dt)
 
     @property
-    def likely_unstable(self) -> bool:
-        return self.dt > self.max_stable_dt
-
-    @property
     def batch_key(self) -> tuple[Any, ...]:
-        """A key that is equal for members that one call can step. A member that may diverge has a key of its own."""
-        alone = self.index if self.likely_unstable else None
+        """A key that is equal for members that one call steps. A member that may diverge has a key of its own."""
+        alone = None if self.dt <= self.max_stable_dt else self.index
         return (self.scene.cloth.shape, self.duration, self.dt, *self.numerics.values(), alone)
-
-
-@dataclass
-class Outcome:
-    """Result of a member's run, the argument of every metric."""
-
-    member: Member
-    steps: int = 0
-    seconds: float = 0.0  # its share of the time in which its batch was stepped
-    error: UnstableError | ContactError | None = None
-    t: list[float] = field(default_factory=list)
-    x: list[Floats] = field(default_factory=list)
-    v: list[Floats] = field(default_factory=list)
-    watched: Mapping[str, Any] = field(default_factory=dict)  # see `Solution`
-    evaluations: int = 0
-    state: Any = None  # that stepped it
-    reference: Any = None
-    itself: Run | None = None  # as a run, if it has been one already
-
-    @property
-    def scene(self) -> Scene:
-        return self.member.scene
-
-    @property
-    def contact(self) -> bool:
-        """Whether a sphere has responded to a mass point."""
-        return not math.isnan(self.watched.get("first_contact", math.nan))
-
-    def run(self) -> Run:
-        """The result as a run of `simulate`, with its report, for metrics that are functions of a run."""
-        if self.itself is None:
-            x, v, member = np.array(self.x), np.array(self.v), self.member
-            options = RunOptions(**member.numerics, threads=self.state.threads)
-            evaluations = force_evaluations(options, self.steps, self.evaluations)
-            solution = Solution(
-                options, self.t, x, v, self.steps, 0, evaluations, self.seconds, self.watched, member.dt, self.state
-            )
-            self.itself = Run(self.scene, np.array(self.t), x, v, report(self.scene, solution, of_nothing()))
-        return self.itself
 
 
 @dataclass

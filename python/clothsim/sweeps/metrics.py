@@ -20,11 +20,11 @@ import numpy as np
 from ..accuracy.in_double import solve_in_double
 from ..base import Floats, check
 from ..errors import ContactError, UnstableError
-from ..measure.measures import energy
 from ..model.scene import Scene
+from ..run.result import Run
 from ..run.settle import settle
 from .grid import digest
-from .member import Member, Outcome, Pause, never
+from .member import Member
 
 _BYTES_KEPT = 1 << 27
 
@@ -41,11 +41,12 @@ class Reference:
     contact: bool = False
 
 
-def incomparable(outcome: Outcome) -> str:
-    """Why the member's trajectory cannot be compared with the reference's, or ""."""
-    if not (outcome.contact or outcome.reference.contact):
+def incomparable(run: Run, reference: Reference) -> str:
+    """Why the run cannot be compared with the reference, or ""."""
+    contact = not math.isnan(run.report["first_contact"]["time"])
+    if not (contact or reference.contact):
         return ""
-    whose = "the member" if outcome.contact else "the reference"
+    whose = "the member" if contact else "the reference"
     return (
         f"metric 'error': a sphere has responded to a mass point of {whose}; after contact trajectories "
         "are chaotic and there is no reference; compare outcomes (penetration, first_contact, "
@@ -53,10 +54,10 @@ def incomparable(outcome: Outcome) -> str:
     )
 
 
-def solve(scene: Scene, duration: float, threads: int | None = 1, pause: Pause = never) -> Reference:
+def solve(scene: Scene, duration: float, threads: int | None = 1) -> Reference:
     """The reference of one scene at `duration`."""
     try:
-        found = solve_in_double(scene, [duration], threads, pause)
+        found = solve_in_double(scene, [duration], threads)
     except (UnstableError, ContactError):
         return Reference(np.full_like(scene.initial_position, np.nan), math.nan)
     # Both runs may err by rounding, each as much as the other.
@@ -72,13 +73,13 @@ class References:
         self._making: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
         self._references: dict[str, Reference] = {}
 
-    def of(self, member: Member, threads: int | None = 1, pause: Pause = never) -> Reference:
-        """The reference of a member; a Stopped that `pause` raises passes through."""
+    def of(self, member: Member, threads: int | None = 1) -> Reference:
+        """The reference of a member."""
         key = digest([member.scene, member.duration])
         with self._lock:
             making = self._making[key]
         with making:  # the second thread waits for the first, which does the same work
-            reference = self._references.get(key) or solve(member.scene, member.duration, threads, pause)
+            reference = self._references.get(key) or solve(member.scene, member.duration, threads)
             with self._lock:
                 self._references.pop(key, None)
                 self._references[key] = reference
@@ -93,14 +94,12 @@ references = References()
 
 @dataclass(frozen=True)
 class Metric:
-    """A named metric: its variables with their attributes, and the data that it needs.
-
-    `needs` has "watch" for depths and stretches during the run, "frames" for the stored frames, and
-    "reference" for a solution to compare with.
+    """A named metric, a function of a run and of the reference: its variables with their attributes, and the data that it
+    needs beside the report: "reference" for a solution to compare with.
     """
 
     name: str
-    compute: Callable[[Outcome], Mapping[str, Any]]
+    compute: Callable[[Run, Any], Mapping[str, Any]]
     variables: Mapping[str, Mapping[str, str]]
     needs: tuple[str, ...] = ()
 
@@ -108,52 +107,45 @@ class Metric:
         return named, (self.name,)
 
 
-def _error(outcome: Outcome) -> dict[str, float]:
-    reference = outcome.reference
-    if incomparable(outcome):
-        return dict.fromkeys(("error", "error_rms", "reference_error"), np.nan)
-    distance = np.linalg.norm(outcome.x[-1] - reference.x, axis=-1)
-    return {
-        "error": float(distance.max()),
-        "error_rms": float(np.sqrt((distance**2).mean())),
-        "reference_error": reference.error,
-    }
-
-
-def _energy_drift(outcome: Outcome) -> dict[str, float]:
-    states = ([outcome.x[0], outcome.x[-1]], [outcome.v[0], outcome.v[-1]])
-    start, end = np.asarray(energy(outcome.scene, *states)["total"])
-    return {"energy_drift": float(end - start)}
-
-
 def _attrs(long_name: str, units: str = "1") -> dict[str, str]:
     return {"long_name": long_name, "units": units}
 
 
-def _watched(name: str, variables: Mapping[str, tuple[str, str, str]], needs: tuple[str, ...] = ("watch",)) -> Metric:
-    """A metric of what the core watches: per variable the key in `Outcome.watched`, the long name and the unit."""
-    return Metric(
-        name,
-        lambda outcome: {variable: outcome.watched[key] for variable, (key, _, _) in variables.items()},
-        {variable: _attrs(long_name, unit) for variable, (_, long_name, unit) in variables.items()},
-        needs,
-    )
+def _reported(name: str, **variables: tuple[str, str, str, str]) -> Metric:
+    """A metric of figures in the report: for each variable the two keys, the long name and the unit."""
+
+    def compute(run: Any, _: Any) -> dict[str, float]:
+        return {name: run.report[entry][key] for name, (entry, key, *_) in variables.items()}
+
+    return Metric(name, compute, {name: _attrs(*attrs) for name, (_, _, *attrs) in variables.items()})
 
 
-def _sag(outcome: Outcome) -> dict[str, float]:
+def _error(run: Run, reference: Reference) -> dict[str, float]:
+    if incomparable(run, reference):
+        return dict.fromkeys(("error", "error_rms", "reference_error"), np.nan)
+    distance = np.linalg.norm(run.x[-1] - reference.x, axis=-1)
+    rms = float(np.sqrt((distance**2).mean()))
+    return {"error": float(distance.max()), "error_rms": rms, "reference_error": reference.error}
+
+
+def _energy_drift(run: Run, _: Any) -> dict[str, float]:
+    energy = run.report["energy"]
+    return {"energy_drift": energy["end"]["total"] - energy["start"]["total"]}
+
+
+def _sag(run: Run, _: Any) -> dict[str, float]:
     """Of the rest state, which does not depend on the run; NaN where the scene does not rest."""
-    scene, pull = outcome.scene, np.linalg.norm(outcome.scene.gravity)
-    if pull == 0:
+    gravity = run.scene.gravity
+    pull = np.linalg.norm(gravity)
+    rest = settle(run.scene) if pull else None
+    if rest is None or rest.report["reason"]:
         return {"sag": np.nan}
-    rest = settle(scene)
-    if rest.report["reason"]:
-        return {"sag": np.nan}
-    return {"sag": float(((rest.x[-1] - rest.x[0]) @ scene.gravity).max() / pull)}
+    return {"sag": float(((rest.x[-1] - rest.x[0]) @ gravity).max() / pull)}
 
 
-def _impulse(outcome: Outcome) -> dict[str, float]:
+def _impulse(run: Run, _: Any) -> dict[str, float]:
     """Of all spheres together."""
-    x, y, z = np.reshape(outcome.run().report["impulse"], (-1, 3)).sum(axis=0)
+    x, y, z = np.reshape(run.report["impulse"], (-1, 3)).sum(axis=0)
     return {"impulse": math.hypot(x, y, z), "impulse_x": x, "impulse_y": y, "impulse_z": z}
 
 
@@ -169,31 +161,28 @@ _ALL = (
         ("reference",),
     ),
     Metric("energy_drift", _energy_drift, {"energy_drift": _attrs("total energy at the end minus that at the start", "J")}),
-    _watched(
-        "energy_gained", {"energy_gained": ("energy_gained", "most energy made of nothing, before any response", "J")}, ()
+    _reported("energy_gained", energy_gained=("energy", "gained", "most energy made of nothing, before any response", "J")),
+    _reported(
+        "largest_stretch",
+        largest_stretch=("stretch", "largest", "stretch l/L - 1 of the most stretched spring at any time", "1"),
     ),
-    _watched(
-        "largest_stretch", {"largest_stretch": ("stretch", "stretch l/L - 1 of the most stretched spring at any time", "1")}
-    ),
-    _watched(
+    _reported(
         "penetration",
-        {
-            "penetration": ("triangle_depth", "depth of the deepest triangle in a sphere at any time", "m"),
-            "penetration_points": ("point_depth", "depth of the deepest mass point at any time", "m"),
-        },
+        penetration=("penetration", "triangles", "depth of the deepest triangle in a sphere at any time", "m"),
+        penetration_points=("penetration", "points", "depth of the deepest mass point at any time", "m"),
     ),
     Metric(
         "stable",
-        lambda outcome: {"stable": outcome.error is None},
+        lambda *_: {"stable": True},
         {"stable": {"long_name": "whether the run came to its end without UnstableError"}},
     ),
     Metric(
         "steps_per_second",
-        lambda outcome: {"steps_per_second": outcome.steps / max(outcome.seconds, 1e-9)},
+        lambda run, _: {"steps_per_second": run.report["steps_per_second"]},
         {"steps_per_second": _attrs("steps over the member's share of its batch's time", "1/s")},
     ),
     Metric("sag", _sag, {"sag": _attrs("largest way along gravity from the initial to the rest state", "m")}),
-    _watched("first_contact", {"first_contact": ("first_contact", "end of the first step that a sphere changed", "s")}, ()),
+    _reported("first_contact", first_contact=("first_contact", "time", "end of the first step that a sphere changed", "s")),
     Metric(
         "impulse",
         _impulse,
@@ -231,11 +220,11 @@ class FunctionMetric:
 
     name: str
     function: Callable[..., Any]
-    needs: tuple[str, ...] = ("frames", "watch")
+    needs: tuple[str, ...] = ("frames",)
     variables: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # known when the first run is through
 
-    def compute(self, outcome: Outcome) -> dict[str, Any]:
-        result = self.function(outcome.run())
+    def compute(self, run: Run, _: Any) -> dict[str, Any]:
+        result = self.function(run)
         parts = {f"_{key}": value for key, value in result.items()} if isinstance(result, Mapping) else {"": result}
         for value in parts.values():
             if np.asarray(value).dtype.kind not in "biuf":

@@ -17,8 +17,8 @@ from ..methods.integration import warn_of_order
 from ..model.fields import RUN
 from ..model.scene import Scene
 from .grid import Grid
-from .member import Member, Stopped, SweepOptions
-from .task import LARGEST_BATCH, Task, TaskResult, run_task
+from .member import Member, SweepOptions
+from .task import LARGEST_BATCH, Stopped, Task, TaskResult, run_task
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future

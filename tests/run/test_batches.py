@@ -1,0 +1,93 @@
+"""`simulate` of many scenes: each run is that of its scene alone."""
+
+import clothsim as cs
+import pytest
+
+BALL = cs.Sphere((0.5, -0.3, 0.5), 0.2, restitution=0.5, response="ray", offset="edge")
+LOOSE = cs.Scene(cs.Cloth((6, 7), mass=1.0, damping=0.2, springs=("structural", "shear")))
+TIMES = ("wall_time", "steps_per_second", "estimate_wall_time", "threads")
+
+
+def scenes(*stiffness):
+    """With no sphere, one, two, ..., the first of them in motion."""
+    balls = [BALL.replace(center=(0.5, -0.55, 0.5), motion=cs.Linear((0.0, 0.5, 0.0))), *[BALL] * 5]
+    return [LOOSE.replace(cloth=LOOSE.cloth.replace(stiffness=s), spheres=balls[:k]) for k, s in enumerate(stiffness)]
+
+
+def same_report(a, b):
+    return all(repr(a.report[key]) == repr(b.report[key]) for key in a.report if key not in TIMES)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"dt": 1e-3, "fps": 30},
+        {"dt": 1e-3, "every": "step", "t": 2.0},
+        {"dt": 7e-4, "kernel": "gather", "times": [0.101, 0.3]},
+        {"dt": 1e-3, "estimate_error": True},
+        {"rtol": 1e-4},
+        {},
+    ],
+    ids=str,
+)
+def test_each_run_is_that_of_its_scene_alone(options, precision):
+    given = scenes(150.0, 200.0, 250.0)
+    runs = cs.simulate(given, 0.4, **{"precision": precision, **options} if "dt" in options else options)
+    assert len(runs) == 3
+    for scene, run in zip(given, runs, strict=True):
+        alone = cs.simulate(scene, 0.4, **{"precision": precision, **options} if "dt" in options else options)
+        assert run == alone and run.scene is scene and same_report(run, alone)
+        if "kernel" not in options:  # whose schedule has times before the end alone
+            assert run.resume(0.1) == alone.resume(0.1)
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
+@pytest.mark.parametrize("options", [{}, {"callback": lambda *state: None}], ids=["batch", "one by one"])
+def test_a_member_that_diverges_leaves_the_others(options, precision):
+    given = scenes(1e2, 9e4, 2e2, 3e5)
+    options = {"dt": 3e-3, "precision": precision, "every": 0.05, **options}
+    with pytest.raises(cs.UnstableError, match="of batch member 1") as caught:
+        cs.simulate(given, 0.5, **options)
+    assert caught.value.member == 1 and caught.value.run is caught.value.runs[1]
+    stopped = []
+    for scene, run in zip(given, caught.value.runs, strict=True):
+        try:
+            alone = cs.simulate(scene, 0.5, **options)
+        except cs.UnstableError as error:
+            alone = error.run
+        assert run == alone and same_report(run, alone)
+        stopped.append(run.report["stopped"])
+    assert stopped == ["", "unstable", "", "unstable"]
+
+
+def test_a_point_that_is_trapped_ends_its_member_alone(trap):
+    given = [trap(1.0), trap(0.1)]
+    with pytest.raises(cs.ContactError) as caught:
+        cs.simulate(given, 0.3, dt=1e-3)
+    trapped, whole = caught.value.runs
+    assert trapped.report["stopped"] == "contact" and trapped.report["steps"] == caught.value.step - 1
+    assert whole == cs.simulate(given[1], 0.3, dt=1e-3)
+
+
+@pytest.mark.parametrize("options", [{"dt": 1e-3}, {"rtol": 1e-3}], ids=str)
+def test_ctrl_c_returns_the_runs_so_far(monkeypatch, options):
+    from clothsim.run import recording
+
+    calls = []
+
+    def interrupt(self, t):
+        calls.append(t)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(recording.Recording, "_passed", interrupt)
+    with pytest.raises(cs.RunInterrupted) as caught:
+        cs.simulate(scenes(150.0, 200.0), 0.1, every=0.01, **options)
+    assert [run.report["stopped"] for run in caught.value.run][-1] == "interrupted"
+    assert len(caught.value.run) == (2 if "dt" in options else 1)
+    assert all(0 < run.t[-1] < 0.1 for run in caught.value.run)
+
+
+def test_scenes_of_different_shapes_are_refused():
+    with pytest.raises(ValueError, match="one shape"):
+        cs.simulate([LOOSE, cs.scenes.paper_swing()], 0.1, dt=1e-3)
