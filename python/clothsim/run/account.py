@@ -21,9 +21,9 @@ from .recording import Solution
 Account = dict[str, Any]
 
 
-def of_nothing(reason: str = NOT_ASKED) -> Account:
+def of_nothing(reason: str = "") -> Account:
     """The entries of a run whose error was not estimated."""
-    return _account(Estimate.unknown(reason), math.nan, 0, 0.0)
+    return _account(Estimate.unknown(reason or NOT_ASKED), math.nan, 0, 0.0)
 
 
 def of_controlled(found: Controlled, asked: float = math.nan) -> Account:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,33 +16,27 @@ from ..model.cells import point_radii2
 from ..model.scene import Scene
 from ..model.sphere import Sphere
 
+State = tuple[Floats, Floats]  # positions and velocities
+Step = tuple[float, float, State, State]  # its begin, a time of the scene [s], its length [s], and the states at both ends
 
-@dataclass(frozen=True)
-class Ends:
-    """One time step of a cloth or a batch: the states at its two ends.
 
-    Positions between them are the cubic Hermite polynomial of positions and velocities, of order 4 in the time step
-    where no sphere responds. Velocities are its derivative, of order 3. Driven pins are where their motion has them.
+def interpolated(t: float, scenes: Sequence[Scene], begin: float, h: float, before: State, after: State) -> State:
+    """The state of a cloth or a batch at a time `t` within a step.
+
+    Positions are the cubic Hermite polynomial of positions and velocities, of order 4 in the time step where no sphere
+    responds. Velocities are its derivative, of order 3. Driven pins are where their motion has them.
     """
-
-    begin: float  # time of the scene [s]
-    step: float  # [s]
-    before: tuple[Floats, Floats]
-    after: tuple[Floats, Floats]
-
-    def at(self, t: float, scenes: Sequence[Scene]) -> tuple[Floats, Floats]:
-        """Positions and velocities at a time `t` of the scenes within the step."""
-        (x0, v0), (x1, v1), h = self.before, self.after, self.step
-        s = (t - self.begin) / h
-        x = x0 + s * (h * v0 + s * (3 * (x1 - x0) - h * (2 * v0 + v1) + s * (2 * (x0 - x1) + h * (v0 + v1))))
-        v = v0 + s * (6 * (x1 - x0) / h - 2 * (2 * v0 + v1) + 3 * s * (2 * (x0 - x1) / h + v0 + v1))
-        put_driven_pins(scenes, x, v, t)
-        for k, scene in enumerate(scenes):
-            member = k if x.ndim == 4 else ...
-            for sphere in scene.spheres:
-                ends = ((self.begin, x0[member]), (self.begin + h, x1[member]))
-                _lift(x[member], ends, ~scene.cloth.pinned, sphere, point_radius(sphere, scene.cloth), t)
-        return x, v
+    (x0, v0), (x1, v1) = before, after
+    s = (t - begin) / h
+    x = x0 + s * (h * v0 + s * (3 * (x1 - x0) - h * (2 * v0 + v1) + s * (2 * (x0 - x1) + h * (v0 + v1))))
+    v = v0 + s * (6 * (x1 - x0) / h - 2 * (2 * v0 + v1) + 3 * s * (2 * (x0 - x1) / h + v0 + v1))
+    put_driven_pins(scenes, x, v, t)
+    for k, scene in enumerate(scenes):
+        member = k if x.ndim == 4 else ...
+        for sphere in scene.spheres:
+            ends = ((begin, x0[member]), (begin + h, x1[member]))
+            _lift(x[member], ends, ~scene.cloth.pinned, sphere, point_radius(sphere, scene.cloth), t)
+    return x, v
 
 
 def _lift(x: Floats, ends: Any, free: npt.NDArray[np.bool_], sphere: Sphere, radius: float, t: float) -> None:

@@ -18,9 +18,9 @@ from ..engine.state import State
 from ..methods.bound import guaranteed_dt, stable_dt
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
-from .between import Ends
+from .between import Step
 from .frames import NEGLIGIBLE, Moment, Schedule
-from .recording import Continuation, Control, Recording, Solution, Steps, Watch
+from .recording import Continuation, Recording, Solution, Steps, Watch
 
 # Velocities are weighed against positions by a frequency above all of the cloth: this many times
 # the bound on its frequencies. Errors of x then decide, and those of v are held to the same scale.
@@ -123,7 +123,7 @@ def integrate(
     Steps end at the kinks of the motions. In reach of a sphere they are at most half as long as is guaranteed to be stable
     for this method and for rk4.
     `frames`: frames that are counted in steps are ends of accepted steps. Dense output gives other frames until a sphere
-    responds, and from then on the polynomial of `Ends`. `resumed`:
+    responds, and from then on the polynomial of `interpolated`. `resumed`:
     the run to continue, which sets the tolerance. `given`: prescribed ends of the steps.
     """
     controller = _core.StepController()
@@ -141,7 +141,7 @@ def integrate(
     state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, duration / _SAMPLES)
     frames = frames or Schedule()
     start, count, begin, before = earlier.start, frames.steps, earlier.seconds, earlier.steps
-    control = Control(tolerance, rate, controller)
+    control = lambda: (tolerance, rate, controller.state)  # noqa: E731
     run = Recording(state, options, watch or Watch(), None, frames, earlier, control)
     end = start + (begin + duration)
     grid, steps = deque(given or ()), Steps(tolerance)
@@ -172,8 +172,8 @@ def integrate(
         elif not run.watched["in_contact"]:
             run.store_dense(seconds, until)
         else:
-            ends = Ends(last, state.core.time - last, run.dense(last), run.arrays_now())
-            run.store_between(seconds, until, ends)
+            step = last, state.core.time - last, run.dense(last), run.arrays_now()
+            run.store_between(seconds, until, step)
     return run.solution(steps)
 
 
@@ -223,7 +223,7 @@ def _pass_frames(run: Recording, moments: list[Moment], dt: float) -> None:
             run.advance(1, rest)
         done = max(done, steps)
 
-    ends: Ends | None = None
+    between: Step | None = None
     for seconds, t in moments[1:-1]:
         passed = (seconds - begin) / dt
         steps = math.floor(passed + NEGLIGIBLE + passed * _ROUNDING)
@@ -231,11 +231,11 @@ def _pass_frames(run: Recording, moments: list[Moment], dt: float) -> None:
             advance(steps)
             run.store(seconds, t)
             continue
-        if ends is None or done <= steps:
+        if between is None or done <= steps:
             advance(steps)
             before = run.arrays_now()
             advance(steps + 1)
-            ends = Ends(origin + steps * dt, dt if steps < whole else rest, before, run.arrays_now())
-        run.store_between(seconds, t, ends)
+            between = origin + steps * dt, dt if steps < whole else rest, before, run.arrays_now()
+        run.store_between(seconds, t, between)
     advance(whole + last)
     run.store(*moments[-1])

@@ -20,11 +20,12 @@ from ..engine.snapshot import of_members
 from ..engine.state import State
 from ..errors import ContactError, RunInterrupted, UnstableError
 from ..methods.data import METHODS
-from .between import Ends
+from .between import Step, interpolated
 from .frames import NEGLIGIBLE, Schedule
 
 Callback = Callable[[float, Floats, Floats], Any]
 Frame = tuple[Floats, Floats]  # positions and velocities
+# The tolerance of a step [m], the weight of velocities in it [1/s] and the state of the core's controller.
 ControlValues = tuple[float, float, tuple[float, float, bool]]
 
 # Called between steps; may raise to end a run, as for a sweep whose runs are on threads that Ctrl-C does not reach.
@@ -102,20 +103,6 @@ class Watch:
             raise StopRun
 
 
-class Control:
-    """Values beside the state that determine the next steps of a run with error control.
-
-    The tolerance of a step [m], the weight `rate` of velocities in it [1/s] and the core's controller.
-    """
-
-    def __init__(self, tolerance: float, rate: float, controller: Any) -> None:
-        self._fixed, self._controller = (tolerance, rate), controller
-
-    @property
-    def values(self) -> ControlValues:
-        return (*self._fixed, self._controller.state)
-
-
 @dataclass(frozen=True)
 class Continuation:
     """The settings of a run, for its continuation."""
@@ -125,7 +112,7 @@ class Continuation:
     steps: int = 0  # since the start
     dt: float | None = None  # time step [s]; None with error control
     frames: Schedule = Schedule()
-    control: ControlValues | None = None  # of `Control`, with error control
+    control: ControlValues | None = None  # with error control
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -236,7 +223,7 @@ class Recording:
         dt: float | None,
         frames: Schedule = Schedule(),  # noqa: B008  # frozen
         earlier: Continuation = Continuation(0.0),
-        control: Control | None = None,
+        control: Callable[[], ControlValues] | None = None,
     ) -> None:
         self.state, self.options, self.dt = state, options, dt
         self._schedule, self._earlier, self._control = frames, earlier, control
@@ -324,9 +311,9 @@ class Recording:
         self.state.store(x, v)
         return x, v
 
-    def store_between(self, seconds: float, t: float, ends: Ends) -> None:
-        """Store a frame between two steps, the last of which ends at the present state."""
-        self._keep(seconds, t, *ends.at(t, self.state.scenes), ahead=True)
+    def store_between(self, seconds: float, t: float, step: Step) -> None:
+        """Store a frame within a step that ends at the present state."""
+        self._keep(seconds, t, *interpolated(t, self.state.scenes, *step), ahead=True)
 
     def store_dense(self, seconds: float, t: float) -> None:
         """Store the state at a time `t` within the last step, before any contact."""
@@ -386,7 +373,7 @@ class Recording:
         state, options, dt = self.state, self.options, self.dt
         watched, counted = self._watched or state.core.watched, state.core.evaluations
         saved = of_members(state.core.snapshot(), state.scenes) if state.batched else [None]
-        control = self._control.values if self._control else self._earlier.control
+        control = self._control() if self._control else self._earlier.control
         found = {}
         for k in members:
             frames = self._frames[k]

@@ -22,7 +22,7 @@ from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .account import Account, of_controlled, of_nothing, report
 from .adaptive import estimate_of, solve
 from .fixed_steps import Resumed, RunOptions, beginning, checked_tolerances, integrate, run_fixed, size_of
-from .frames import Schedule, schedule
+from .frames import schedule
 from .recording import Recording, Solution, StopRun, Watch, interrupted, progress_bar
 from .result import Run
 
@@ -251,7 +251,6 @@ def simulate(
 
     def compute(watch: Watch) -> Run | list[Run]:
         if not isinstance(scene, Scene):
-            assert dt is not None
             runs, errors = run_batch(scenes, duration, dt, options, frames, watch)
             return _raise_first([errors[k] for k in sorted(errors)], runs)
         if dt is not None:
@@ -263,26 +262,17 @@ def simulate(
         found = solve(scene, duration, error, best, frames, watch, options if plain else None)
         return _run(scene, found.solution, of_controlled(found, error))
 
-    start = scene if isinstance(scene, Scene) else scenes
     with progress_bar(progress, duration) as bar:
-        return _followed(compute, Watch(callback, bar.bar), lambda: beginning(start, best, dt, frames))
+        return _followed(compute, Watch(callback, bar.bar), lambda: beginning(scene, best, dt, frames))
 
 
 Failure = UnstableError | ContactError
 Runs = TypeVar("Runs", bound=Run | list[Run])
 
 
-def run_batch(
-    scenes: Sequence[Scene],
-    duration: float,
-    dt: float,
-    options: RunOptions,
-    frames: Schedule,
-    watch: Watch | None = None,
-    own_step: bool = False,
-) -> tuple[list[Run], dict[int, Failure]]:
-    """Runs of scenes at one time step, side by side; and by member, errors of those whose run ends early."""
-    recording = run_fixed(scenes, duration, dt, options, frames, watch, own_step)
+def run_batch(*arguments: Any, **options: Any) -> tuple[list[Run], dict[int, Failure]]:
+    """Runs side by side, as `run_fixed` takes them; and by member, errors of those whose run ends early."""
+    recording = run_fixed(*arguments, **options)
     return _runs(recording), {k: error for k, (error, _) in recording.failed.items()}
 
 
@@ -304,22 +294,21 @@ def _one_by_one(scenes: list[Scene], *arguments: Any, **options: Any) -> list[Ru
 
 def _raise_first(errors: list[Failure], runs: list[Run]) -> list[Run]:
     """Raise the first error, with the runs, or return the runs."""
-    for error in errors:
-        error.runs = runs
-        raise error
-    return runs
+    if not errors:
+        return runs
+    errors[0].runs = runs
+    raise errors[0]
 
 
 def _runs(recording: Recording, reason: str = "") -> list[Run]:
     """The runs so far, which ended early for the `reason`, or for that of a member's own error."""
+    errors = {k: error for k, (error, _) in recording.failed.items()}
     runs = []
     for k, (scene, solution) in enumerate(zip(recording.state.scenes, recording.solutions(), strict=True)):
-        error, _ = recording.failed.get(k, (None, None))
-        stopped = reason if error is None else _reason(error)
-        account = of_nothing(f"the run ended early: {stopped}") if stopped else of_nothing()
-        runs.append(_run(scene, solution, account, stopped))
-        if error is not None:
-            error.run = runs[-1]
+        stopped = _reason(errors[k]) if k in errors else reason
+        runs.append(_run(scene, solution, of_nothing(stopped and f"the run ended early: {stopped}"), stopped))
+    for k, error in errors.items():
+        error.run = runs[k]
     return runs
 
 

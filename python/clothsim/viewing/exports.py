@@ -16,7 +16,7 @@ from ..base.extras import needed
 from ..base.on_demand import module_of
 from ..base.progress import ProgressBar
 from ..model.mesh import triangles
-from ..run.between import Ends
+from ..run.between import interpolated
 from .picture import file_path
 
 FORMATS = {
@@ -143,9 +143,9 @@ class Clip:
 
 
 def between(run: Any, before: int, after: int, t: float) -> tuple[Floats, Floats]:
-    """Positions and velocities at the time `t` [s] between two stored frames; see `Ends`."""
+    """Positions and velocities at the time `t` [s] between two stored frames; see `interpolated`."""
     states = [(run.x[k], run.v[k]) for k in (before, after)]
-    return Ends(float(run.t[before]), float(run.t[after] - run.t[before]), *states).at(t, run.scene)
+    return interpolated(t, [run.scene], float(run.t[before]), float(run.t[after] - run.t[before]), *states)
 
 
 def interpolation_error(run: Any) -> float:
