@@ -24,23 +24,17 @@ class Variant:
     instruction_set: str
     kernel: str
     precision: str = "double"
-    strict: bool = False
 
     def __str__(self):
-        arithmetic = "strict" if self.strict else "fused"
-        return f"{self.instruction_set}-{self.kernel}-{self.precision}-{arithmetic}"
+        return f"{self.instruction_set}-{self.kernel}-{self.precision}"
 
     @property
     def options(self):
         """Arguments of `step`; one thread, as that is what most tests are quickest with."""
-        return {"kernel": self.kernel, "precision": self.precision, "strict": self.strict, "threads": 1}
+        return {"kernel": self.kernel, "precision": self.precision, "threads": 1}
 
 
-# The strict class is that of the gather kernel.
-CLASSES = [(kernel, strict) for kernel in NAMED_KERNELS for strict in (False, True) if not (kernel == "edge" and strict)]
-
-
-NATIVE_VARIANTS = [Variant(NATIVE, kernel, precision, strict) for (kernel, strict) in CLASSES for precision in PRECISIONS]
+NATIVE_VARIANTS = [Variant(NATIVE, kernel, precision) for kernel in NAMED_KERNELS for precision in PRECISIONS]
 
 
 def _parametrize(names, rows):
@@ -48,17 +42,16 @@ def _parametrize(names, rows):
     return pytest.mark.parametrize(",".join(names), values, indirect=["variant"] if "variant" in names else False, ids=str)
 
 
-def cases(precision=PRECISIONS, strict=(False, True), **parameters):
+def cases(precision=PRECISIONS, **parameters):
     """Cases of `variant` and parameters: the full product natively, a pairwise array elsewhere.
 
-    `precision` and `strict`: the variants that count.
+    `precision`: the variants that count.
     """
     columns = [list(values) for values in parameters.values()]
-    wanted = [v for v in NATIVE_VARIANTS if v.precision in precision and v.strict in strict]
+    wanted = [v for v in NATIVE_VARIANTS if v.precision in precision]
     rows = list(itertools.product(wanted, *columns))
-    classes = [c for c in CLASSES if c[1] in strict]
-    for name, (kernel, is_strict), of, *values in pairwise(OTHERS, classes, precision, *columns) if OTHERS else ():
-        rows.append((Variant(name, kernel, of, is_strict), *values))
+    for name, kernel, of, *values in pairwise(OTHERS, NAMED_KERNELS, precision, *columns) if OTHERS else ():
+        rows.append((Variant(name, kernel, of), *values))
     return _parametrize(["variant", *parameters], rows)
 
 

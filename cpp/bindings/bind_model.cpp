@@ -62,7 +62,7 @@ Sphere make_sphere(const Vec3& center, double radius, double contact_radius, con
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres,
                const std::optional<Array<double>>& force, std::vector<Motion> pin_motions,
                const PinValues& driven_pins, const std::string& precision, const std::string& kernel,
-               bool strict, const std::string& instruction_set, const std::string& integrator) {
+               const std::string& instruction_set, const std::string& integrator) {
     Plan plan;
     plan.cloth = cloth;
     plan.gravity = gravity;
@@ -72,7 +72,6 @@ Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> sphe
     plan.driven_pins = pins_of(driven_pins);
     plan.precision = precision == "single" ? Precision::single : Precision::double_;
     plan.kernel = kernel == "gather" ? Kernel::gather : Kernel::edge;
-    plan.strict = strict;
     plan.kernels = &choose_instruction_set(instruction_set);
     plan.integrator = integrator;
     return plan;
@@ -188,8 +187,7 @@ void bind_model(py::module_& m) {
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), "cloth"_a, "gravity"_a, "spheres"_a, "force"_a,
-             "pin_motions"_a, "driven_pins"_a, "precision"_a, "kernel"_a, "strict"_a, "instruction_set"_a,
-             "integrator"_a)
+             "pin_motions"_a, "driven_pins"_a, "precision"_a, "kernel"_a, "instruction_set"_a, "integrator"_a)
         .def_readonly("cloth", &Plan::cloth)
         .def("sphere_states", &sphere_states)
         .def("runaway_speed",

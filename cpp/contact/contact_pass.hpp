@@ -48,7 +48,7 @@ public:
           layout_(layout),
           points_(layout_, plan.cloth.columns),
           impulses_(impulses),
-          kernel_(plan.kernels->contact.of<Real>(plan.strict)) {
+          kernel_(plan.kernels->contact.of<Real>(plan.kernel == Kernel::gather)) {
         bool cells = false;
         for (const Sphere& sphere : plan.spheres)
             if (sphere.response == Response::continuous) {
@@ -77,7 +77,8 @@ public:
                 }
         lanes_ = lanes;
         if (cells)
-            cell_pass_.emplace(plan.cloth, layout, geometry_, lanes, plan.kernels->contact, plan.strict);
+            cell_pass_.emplace(plan.cloth, layout, geometry_, lanes, plan.kernels->contact,
+                               plan.kernel == Kernel::gather);
     }
     ContactPass(const ContactPass&) = delete;
 

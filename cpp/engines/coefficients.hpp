@@ -16,7 +16,7 @@ inline double coefficient_scale(const Plan& plan) {
     return plan.cloth.uniform_mass ? 1 / plan.cloth.mass[0] : 1;
 }
 
-// The stiffness rounded so that a spring at rest gives no force in the fused class (see exact_at_rest). It
+// The stiffness rounded so that a spring at rest gives no force in the edge kernel (see exact_at_rest). It
 // stays unrounded where the two differ by more than rounding, as with a rest length of 0.
 template <class Real>
 Real stiffness_at_rest(const Plan& plan, const Neighbour& neighbour, Real stiffness, Real tension) {
@@ -32,7 +32,7 @@ Real stiffness_at_rest(const Plan& plan, const Neighbour& neighbour, Real stiffn
                                                                                                   : stiffness;
 }
 
-// The damping constant that all families share as the fused kernels see it. None if it is so small or large
+// The damping constant that all families share as the edge kernel sees it. None if it is so small or large
 // that single might not hold what is divided by it.
 template <class Real>
 std::optional<double> shared_damping(const Plan& plan) {
@@ -51,7 +51,7 @@ std::optional<double> shared_damping(const Plan& plan) {
     return held ? std::optional(shared) : std::nullopt;
 }
 
-// `unit`: of accelerations.
+// `unit`: of the accelerations that the kernel sums.
 template <class Real>
 StepConstants<Real> step_constants(const Plan& plan, double dt, double unit) {
     const auto g = [&](int k) { return Real(plan.gravity[k] / unit); };

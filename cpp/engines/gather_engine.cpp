@@ -33,7 +33,7 @@ GatherEngine<Real>::GatherEngine(const Plan& plan)
     : Base(plan, PaddedLayout(plan.cloth), (Base::compensated ? 12 : 6) * PaddedLayout(plan.cloth).plane),
       grid_(plan.cloth.grid()) {
     const Cloth& cloth = plan_.cloth;
-    kernel_ = plan_.strict ? kernels().gather_strict : kernels().gather;
+    kernel_ = kernels().gather;
     sphere_kernel_ = kernels().sphere;
 
     const std::ptrdiff_t plane = layout_.plane;
@@ -65,7 +65,7 @@ void GatherEngine<Real>::apply_force() {
     if (inverse_mass_.empty()) inverse_mass_.assign(layout_.plane, Real(1));
     for (int r = 0; r < rows(); ++r)
         for (int c = 0; c < columns(); ++c) {
-            const Vec3 applied = this->applied_at(r * columns() + c) / unit_;
+            const Vec3 applied = this->applied_at(r * columns() + c);
             for (int j = 0; j < 3; ++j) applied_[layout_.at(r, c, j)] = Real(applied[j]);
         }
 }
@@ -73,19 +73,11 @@ void GatherEngine<Real>::apply_force() {
 template <class Real>
 void GatherEngine<Real>::build_coefficients() {
     const Cloth& cloth = plan_.cloth;
-    const double root_scale = plan_.strict ? 1 : double(kernels().root_scale);
-    const std::optional<double> shared = plan_.strict ? std::nullopt : shared_damping<Real>(plan_);
-    unit_ = shared.value_or(1);
-    const double scale = coefficient_scale(plan_) / unit_;
+    const double scale = coefficient_scale(plan_);
     for (int kind = 0; kind < spring_kind_count; ++kind) {
         const Neighbour& neighbour = spring_kinds[kind];
-        const double k = cloth.stiffness[neighbour.family] * scale, length = cloth.rest_length(neighbour);
-        const Real tension = Real(k * length / root_scale);
-        spring_[kind] = {
-            plan_.strict ? Real(k) : stiffness_at_rest<Real>(plan_, neighbour, Real(k), tension),
-            plan_.strict ? Real(length) : tension,
-            shared ? Real(1)
-                   : Real(cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale))};
+        spring_[kind] = {Real(cloth.stiffness[neighbour.family] * scale), Real(cloth.rest_length(neighbour)),
+                         Real(cloth.spring_damping[neighbour.family] * scale)};
     }
 
     const int lanes = kernels().lanes;
@@ -100,7 +92,7 @@ void GatherEngine<Real>::build_coefficients() {
 template <class Real>
 GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
     GatherArguments<Real> g{};
-    static_cast<StepConstants<Real>&>(g) = step_constants<Real>(plan_, dt, unit_);
+    static_cast<StepConstants<Real>&>(g) = step_constants<Real>(plan_, dt, 1);
     g.stride = layout_.stride;
     g.plane = layout_.plane;
     g.rows = rows();

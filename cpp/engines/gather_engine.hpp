@@ -32,13 +32,20 @@ struct PaddedLayout {
     std::array<std::ptrdiff_t, 2> right() const { return {1, 1}; }
     static constexpr bool is_transposed = false;
     template <class Real, class In>
-    bool put_row(const RowKernels<Real, In>& kernels, const In* row, const RowShift& shift, Real* to) const {
-        return kernels.put_planes(row, shift, to, sizeof(Real) == 4 ? compensation() : 0, plane, columns);
+    bool put_row(const RowKernels<Real, In>&, const In* row, const RowShift& shift, Real* to) const {
+        bool finite = true;
+        for (int k = 0; k < 3; ++k)
+            for (int c = 0; c < columns; ++c)
+                finite &= put_one(row[3 * c + k], shift.of[k], to + k * plane + c, compensation());
+        return finite;
     }
     template <class Real, class Out>
-    void take_row(const RowKernels<Real, Out>& kernels, const Real* from, const RowShift& shift, Out* row,
+    void take_row(const RowKernels<Real, Out>&, const Real* from, const RowShift& shift, Out* row,
                   AlignedVector<Out>&) const {
-        kernels.take_planes(from, sizeof(Real) == 4 ? compensation() : 0, plane, columns, shift, row);
+        for (int k = 0; k < 3; ++k)
+            for (int c = 0; c < columns; ++c)
+                take_one<sizeof(Real) == 4>(from + k * plane + c, compensation(), shift.of[k],
+                                            row + 3 * c + k);
     }
 };
 
@@ -71,7 +78,6 @@ private:
     SphereKernel<Real> sphere_kernel_;
     AlignedVector<Real> inverse_mass_, applied_, free_;
     SpringCoefficients<Real> spring_[spring_kind_count];
-    double unit_ = 1;  // of the accelerations the kernel sums
     std::vector<LanesWithNeighbour> lanes_;
     std::vector<std::uint8_t> row_has_fixed_;
     std::vector<NearSpheres<Real>> near_spheres_;  // of each thread

@@ -12,11 +12,9 @@
 #include "engines/coefficients.hpp"
 #include "engines/engine.hpp"
 #include "memory/aligned_vector.hpp"
-#include "memory/caches.hpp"
 #include "memory/finite.hpp"
 #include "memory/parts.hpp"
 #include "memory/row_band.hpp"
-#include "memory/row_copies.hpp"
 
 namespace clothsim {
 
@@ -169,17 +167,11 @@ private:
         const RowKernels<Real, Out>& kernels = row_kernels<Out>();
         const RowShift shift = row_shift(origin);
         const int count = 3 * columns();
-        const std::ptrdiff_t bytes = count * std::ptrdiff_t(sizeof(Out));
-        const bool large = rows() * bytes > bytes_in_shared_cache;
         in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
-            AlignedVector<Out> outside(std::size_t(large ? count : 0)),
-                part(std::size_t(layout_.in_one_strip() ? 0 : count));
-            for (std::ptrdiff_t r = begin; r < end; ++r) {
-                Out* const place = to + r * count;
-                Out* const out = large ? outside.data() : place;
-                layout_.take_row(kernels, memory_.data() + layout_.at(int(r), 0, first), shift, out, part);
-                if (large) copy_past_caches(out, place, std::size_t(bytes));
-            }
+            AlignedVector<Out> part(std::size_t(layout_.in_one_strip() ? 0 : count));
+            for (std::ptrdiff_t r = begin; r < end; ++r)
+                layout_.take_row(kernels, memory_.data() + layout_.at(int(r), 0, first), shift,
+                                 to + r * count, part);
         });
     }
     // Whether the state is; padding is.
@@ -205,9 +197,26 @@ private:
     // memory holds positions relative to an origin, 0 unless the cloth is far off for its size.
     template <class In>
     Vec3 far_origin(const In* x) const {
-        double least[3], most[3];
-        row_kernels<In>().extent(x, plan_.cloth.points(), least, most);
-        const Vec3 low(least[0], least[1], least[2]), high(most[0], most[1], most[2]);
+        // Four points at a time: no comparison waits for the last. What is no number does not count.
+        constexpr double infinity = std::numeric_limits<double>::infinity();
+        double least[12], most[12];
+        std::fill_n(least, 12, infinity);
+        std::fill_n(most, 12, -infinity);
+        const auto note = [&](const In* from, int count) {
+            for (int i = 0; i < count; ++i) {
+                least[i] = double(from[i]) < least[i] ? double(from[i]) : least[i];
+                most[i] = double(from[i]) > most[i] ? double(from[i]) : most[i];
+            }
+        };
+        const std::ptrdiff_t values = 3 * std::ptrdiff_t(plan_.cloth.points());
+        std::ptrdiff_t i = 0;
+        for (; i + 12 <= values; i += 12) note(x + i, 12);
+        note(x + i, int(values - i));
+        Vec3 low, high;
+        for (int k = 0; k < 3; ++k) {
+            low[k] = std::min({least[k], least[k + 3], least[k + 6], least[k + 9]});
+            high[k] = std::max({most[k], most[k + 3], most[k + 6], most[k + 9]});
+        }
         const Vec3 middle = low / 2 + high / 2;
         const bool far = middle.norm() > extents_that_are_far * (high - low).norm();
         return far && middle.norm() < double(std::numeric_limits<float>::max()) ? middle : Vec3(Vec3::Zero());

@@ -35,8 +35,6 @@ CLOTHSIM_INLINE Four four(const double* p) { return loaded<Four>(p); }
 CLOTHSIM_INLINE Four four(const float* p) { return four(loaded<FourSingles>(p)); }
 CLOTHSIM_INLINE Four four_of(double a) { return Four{a, a, a, a}; }
 CLOTHSIM_INLINE Four two(const double* p) { return loaded<Four>(p, 16); }
-CLOTHSIM_INLINE Four least(Four a, Four b) { return a < b ? a : b; }  // b where a is no number
-CLOTHSIM_INLINE Four most(Four a, Four b) { return a > b ? a : b; }
 CLOTHSIM_INLINE void put(double* p, Four a) { std::memcpy(p, &a, sizeof a); }
 CLOTHSIM_INLINE void put(float* p, FourSingles a) { std::memcpy(p, &a, sizeof a); }
 CLOTHSIM_INLINE void put(float* p, Four a) { put(p, rounded(a)); }

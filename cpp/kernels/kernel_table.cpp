@@ -32,8 +32,7 @@ constexpr std::array<const EdgeKernels<Real>*, edge_part_count> edge_parts() {
 
 template <class Real>
 constexpr RealKernels<Real> real_kernels() {
-    return {&gather_tile<ThisArch, Real, Arithmetic::fused>,
-            &gather_tile<ThisArch, Real, Arithmetic::strict>,
+    return {&gather_tile<ThisArch, Real>,
             &sphere_tile<ThisArch, Real>,
             {&edge_rows_of_any<ThisArch, Real>, &edge_last_row_of_any<ThisArch, Real>,
              &edge_halo_of_any<ThisArch, Real>},

@@ -35,7 +35,7 @@ template <class Real>
 using EdgeHaloKernel = void (*)(EdgeArguments<Real>&, const EdgeSources<Real>& before_2,
                                 const EdgeSources<Real>& before);
 
-// The length of a spring at rest as the fused kernels see it, to the last bit.
+// The length of a spring at rest as the edge kernel sees it, to the last bit.
 template <class Real>
 struct RestLength {
     Real squared;
@@ -62,8 +62,7 @@ struct EdgePartOf {
 
 template <class Real>
 struct RealKernels {
-    GatherKernel<Real> gather;         // fused multiply-add where there is one
-    GatherKernel<Real> gather_strict;  // same bits on every instruction set
+    GatherKernel<Real> gather;
     SphereKernel<Real> sphere;
     EdgeKernels<Real> edge_of_any;
     EdgeFinishKernel<Real> edge_finish;

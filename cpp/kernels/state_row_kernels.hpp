@@ -1,8 +1,9 @@
-// Rows of mass points between an array of (x, y, z) and the engines' layouts: the kernels of one instruction
-// set. A row passes through registers once, in squares of four by four elements, which are converted, shifted
-// and transposed there.
+// Rows of mass points between an array of (x, y, z) and lane-transposed records: the kernels of one
+// instruction set. A row passes through registers once, in squares of four by four elements, which are
+// converted, shifted and transposed there. Plain loops take 1.07 to 1.35 of a `cs.step` of one step.
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 
 #include "kernels/instruction_set.hpp"
@@ -22,6 +23,28 @@ struct RowShift {
     double of[6] = {-0.0, -0.0, -0.0, -0.0, -0.0, -0.0};
 };
 
+// An element into and out of a layout; whether it is finite there.
+namespace {
+template <class Real, class Outside>
+inline __attribute__((always_inline)) bool put_one(Outside outside, double shift, Real* inside,
+                                                   std::ptrdiff_t compensation) {
+    if constexpr (sizeof(Real) == 4) {
+        const double shifted = double(outside) + shift;
+        *inside = Real(shifted);
+        inside[compensation] = Real(shifted - double(*inside));
+    } else {
+        *inside = Real(outside);
+    }
+    return std::isfinite(*inside);
+}
+template <bool compensated, class Real, class Outside>
+inline __attribute__((always_inline)) void take_one(const Real* inside, std::ptrdiff_t compensation,
+                                                    double shift, Outside* outside) {
+    if constexpr (compensated) *outside = Outside(double(*inside) + double(inside[compensation]) + shift);
+    else *outside = Outside(*inside);
+}
+}  // namespace
+
 // `Real`: of the layout; `Outside`: of the array. `compensation`: elements from a value to its rounding to
 // single; 0: none is kept. Only single has it, and shifts. Putting a row returns whether all its numbers are
 // finite in the layout.
@@ -31,12 +54,6 @@ struct RowKernels {
                            const TransposedRow&);
     void (*take_transposed)(const Real* records, std::ptrdiff_t compensation, const TransposedRow&,
                             const RowShift&, Outside* row);
-    bool (*put_planes)(const Outside* row, const RowShift&, Real* planes, std::ptrdiff_t compensation,
-                       std::ptrdiff_t plane, int columns);
-    void (*take_planes)(const Real* planes, std::ptrdiff_t compensation, std::ptrdiff_t plane, int columns,
-                        const RowShift&, Outside* row);
-    // Smallest and largest of each component; what is no number does not count.
-    void (*extent)(const Outside* x, std::ptrdiff_t points, double (&low)[3], double (&high)[3]);
 };
 
 struct StateRowKernels {

@@ -20,7 +20,6 @@ enum class Kernel {
 struct Plan : Scene {
     Precision precision = Precision::double_;
     Kernel kernel = Kernel::edge;
-    bool strict = false;  // gather only
     std::string integrator = "rk4";
     const KernelTable* kernels = nullptr;
 

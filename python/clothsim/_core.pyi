@@ -104,7 +104,6 @@ class Plan:
         spheres: list[Sphere],
         precision: str,
         kernel: str,
-        strict: bool,
         instruction_set: str,
         integrator: str,
     ) -> None: ...

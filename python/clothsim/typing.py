@@ -145,7 +145,6 @@ class Report(TypedDict):
     integrator: str
     as_printed: bool
     precision: str
-    strict: bool
     threads: int
     instruction_set: str
     backend: str

@@ -240,8 +240,8 @@ def test_reader_that_leaves_early_is_no_error():
     ("arguments", "expected"),
     [
         (
-            ("--dt", "5e-4", "--integrator", "velocity_verlet", "--kernel", "gather", "--strict"),
-            {"integrator": "velocity_verlet", "kernel": "gather", "strict": True},
+            ("--dt", "5e-4", "--integrator", "velocity_verlet", "--kernel", "gather"),
+            {"integrator": "velocity_verlet", "kernel": "gather"},
         ),
         (("--rtol", "1e-4", "--integrator", "dop853"), {"integrator": "dop853", "tolerance": {"asked": 1e-4}}),
         (("--rtol", "1e-4", "--atol", "1e-5"), {"tolerance": {"asked": 1.1e-4}}),

@@ -10,7 +10,7 @@ def draped(centre):
     """The state of a sheet that has fallen on a rough sphere."""
     cloth = cs.Cloth((16, 16), mass=0.3, stiffness=60.0, damping=0.02, pins=())
     velocity = np.broadcast_to((0.0, -3.0, 0.0), (16, 16, 3))
-    stepper = cs.Stepper(cs.Scene(cloth, cs.Sphere(centre, 0.25, friction=0.2), velocity=velocity), strict=True)
+    stepper = cs.Stepper(cs.Scene(cloth, cs.Sphere(centre, 0.25, friction=0.2), velocity=velocity), kernel="gather")
     stepper.advance(200, 2e-4)
     return stepper.positions, stepper.velocities
 

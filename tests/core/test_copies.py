@@ -35,8 +35,7 @@ def held(values, precision):
     return high.astype(np.float64) + low
 
 
-# The arithmetic class changes nothing of how a state lies in memory.
-@cases(strict=[False])
+@cases()
 @each("shape", [*SHAPES, LARGE])
 def test_a_state_comes_out_as_it_went_in(variant, shape):
     for dtype in (np.float64, np.float32):
@@ -51,7 +50,7 @@ def test_a_state_comes_out_as_it_went_in(variant, shape):
                 np.testing.assert_array_equal(np.signbit(got), np.signbit(expected))
 
 
-@cases(precision=["single"], strict=[False])
+@cases(precision=["single"])
 def test_copies_are_exact_far_from_the_origin(variant):
     """Single keeps positions relative to the middle of the cloth there; every component has its own."""
     for shape, dtype in itertools.product(SHAPES, (np.float64, np.float32)):
@@ -66,7 +65,7 @@ def test_copies_are_exact_far_from_the_origin(variant):
         assert (np.abs(stepper.positions - x) <= np.spacing(np.abs(x))).all()
 
 
-@cases(strict=[False])
+@cases()
 def test_a_snapshot_holds_every_number(variant, same_bits):
     real = np.float32 if variant.precision == "single" else np.float64
     for shape in SHAPES:

@@ -141,14 +141,14 @@ def test_a_pinned_point_given_a_velocity_stays(variant, crumpled):
 
 
 @pytest.mark.parametrize("shape", [(2, 1), (17, 33), (40, 7)], ids=str)
-def test_strict_has_the_same_bits_on_every_instruction_set(monkeypatch, crumpled, same_bits, shape, precision):
+def test_gather_has_the_same_bits_on_every_instruction_set(monkeypatch, crumpled, same_bits, shape, precision):
     scene, x, v, dt = crumpled(
         shape=shape, spheres=cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1, response="ray", offset="edge")
     )
     results = {}
     for name in INSTRUCTION_SETS:
         monkeypatch.setenv("CLOTHSIM_ISA", name)
-        stepper = cs.Stepper(scene, x, v, precision=precision, strict=True, threads=1)
+        stepper = cs.Stepper(scene, x, v, precision=precision, kernel="gather", threads=1)
         stepper.advance(STEPS, dt)
         assert stepper.instruction_set == name
         results[name] = (stepper.positions, stepper.velocities)
@@ -156,31 +156,24 @@ def test_strict_has_the_same_bits_on_every_instruction_set(monkeypatch, crumpled
     assert all(same_bits(other, first) for other in others), list(results)
 
 
-def test_fused_and_strict_are_two_classes(monkeypatch, crumpled, same_bits, precision):
-    """Else strict=True would be an option without effect."""
+def test_strict_is_refused_and_gather_named(crumpled):
     scene, x, v, dt = crumpled()
-    for name in INSTRUCTION_SETS:
-        monkeypatch.setenv("CLOTHSIM_ISA", name)
-        options = {"kernel": "gather", "precision": precision}
-        strict = cs.step(scene, x, v, dt, 50, strict=True, **options)
-        assert not same_bits(cs.step(scene, x, v, dt, 50, **options), strict)
+    for call in (
+        lambda: cs.step(scene, x, v, dt, strict=True),
+        lambda: cs.acceleration(scene, x, v, strict=True),
+        lambda: cs.Stepper(scene, strict=True),
+        lambda: cs.simulate(scene, dt, dt, strict=True),
+        lambda: cs.sweep(scene, {"dt": [dt]}, strict=True),
+        lambda: scene.explain(strict=True),
+    ):
+        with pytest.raises(TypeError, match="kernel='gather'"):
+            call()
 
 
-def test_strict_is_not_for_the_edge_kernel(crumpled):
+def test_auto_is_the_edge_kernel(crumpled, same_bits, precision):
     scene, x, v, dt = crumpled()
-    with pytest.raises(ValueError, match="kernel must be 'gather' or 'auto' with strict=True"):
-        cs.step(scene, x, v, dt, kernel="edge", strict=True)
-
-
-def test_auto_is_the_edge_kernel_and_strict_the_gather_kernel(crumpled, same_bits, precision):
-    scene, x, v, dt = crumpled()
-    auto = cs.step(scene, x, v, dt, 50, precision=precision)
-    edge = cs.step(scene, x, v, dt, 50, precision=precision, kernel="edge")
-    assert same_bits(auto, edge)
-    gather = {"precision": precision, "kernel": "gather"}
-    assert not same_bits(auto, cs.step(scene, x, v, dt, 50, **gather))
-    strict = cs.step(scene, x, v, dt, 50, precision=precision, strict=True)
-    assert same_bits(strict, cs.step(scene, x, v, dt, 50, strict=True, **gather))
+    auto, edge, gather = (cs.step(scene, x, v, dt, 50, precision=precision, kernel=k) for k in ("auto", "edge", "gather"))
+    assert same_bits(auto, edge) and not same_bits(auto, gather)
 
 
 @cases()

@@ -110,7 +110,7 @@ def _spheres(contact, motion, cloth):
 
 
 def arithmetic(kernel):
-    return {"kernel": "edge"} if kernel == "edge" else {"strict": True}
+    return {"kernel": kernel}
 
 
 def digest(row, threads=1, scene=None):

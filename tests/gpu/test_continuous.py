@@ -7,7 +7,6 @@ from clothsim.gpu import block
 from clothsim.gpu import device as devices
 
 DT = 4e-4
-STRICT = {"precision": "single", "strict": True}
 
 
 def ball(height=-0.29, **changes):
@@ -20,10 +19,10 @@ def draped(*spheres, shape=(20, 20), **cloth):
 
 def pair(scene, precision="single", steps=0, **options):
     """The core and the adapter, with the state of the core after some steps."""
-    core = cs.Stepper(scene, precision=precision, kernel="gather", strict=True, threads=1, t=0.0)
+    core = cs.Stepper(scene, precision=precision, kernel="gather", threads=1, t=0.0)
     core.advance(steps, DT)
-    gpu = cs.Stepper(scene, core.positions, core.velocities, t=core.time, precision=precision, strict=True, backend="gpu")
-    core = cs.Stepper(scene, core.positions, core.velocities, t=core.time, precision=precision, kernel="gather", strict=True)
+    gpu = cs.Stepper(scene, core.positions, core.velocities, t=core.time, precision=precision, backend="gpu")
+    core = cs.Stepper(scene, core.positions, core.velocities, t=core.time, precision=precision, kernel="gather")
     return core, gpu
 
 
@@ -52,7 +51,7 @@ SCENES = {
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize("name", SCENES)
-def test_the_bits_are_those_of_the_strict_core(name, precision, exact, device):
+def test_the_bits_are_those_of_the_gather_kernel(name, precision, exact, device):
     if not (exact and device.float64):
         pytest.skip(f"{device.adapter.name} does not round as the core does")
     scene = SCENES[name]

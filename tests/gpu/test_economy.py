@@ -6,7 +6,7 @@ import pytest
 from clothsim.gpu import block, parameters
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, response="ray", offset="edge")
-GPU = {"backend": "gpu", "precision": "single", "strict": True}
+GPU = {"backend": "gpu", "precision": "single"}
 FAMILIES = ("structural", "shear", "bend")
 
 

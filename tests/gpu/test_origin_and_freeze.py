@@ -6,7 +6,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 
-SINGLE = {"precision": "single", "strict": True}
+SINGLE = {"precision": "single", "kernel": "gather"}
 FAR = np.array([3000.0, -200.0, 0.0])
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from clothsim.gpu import device as devices
 
-STRICT = {"precision": "single", "strict": True}
-GPU = {**STRICT, "backend": "gpu"}
+SINGLE = {"precision": "single", "kernel": "gather"}
+GPU = {**SINGLE, "backend": "gpu"}
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +31,7 @@ def test_double_is_refused(narrow):
 def test_the_swing_has_the_bits_of_the_core(crumpled, exact, same_bits):
     """Without spheres nothing of a step in single needs float64."""
     scene, x, v, dt = crumpled()
-    gpu, cpu = (cs.Stepper(scene, x, v, t=0.0, **STRICT, backend=backend) for backend in ("gpu", "cpu"))
+    gpu, cpu = (cs.Stepper(scene, x, v, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu"))
     for stepper in (gpu, cpu):
         stepper.advance(200, dt)
     assert np.abs(gpu.positions - cpu.positions).max() < 1e-7
@@ -57,7 +57,7 @@ def test_a_response_errs_by_units_in_the_last_place(narrow, response):
     x = np.array(ball.center) + direction * rng.uniform(0.05, 0.24, shape)[..., None]
     v = rng.normal(size=(*shape, 3))
     dt = 1e-6
-    gpu, cpu = (cs.Stepper(scene, x, v, t=0.0, **STRICT, backend=backend) for backend in ("gpu", "cpu"))
+    gpu, cpu = (cs.Stepper(scene, x, v, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu"))
     for stepper in (gpu, cpu):
         stepper.advance(1, dt)
     x_gpu, v_gpu = gpu.positions, gpu.velocities

@@ -86,7 +86,7 @@ def test_every_argument_of_the_model_has_a_name():
     for cls, prefix in ((cs.Cloth, ""), (cs.Sphere, "sphere_")):
         for field in dataclasses.fields(cls):
             assert prefix + field.name in fields.NAMES
-    for name in ("dt", "duration", "integrator", "precision", "kernel", "strict", "gravity"):
+    for name in ("dt", "duration", "integrator", "precision", "kernel", "gravity"):
         assert name in fields.NAMES
 
 

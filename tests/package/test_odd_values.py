@@ -164,7 +164,7 @@ TAKEN = {
     "amplitude": lambda n: abs(n) < 1,
     "steps": lambda n: isinstance(n, int) and n == 0,
     "t": lambda n: True,
-    **dict.fromkeys(("strict", "as_printed", "bend", "progress", "frames"), bool),
+    **dict.fromkeys(("as_printed", "bend", "progress", "frames"), bool),
     **dict.fromkeys(("threads", "max_evaluations", "executor", "snapshot", "group"), []),
     **dict.fromkeys(("precision", "kernel", "integrator", "backend", "response", "family"), []),
     **dict.fromkeys(("position", "force", "offsets"), []),

@@ -237,7 +237,7 @@ def test_a_second_ctrl_c_waits_until_the_store_is_written(tmp_path, counted, mon
         ({"over": {"dt": OVER["dt"]}}, ["over"]),
         ({"duration": 0.2}, ["settings.duration"]),
         ({"metrics": ["stable"]}, ["settings.metrics"]),
-        ({"strict": True}, ["settings.strict"]),
+        ({"kernel": "gather"}, ["settings.kernel"]),
     ],
 )
 def test_a_store_of_another_sweep_is_refused(tmp_path, change, names):

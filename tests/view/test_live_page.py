@@ -65,7 +65,7 @@ def parts(stepper):
 
 
 def core_after(scene, steps, **options):
-    stepper = cs.Stepper(scene, precision="single", kernel="gather", strict=True, threads=1, t=0.0)
+    stepper = cs.Stepper(scene, precision="single", kernel="gather", threads=1, t=0.0)
     stepper.advance(steps, DT)
     return stepper
 
@@ -143,7 +143,7 @@ def test_view_says_what_it_does_not_take_and_where_no_browser_is(monkeypatch, tm
         cs.view(cs.scenes.paper_static())
 
 
-def test_free_cloth_has_the_bits_of_the_strict_core_after_1000_steps(live, same_bits):
+def test_free_cloth_has_the_bits_of_the_gather_kernel_after_1000_steps(live, same_bits):
     page = live(swing())
     pause(page)
     found, out = after(page, 1000)
@@ -181,7 +181,7 @@ def test_contact_has_the_bits_of_the_adapter_without_float64(live, same_bits, mo
     page = live(scene)
     pause(page)
     found, _ = after(page, 300)
-    gpu = cs.Stepper(scene, precision="single", strict=True, backend="gpu", t=0.0)
+    gpu = cs.Stepper(scene, precision="single", backend="gpu", t=0.0)
     gpu.advance(300, DT)
     assert same_bits(found, parts(gpu))
 

@@ -18,28 +18,27 @@ namespace clothsim {
 // which is the same method with fewer arrays kept. `evaluate` stores the acceleration only.
 enum class Stage : int { first, second, third, fourth, evaluate };
 
-// Whether the fused kernels round the stiffness as they round the tension of a spring at rest, and multiply
-// and subtract apart. A spring at rest then gives no force to the last bit. All rest lengths of a family are
+// Whether the edge kernel rounds the stiffness as it rounds the tension of a spring at rest, and multiplies
+// and subtracts apart. A spring at rest then gives no force to the last bit. All rest lengths of a family are
 // shifted by the rounding of one. That is nothing in double, but as much as all other errors of a run
 // together in single.
 template <class Real>
 inline constexpr bool exact_at_rest = sizeof(Real) == 8;
 
-// Constants of all points of a cloth in a step, in either kernel. Kernels sum accelerations in a unit of
-// their own. In that unit the damping constant is 1 where all families are damped alike, which saves a
-// product for each spring. Gravity, drag and applied accelerations are in that unit; the factors of
+// Constants of all points of a cloth in a step, in either kernel. The edge kernel sums accelerations in a
+// unit in which the damping constant is 1 where all families are damped alike, which saves a product for each
+// spring. Gravity, drag and applied accelerations are in that unit; the factors of
 // accelerations hold it.
 template <class Real>
 struct StepConstants {
-    Real unit;  // m / s^2
+    Real unit;  // m / s^2; 1 in the gather kernel
     Real gravity[3];
     Real drag;                      // divided by mass where it is uniform; 0: none
     Real half_h, h;                 // of a velocity
     Real half_h_a, h_a, h2_6, h_6;  // of an acceleration
 };
 
-// Scaled by 1/mass where the mass is uniform, and by 1/unit. `rest` is the rest length L; in the fused class
-// it is the tension K L / root_scale, and damping is divided by root_scale twice.
+// Scaled by 1/mass where the mass is uniform.
 template <class Real>
 struct SpringCoefficients {
     Real stiffness, rest, damping;

@@ -7,7 +7,8 @@
 //   force on i from the spring to j, d = x_j - x_i, w = v_j - v_i, l = |d|, L its rest length:
 //   f = (K (l - L) / l + c (w.d) / l^2) d          (Kim et al., eq 1 with p_i - p_j; damping along d)
 //
-// and in the fused class ((c (w.d) / l - K L) / l + K) d, which is the same with fewer operations.
+// Roots and divisions are exact and nothing is fused, so every instruction set and the shader give the same
+// bits.
 //
 // Rows are padded with far, finite points. So a lane may read a neighbour that its point does not have, and
 // takes no force from it. Neighbours of a family that the cloth lacks are skipped, and so are missing
@@ -21,9 +22,9 @@
 namespace clothsim {
 namespace {
 
-template <Arithmetic A, class V>
+template <class V>
 CLOTHSIM_INLINE V dot(const Vector3<V>& a, const Vector3<V>& b) {
-    return multiply_add<A>(a.z, b.z, multiply_add<A>(a.y, b.y, a.x * b.x));
+    return a.z * b.z + (a.y * b.y + a.x * b.x);
 }
 
 template <class V>
@@ -53,37 +54,22 @@ CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const Planes& planes) {
 }
 
 // `all`: every point has this neighbour; otherwise those of the lanes whose bit is set in `there`.
-template <Arithmetic A, bool damped, bool all, class V, class Real>
+template <bool damped, bool all, class V, class Real>
 CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
                                 const Real* other, const Planes& planes, const SpringLanes<V>& spring,
                                 std::uint64_t there) {
     const Vector3<V> d = position<V>(other, planes) - x;
     // First what the most operations wait for.
-    V l, r;
-    if constexpr (A == Arithmetic::strict) {
-        // Coincident points: a spring without direction gives no force instead of a NaN.
-        l = xsimd::sqrt(xsimd::max(dot<A>(d, d), V(smallest_squared_length<Real>)));
-        r = V(Real(1)) / l;
-    } else {
-        V l2 = xsimd::fma(d.x, d.x, V(smallest_squared_length<Real>));
-        l2 = xsimd::fma(d.z, d.z, xsimd::fma(d.y, d.y, l2));
-        r = scaled_reciprocal_root(l2);
-    }
+    // Coincident points: a spring without direction gives no force instead of a NaN.
+    const V l = xsimd::sqrt(xsimd::max(dot(d, d), V(smallest_squared_length<Real>)));
+    const V r = V(Real(1)) / l;
     V damping_force;  // c (w.d)
-    if constexpr (damped) damping_force = spring.damping * dot<A>(velocity<V>(other, planes) - v, d);
-    V scale;
-    if constexpr (A == Arithmetic::strict) {
-        scale = spring.stiffness * (l - spring.rest);
-        if constexpr (damped) scale = damping_force * r + scale;
-        scale = scale * r;
-    } else {
-        const V pull = damped ? xsimd::fms(damping_force, r, spring.rest) : -spring.rest;
-        scale = exact_at_rest<Real> ? pull * r + spring.stiffness : xsimd::fma(pull, r, spring.stiffness);
-    }
+    if constexpr (damped) damping_force = spring.damping * dot(velocity<V>(other, planes) - v, d);
+    V scale = spring.stiffness * (l - spring.rest);
+    if constexpr (damped) scale = damping_force * r + scale;
+    scale = scale * r;
     if constexpr (!all) scale = xsimd::select(lanes_of<V>(there), scale, V(Real(0)));
-    force.x = multiply_add<A>(scale, d.x, force.x);
-    force.y = multiply_add<A>(scale, d.y, force.y);
-    force.z = multiply_add<A>(scale, d.z, force.z);
+    force = {scale * d.x + force.x, scale * d.y + force.y, scale * d.z + force.z};
 }
 
 // A bit for each of `neighbours` that the points of a row may have.
@@ -97,7 +83,7 @@ CLOTHSIM_INLINE unsigned neighbours_of_row(const Features& features, int row, in
     return present;
 }
 
-template <Arithmetic A, bool damped, class V, class Real>
+template <bool damped, class V, class Real>
 CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
                                  const Real* point, const Planes& planes,
                                  const SpringLanes<V> (&springs)[spring_kind_count],
@@ -107,23 +93,23 @@ CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const V
         if (!(present >> n & 1)) return;
         constexpr bool all = neighbour.column == 0;
         const std::uint64_t there = all ? 0 : lanes.bits[LanesWithNeighbour::index(neighbour.column)];
-        add_spring<A, damped, all>(force, x, v, point + neighbour.row * stride + neighbour.column, planes,
-                                   springs[neighbour.kind], there);
+        add_spring<damped, all>(force, x, v, point + neighbour.row * stride + neighbour.column, planes,
+                                springs[neighbour.kind], there);
     });
 }
 
-template <Arithmetic A, class V, class Real>
+template <class V, class Real>
 CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t point, const Planes& planes,
                                   const V (&v_here)[3], const V (&a)[3]) {
     each<3>([&](auto k) __attribute__((always_inline)) {
         const std::ptrdiff_t at = point + k * planes.one;
         Real *const x = g.state + at, *const v = x + planes.three;
         Real *const first = g.first_acceleration + at, *const sum = g.acceleration_sum + at;
-        if (g.stage == Stage::evaluate) return (a[k] * V(g.unit)).store_unaligned(first);
+        if (g.stage == Stage::evaluate) return a[k].store_unaligned(first);
         if (g.stage == Stage::fourth) {
             constexpr bool compensated = sizeof(Real) == 4;
             const V one = V::load_unaligned(first), middle = V::load_unaligned(sum);
-            const V dx = multiply_add<A>(V(g.h), V::load_unaligned(v), V(g.h2_6) * (one + middle));
+            const V dx = V(g.h) * V::load_unaligned(v) + V(g.h2_6) * (one + middle);
             const V dv = V(g.h_6) * ((one + a[k]) + (middle + middle));
             Real* const low = compensated ? g.compensation + at : nullptr;
             add_increment<compensated>(x, low, dx);
@@ -132,8 +118,8 @@ CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t
         }
         const bool whole = g.stage == Stage::third;
         const V step(whole ? g.h : g.half_h), step_a(whole ? g.h_a : g.half_h_a);
-        multiply_add<A>(step, v_here[k], V::load_unaligned(x)).store_unaligned(g.target + at);
-        multiply_add<A>(step_a, a[k], V::load_unaligned(v)).store_unaligned(g.target + at + planes.three);
+        (step * v_here[k] + V::load_unaligned(x)).store_unaligned(g.target + at);
+        (step_a * a[k] + V::load_unaligned(v)).store_unaligned(g.target + at + planes.three);
         if (g.stage == Stage::first) a[k].store_unaligned(first);
         else (whole ? V::load_unaligned(sum) + a[k] : a[k]).store_unaligned(sum);
     });
@@ -154,7 +140,7 @@ CLOTHSIM_INLINE void fetch_next_row(const GatherArguments<Real>& g, std::ptrdiff
     if (last && g.compensation) fetch(g.compensation, 6);
 }
 
-template <class V, class Real, Arithmetic A, bool damped>
+template <class V, class Real, bool damped>
 __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const Tile& tile) {
     const V zero(Real(0));
     const Planes planes(g.plane);
@@ -174,8 +160,8 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const
             if (__builtin_expect(g.from_memory, 0)) fetch_next_row(g, at);
             const Vector3<V> x = position<V>(point, planes), v = velocity<V>(point, planes);
             Vector3<V> a{zero, zero, zero};
-            add_springs<A, damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)], present,
-                                   stride);
+            add_springs<damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)], present,
+                                stride);
             if (__builtin_expect(g.drag != 0, 0)) {
                 const V c(g.drag);
                 a = {a.x - c * v.x, a.y - c * v.y, a.z - c * v.z};
@@ -191,16 +177,16 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const
                 a = {xsimd::select(moves, a.x, zero), xsimd::select(moves, a.y, zero),
                      xsimd::select(moves, a.z, zero)};
             }
-            finish_stage<A>(g, at, planes, {v.x, v.y, v.z}, {a.x, a.y, a.z});
+            finish_stage(g, at, planes, {v.x, v.y, v.z}, {a.x, a.y, a.z});
         }
     }
 }
 
-template <class Arch, class Real, Arithmetic A>
+template <class Arch, class Real>
 void gather_tile(const GatherArguments<Real>& g, const Tile& tile) {
     using V = Lanes<Real, Arch>;
-    if (g.features.spring_damping) gather_rows<V, Real, A, true>(g, tile);
-    else gather_rows<V, Real, A, false>(g, tile);
+    if (g.features.spring_damping) gather_rows<V, Real, true>(g, tile);
+    else gather_rows<V, Real, false>(g, tile);
 }
 
 // Section 5.1 of Kim et al. a vector at a time; the caller responds in double for the rare point inside.
@@ -211,7 +197,7 @@ void sphere_tile(const SphereTest<Real>& test, const Tile& tile, HitCallback hit
         for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
             const Vector3<V> x = load3<V>(test.position + row * test.stride + column, test.plane);
             const Vector3<V> m{x.x - V(test.center[0]), x.y - V(test.center[1]), x.z - V(test.center[2])};
-            const auto inside = dot<Arithmetic::strict>(m, m) < V(test.radius_squared);
+            const auto inside = dot(m, m) < V(test.radius_squared);
             if (__builtin_expect(xsimd::none(inside), 1)) continue;
             for (std::uint64_t mask = inside.mask(); mask != 0; mask &= mask - 1)
                 hit(context, row, column + __builtin_ctzll(mask));

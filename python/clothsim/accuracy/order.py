@@ -185,7 +185,7 @@ def convergence(
         Solution to measure by; its last frame is at `duration`. Default: `reference(scene,
         duration)`.
     **options
-        Further arguments of `simulate`: threads, kernel, strict.
+        Further arguments of `simulate`: threads, kernel.
 
     Returns
     -------

@@ -27,6 +27,13 @@ MOST_POINTS = 2**31 - 1
 """The most mass points that a grid can have: the core numbers them in 32 bits."""
 
 
+def no_argument(unknown: Mapping[str, object]) -> None:
+    """Refuse keyword arguments that a function does not take; of one that left, name what serves instead."""
+    for name in unknown:
+        instead = "; kernel='gather' has one set of bits on every instruction set" if name == "strict" else ""
+        raise TypeError(f"unknown argument {name!r}{instead}")
+
+
 def shown(value: Any) -> str:
     """`value` and its type as a short text for an error message."""
     if isinstance(value, np.ndarray) and value.ndim:

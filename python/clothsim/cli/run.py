@@ -22,7 +22,7 @@ from ._scene import add_scene, changed_scene
 FPS = 60  # frames a second that a run stores for pages, films and exports without --every or --fps
 
 # Options that are arguments of `simulate`, which checks them.
-OPTIONS = ("dt", "every", "fps", "integrator", "rtol", "atol", "kernel", "strict", "precision", "threads", "backend")
+OPTIONS = ("dt", "every", "fps", "integrator", "rtol", "atol", "kernel", "precision", "threads", "backend")
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -35,8 +35,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     add("--integrator", metavar="NAME", help=f"one of {', '.join(cs.integrators())}")
     add("--rtol", type=float, metavar="E", help="error asked for, relative to the cloth's longer side")
     add("--atol", type=float, metavar="E", help="error asked for in metres")
-    add("--kernel", default="auto", metavar="NAME", help="auto, edge or gather")
-    add("--strict", action="store_true", help="same bits on every instruction set and the shader")
+    add("--kernel", default="auto", metavar="NAME", help="auto, edge or gather (the bits of the shader)")
     add("--precision", default="double", metavar="NAME", help="double or single")
     add("--threads", type=int, metavar="N", help="threads (default: automatic)")
     add("--backend", default="cpu", metavar="NAME", help="cpu or gpu")

@@ -99,15 +99,10 @@ def _flops(scene: Scene, method: Integrator, kernel: str, compensated: bool) -> 
 
 
 def explain(
-    scene: Scene,
-    precision: str = "double",
-    kernel: str = "auto",
-    threads: int | None = None,
-    strict: bool = False,
-    integrator: str = "rk4",
+    scene: Scene, precision: str = "double", kernel: str = "auto", threads: int | None = None, integrator: str = "rk4"
 ) -> Explanation:
     """See `Scene.explain`."""
-    options = Options(integrator, precision, threads, kernel, strict)
+    options = Options(integrator, precision, threads, kernel)
     integrator = options.integrator
     cloth, method = scene.cloth, integrators()[integrator]
     kernel = options.kernel_for(cloth)
@@ -152,7 +147,7 @@ def explain(
                 else "stage by stage"
             ),
             "kernel": kernel,
-            "arithmetic": "strict" if strict else "fused" if _core.fuses(plan.instruction_set) else "not fused",
+            "arithmetic": "fused" if kernel == "edge" and _core.fuses(plan.instruction_set) else "not fused",
             "precision": precision,
             "instruction_set": plan.instruction_set,
             "lanes": plan.lanes,

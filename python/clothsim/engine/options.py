@@ -35,15 +35,12 @@ class Options:
     precision: str = "double"
     threads: int | None = None
     kernel: str = "auto"
-    strict: bool = False
     backend: str = "cpu"
 
     def __post_init__(self) -> None:
         check.choice("precision", self.precision, PRECISIONS)
         check.choice("kernel", self.kernel, KERNELS)
         object.__setattr__(self, "integrator", integrator_name(self.integrator))
-        if check.boolean("strict", self.strict) and self.kernel == "edge":
-            raise ValueError("kernel must be 'gather' or 'auto' with strict=True, got 'edge'")
         if check.choice("backend", self.backend, BACKENDS) == "gpu":
             self._check_gpu()
         if self.threads is not None:
@@ -63,11 +60,11 @@ class Options:
         return replace(self, **changes)
 
     def kernel_for(self, cloth: Cloth) -> str:
-        """The kernel that "auto" stands for: "edge", unless the strict class or a family that it lacks needs "gather"."""
+        """The kernel that "auto" stands for: "edge", or "gather" for a family that it lacks."""
         lacking = [family for family in cloth.families if family not in _core.edge_families]
         if self.kernel == "edge" and lacking:
             raise ValueError(f"kernel must be 'gather' or 'auto' for a cloth with {lacking[0]} springs, got 'edge'")
-        return self.kernel if self.kernel != "auto" else "gather" if self.strict or lacking else "edge"
+        return self.kernel if self.kernel != "auto" else "gather" if lacking else "edge"
 
     def threads_for(self, shape: tuple[int, int], members: int = 1) -> int:
         """`threads`; None: all for large cloths, else one a member."""

@@ -47,7 +47,6 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
         ],
         precision=options.precision,
         kernel=options.kernel_for(scene.cloth),
-        strict=options.strict,
         instruction_set="",
         integrator=options.integrator,
     )

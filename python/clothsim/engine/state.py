@@ -49,7 +49,7 @@ class State:
         if options.backend == "gpu":
             from ..gpu.simulation import Simulation
 
-            simulation = Simulation(start.scenes, start.t, options.precision, options.strict)
+            simulation = Simulation(start.scenes, start.t, options.precision)
             self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
         else:
             wanted = options.threads_for(start.scenes[0].cloth.shape, len(start.scenes))

@@ -32,7 +32,7 @@ class Stepper(StepperView):
     t : float, optional
         Time of that state [s]. Required where a sphere moves and `x` is given. Default: 0, the time of the scene's own
         state.
-    integrator, precision, threads, kernel, strict, backend
+    integrator, precision, threads, kernel, backend
         As for `step`. With the backend "gpu" the state stays on the adapter.
 
     Raises
@@ -64,10 +64,12 @@ class Stepper(StepperView):
         precision: Precision = "double",
         threads: int | None = None,
         kernel: Kernel = "auto",
-        strict: bool = False,
         backend: Backend = "cpu",
+        **unknown: NoReturn,
     ) -> None:
-        self._options = Options(integrator, precision, threads, kernel, strict, backend)
+        if unknown:
+            check.no_argument(unknown)
+        self._options = Options(integrator, precision, threads, kernel, backend)
         self._scene = scene
         self._state = State(scene, x, v, t, self._options)
         self._announce()

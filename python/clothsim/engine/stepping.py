@@ -7,7 +7,7 @@ cloth. A scene is immutable, so an engine serves later calls with equal arithmet
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +32,7 @@ Waiting = list[State]
 
 
 def waiting_engines(
-    scene: Any, x: Any, v: Any, integrator: Any, precision: Any, threads: Any, kernel: Any, strict: Any, backend: Any = "cpu"
+    scene: Any, x: Any, v: Any, integrator: Any, precision: Any, threads: Any, kernel: Any, backend: Any = "cpu"
 ) -> Waiting | None:
     """The list of engines that can serve this call; None if the call needs a new engine or full checks."""
     if not type(x) is type(v) is np.ndarray:
@@ -40,8 +40,7 @@ def waiting_engines(
     shape, dtype = x.shape, x.dtype
     if v.shape != shape or v.dtype is not dtype or x.nbytes > _MOST_BYTES:
         return None
-    # Keys are compared by value, and True is 1.
-    if type(strict) is not bool or type(threads) not in _THREADS or type(backend) is not str or backend != "cpu":
+    if type(threads) not in _THREADS or type(backend) is not str or backend != "cpu":
         return None
     if type(scene) is Scene:
         first, others = scene, None
@@ -50,7 +49,7 @@ def waiting_engines(
         first, others = scene[0], tuple(map(id, scene))
     else:
         return None
-    key = (shape, dtype, integrator, precision, threads, kernel, strict, others)
+    key = (shape, dtype, integrator, precision, threads, kernel, others)
     try:
         waiting: Waiting | None = first.engines.get(key)
     except TypeError:  # an option that is no name
@@ -91,8 +90,8 @@ def step(
     out: tuple[FloatArray, FloatArray] | None = None,
     *,
     kernel: Kernel = "auto",
-    strict: bool = False,
     backend: Backend = "cpu",
+    **unknown: NoReturn,
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
@@ -124,15 +123,11 @@ def step(
     out : (numpy.ndarray, numpy.ndarray), optional
         Arrays of the result's shape and dtype to write to; may be `x` and `v` themselves.
     kernel : {"auto", "gather", "edge"}, default "auto"
-        "gather" computes each mass point from its neighbours, as the compute shader does. "edge" computes each spring
-        once and is faster. "auto" is "edge", or "gather" if `strict`.
-    strict : bool, default False
-        True computes roots and divisions exactly and fuses no operations, so every instruction set gives the same bits.
-        A step takes 2.7 times as long as with the kernel "edge", which has no strict class.
+        "edge", which "auto" stands for, computes each spring once and is the fastest. "gather" computes each mass point
+        from its neighbours with the arithmetic of the compute shader: exact roots and divisions, and nothing fused. So
+        every instruction set and the shader give the same bits, and a step takes 2.7 times as long.
     backend : {"cpu", "gpu"}, default "cpu"
-        "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather"; `strict` then
-        keeps products apart from sums, so that an adapter that rounds correctly gives the bits of
-        the core's strict class. With "gpu", `threads` is refused.
+        "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather". With "gpu", `threads` is refused.
 
     Returns
     -------
@@ -174,12 +169,14 @@ def step(
     >>> float(abs(x - scene.initial_position).max()) < 1e-10
     True
     """
-    waiting = waiting_engines(scene, x, v, integrator, precision, threads, kernel, strict, backend)
+    if unknown:
+        check.no_argument(unknown)
+    waiting = waiting_engines(scene, x, v, integrator, precision, threads, kernel, backend)
     state = take(waiting)
     results = state.call(x, v, t, steps, dt, out) if state else None  # type: ignore[arg-type]
     if not state or not results:
         refuse_none(x=x, v=v)
-        state = State(scene, x, v, t, Options(integrator, precision, threads, kernel, strict, backend))
+        state = State(scene, x, v, t, Options(integrator, precision, threads, kernel, backend))
         results = out_arrays(out, state.shape, state.dtype)
         state.warn_of_order()
         state.advance(steps, dt)
@@ -198,13 +195,13 @@ def acceleration(
     *,
     threads: int | None = None,
     kernel: Kernel = "auto",
-    strict: bool = False,
+    **unknown: NoReturn,
 ) -> npt.NDArray[np.float64]:
     """Acceleration of every mass point: springs, damping and gravity. Spheres exert no force.
 
     Parameters
     ----------
-    scene, x, v, precision, threads, kernel, strict
+    scene, x, v, precision, threads, kernel
         As for `step`.
     t : float, default 0.0
         Time of the state [s]. No result depends on it, as spheres exert no force.
@@ -229,12 +226,14 @@ def acceleration(
     >>> round(float(a[0, 1, 0]), 12)
     -5.0
     """
-    waiting = waiting_engines(scene, x, v, "rk4", precision, threads, kernel, strict)
+    if unknown:
+        check.no_argument(unknown)
+    waiting = waiting_engines(scene, x, v, "rk4", precision, threads, kernel)
     state = take(waiting)
     result = state.accelerate(x, v, t, out) if state else None  # type: ignore[arg-type]
     if not state or result is None:
         refuse_none(x=x, v=v)
-        state = State(scene, x, v, t, Options("rk4", precision, threads, kernel, strict))
+        state = State(scene, x, v, t, Options("rk4", precision, threads, kernel))
         if out is None:
             out = np.empty(state.shape)
         out_array("out", out, state.shape, np.dtype(np.float64))

@@ -40,13 +40,7 @@ class Block:
     """
 
     def __init__(
-        self,
-        device: Device,
-        members: Sequence[int],
-        scenes: Sequence[Scene],
-        origins: np.ndarray,
-        precision: str,
-        strict: bool,
+        self, device: Device, members: Sequence[int], scenes: Sequence[Scene], origins: np.ndarray, precision: str
     ) -> None:
         self.device, self.members = device, list(members)
         self.single = precision == "single"
@@ -66,7 +60,7 @@ class Block:
         self._rounds, self._runs, self._settled = 1, 0, True
         self._plane_bytes = self.points * len(members) * np.dtype(self.real).itemsize
         self._check_limits()
-        self.pipelines = pipelines(device, self.features, precision, strict)
+        self.pipelines = pipelines(device, self.features, precision)
         self._make_buffers()
 
     def _check_limits(self) -> None:

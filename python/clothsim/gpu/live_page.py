@@ -205,7 +205,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "near": NEAR,
         "epsilon": eps,
         "largestFloat": float(np.finfo(np.float32).max),
-        "constants": features.constants(strict=True),
+        "constants": features.constants(),
         "wgsl": source(replace(features, spheres=()), "single", False).removesuffix(
             replace(features, spheres=()).after_contacts()
         ),

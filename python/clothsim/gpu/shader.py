@@ -23,7 +23,7 @@ Neighbour = tuple[int, int, str, int]
 def springs(neighbours: Sequence[Neighbour] = _core.neighbours) -> str:
     """WGSL of the override constants of the families and of a mass point's spring forces, from cpp/model/stencil.hpp.
 
-    The forces add up in the order of `neighbours`, which is a part of the strict class.
+    The forces add up in the order of `neighbours`, which is part of their bits.
     """
     families = dict.fromkeys(family for _, _, family, _ in neighbours)
     return "\n".join(
@@ -115,12 +115,12 @@ class Features:
             ),
         )
 
-    def constants(self, strict: bool) -> dict[str, float]:
+    def constants(self) -> dict[str, float]:
         """Values of the shader's override constants."""
         switches: dict[str, bool] = {family: family in self.families for family in FAMILIES}
         for name in ("spring_damping", "drag", "mass_per_point", "pinned", "moving", "cells"):
             switches[name] = getattr(self, name)
-        return {name: float(on) for name, on in {**switches, "strict": strict}.items()}
+        return {name: float(on) for name, on in switches.items()}
 
     def after_contacts(self) -> str:
         """WGSL of the collision pass: the classic responses of spheres in their order, then the continuous one."""
@@ -172,10 +172,7 @@ def arithmetic_of(precision: str, float64: bool) -> str:
         x, y, z = (f"{prefix}product(a.{k}, b.{k})" for k in "xyz")
         lines += [
             keep(word, f"{prefix}keep"),
-            f"fn {prefix}product(a: {word}, b: {word}) -> {word} {{",
-            f"    if (strict) {{ return {prefix}keep(a * b); }}",
-            "    return a * b;",
-            "}",
+            f"fn {prefix}product(a: {word}, b: {word}) -> {word} {{ return {prefix}keep(a * b); }}",
             f"fn {prefix}scaled(a: {word}, b: {vector}) -> {vector} {{ return {vector}({scaled}); }}",
             f"fn {prefix}inner(a: {vector}, b: {vector}) -> {word} {{ return ({x} + {y}) + {z}; }}",
         ]
@@ -193,7 +190,7 @@ def source(features: Features, precision: str, float64: bool) -> str:
 class Pipelines:
     """Compiled pipelines for given features: the four stages of a step, the rounds of `raise`, and the check."""
 
-    def __init__(self, device: Device, features: Features, precision: str, strict: bool) -> None:
+    def __init__(self, device: Device, features: Features, precision: str) -> None:
         handle = device.handle
         visible = device.wgpu.ShaderStage.COMPUTE
         kinds = ["uniform", *["storage"] * 5, *["read-only-storage"] * 2, "storage"]
@@ -209,17 +206,17 @@ class Pipelines:
                 compute = {"module": module, "entry_point": entry_point, "constants": constants}
                 return handle.create_compute_pipeline(layout=layout, compute=compute)
 
-            constants = features.constants(strict)
+            constants = features.constants()
             self.stages = [pipeline("advance", {**constants, "stage": k}) for k in STAGES]
             self.rounds = [pipeline("raise", {**constants, "stage": k}) for k in ROUNDS if features.cells]
             self.check = pipeline("check", {})
 
 
-def pipelines(device: Device, features: Features, precision: str, strict: bool) -> Pipelines:
+def pipelines(device: Device, features: Features, precision: str) -> Pipelines:
     """Pipelines of `features`, compiled at most once for a device."""
-    key = (features, precision, strict)
+    key = (features, precision)
     if key not in device.pipelines:
-        device.pipelines[key] = Pipelines(device, features, precision, strict)
+        device.pipelines[key] = Pipelines(device, features, precision)
     found: Pipelines = device.pipelines[key]
     return found
 

@@ -51,9 +51,7 @@ class Simulation:
     memory does not suffice; a RuntimeError if there is no adapter; an ImportError if wgpu is missing.
     """
 
-    def __init__(
-        self, scenes: Sequence[Scene], time: float, precision: str, strict: bool, device: Device | None = None
-    ) -> None:
+    def __init__(self, scenes: Sequence[Scene], time: float, precision: str, device: Device | None = None) -> None:
         self.device = device or devices.opened()
         self.adapter = self.device.adapter
         if precision == "double" and not self.device.float64:
@@ -63,7 +61,7 @@ class Simulation:
             )
         check_scenes(scenes)
         self._scenes = list(scenes)
-        self._precision, self._strict = precision, strict
+        self._precision = precision
         self._single = precision == "single"
         self._members = len(self._scenes)
         self._clock = Clock(time)
@@ -87,7 +85,7 @@ class Simulation:
         chosen = [scenes[member] for member in members]
         if not members:
             return None
-        return Block(self.device, members, chosen, self._origins[members], self._precision, self._strict)
+        return Block(self.device, members, chosen, self._origins[members], self._precision)
 
     # State in and out -----------------------------------------------------------------------------
 

@@ -115,7 +115,7 @@ class HardCase:
         precision : {"double", "single"}, default "double"
             One of `precisions`.
         **options
-            Others of `Stepper`: kernel, threads, strict.
+            Others of `Stepper`: kernel, threads.
 
         Returns
         -------

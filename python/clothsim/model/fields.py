@@ -15,7 +15,7 @@ from .scene import Scene
 from .sphere import Sphere
 from .wording import counted
 
-NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel", "strict")
+NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel")
 """Names that change how a cloth is computed, not which cloth."""
 
 RUN = (*NUMERICS, "duration")

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -193,8 +193,8 @@ class Scene(Record):
         precision: Precision = "double",
         kernel: Kernel = "auto",
         threads: int | None = None,
-        strict: bool = False,
         integrator: Integrator = "rk4",
+        **unknown: NoReturn,
     ) -> Any:
         """List the work of a step of this scene, the parts left out, and the term that limits the
         step.
@@ -207,8 +207,6 @@ class Scene(Record):
             Kernel that computes the forces.
         threads : int, optional
             Number of threads. Default: chosen from the size of the cloth.
-        strict : bool, default False
-            Same bits on every instruction set.
         integrator : str, default "rk4"
             A name of `integrators`.
 
@@ -237,7 +235,8 @@ class Scene(Record):
         """
         from ..engine.explain import explain
 
-        return explain(self, precision, kernel, threads, strict, integrator)
+        check.no_argument(unknown)
+        return explain(self, precision, kernel, threads, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Lines, and a picture of the initial state, for a notebook."""

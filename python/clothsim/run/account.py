@@ -66,7 +66,6 @@ def report(scene: Scene, solution: Solution, account: Account, stopped: str = ""
         "integrator": options.integrator,
         "as_printed": any(sphere.as_printed for sphere in scene.spheres),
         "precision": options.precision,
-        "strict": options.strict,
         "threads": state.threads,
         "instruction_set": state.instruction_set,
         "backend": options.backend,

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, TypeVar, cast, overload
+from typing import Any, NoReturn, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +45,6 @@ def simulate(
     fps: float | None = None,
     callback: Callable[[float, Any, Any], Any] | None = None,
     kernel: Kernel = "auto",
-    strict: bool = False,
     backend: Backend = "cpu",
     estimate_error: bool | None = None,
 ) -> Run: ...
@@ -68,9 +67,9 @@ def simulate(
     fps: float | None = None,
     callback: Callable[[float, Any, Any], Any] | None = None,
     kernel: Kernel = "auto",
-    strict: bool = False,
     backend: Backend = "cpu",
     estimate_error: bool | None = None,
+    **unknown: NoReturn,
 ) -> Run | list[Run]:
     """Run a scene from its initial state for `duration` and store frames.
 
@@ -98,7 +97,7 @@ def simulate(
         An int >= 2 stores a frame every so many steps, a float every so many seconds, and "step"
         at each step. At most one of `every`, `times` and `fps` is given; by default only the
         first and the last state are stored, which every run stores.
-    threads, kernel, strict, backend
+    threads, kernel, backend
         As for `step`. The backend "gpu" takes fixed steps of "rk4" only: no `rtol` and `atol`.
     progress : bool, default False
         True shows a progress bar of simulated seconds (tqdm, in the extra "demo") on a terminal
@@ -127,7 +126,7 @@ def simulate(
         control, dense output of the method gives the frames until a sphere responds. ``run.report`` counts "steps",
         "rejected_steps" and "force_evaluations"; the evaluations include the error estimate. "solution_evaluations",
         "wall_time" [s], "steps_per_second" and "dt" are for the run alone; "dt" is the mean step of an adaptive method.
-        "integrator", "precision", "kernel", "strict", "threads", "backend", "instruction_set" and "version" say how
+        "integrator", "precision", "kernel", "threads", "backend", "instruction_set" and "version" say how
         the run was computed; "as_printed", whether a sphere responds as printed in the paper. With the backend "gpu",
         "instruction_set" is the adapter. "stopped" is "" for a whole run, else "callback", "interrupted", "unstable" or
         "contact".
@@ -212,12 +211,13 @@ def simulate(
     >>> run.report["integrator"], run.report["error_estimate"]["rms"] < 1e-6
     ('dop853', True)
     """
+    check.no_argument(unknown)
     if not isinstance(scene, Scene):
         scenes = scenes_of(scene)
         if dt is None or callback is not None or estimate_error or backend == "gpu":
             first = (duration, dt, integrator, precision, rtol, atol, every, threads, progress)
             more = {"t": t, "times": times, "fps": fps, "callback": callback, "estimate_error": estimate_error}
-            return _one_by_one(scenes, *first, **more, kernel=kernel, strict=strict, backend=backend)
+            return _one_by_one(scenes, *first, **more, kernel=kernel, backend=backend)
     else:
         scenes = [scene]
     duration = check.number("duration", duration, minimum=0, exclusive=True)
@@ -230,7 +230,7 @@ def simulate(
         integrator = "auto" if asked is not None or plain else "rk4"
     integrator = integrator_name(integrator, "auto")
     named = "rk4" if integrator == "auto" else integrator
-    options = RunOptions(named, precision, threads, kernel, strict, backend, t)
+    options = RunOptions(named, precision, threads, kernel, backend, t)
     if options.backend == "gpu" and (asked is not None or integrator == "auto"):
         raise ValueError(
             "rtol and atol must be None and integrator must be 'rk4' with backend 'gpu', which takes fixed steps: "

@@ -6,7 +6,7 @@ import os
 import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from ..base import check
 from ..base.extras import check_installed, needed
@@ -49,7 +49,7 @@ def sweep(
     threads: int | None = None,
     progress: bool = True,
     kernel: Kernel = "auto",
-    strict: bool = False,
+    **unknown: NoReturn,
 ) -> xarray.Dataset:
     """Run a scene once for every combination of values, and label the results.
 
@@ -78,7 +78,7 @@ def sweep(
         "largest_stretch".
     dt : float, optional
         Time step [s], where it is not swept. Default: half of `max_stable_dt`, of each member.
-    integrator, precision, kernel, strict
+    integrator, precision, kernel
         As for `step`, where they are not swept. The default of `integrator` is "rk4"; "auto", the
         default with `rtol` or `atol`, chooses as `simulate` does.
     rtol, atol : float, optional
@@ -138,12 +138,13 @@ def sweep(
     needed("xarray", "sweep")  # so that an ImportError comes before the runs
     if store is not None:
         needed("zarr", "store=...")
+    check.no_argument(unknown)
     if check.boolean("progress", progress):
         check_installed("tqdm", "progress=True")
     check.instance("scene", scene, Scene)
     grid = make_grid(over)
     chosen = choose_metrics(metrics)
-    options = SweepOptions(duration, dt, integrator, precision, kernel, strict, every, frames, chosen, rtol, atol)
+    options = SweepOptions(duration, dt, integrator, precision, kernel, every, frames, chosen, rtol, atol)
     _check_grid(grid, options)
     made = checked_members(scene, grid, options)
     workers = Workers(executor, threads)

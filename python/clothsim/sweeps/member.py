@@ -36,7 +36,6 @@ class SweepOptions:
     integrator: str | None = None
     precision: str = "double"
     kernel: str = "auto"
-    strict: bool = False
     every: Any = None  # checked: steps (int), seconds (float) or None
     frames: bool = False
     metrics: tuple[Any, ...] = ()
@@ -48,7 +47,6 @@ class SweepOptions:
             "duration": check.number("duration", self.duration, minimum=0, exclusive=True),
             "dt": None if self.dt is None else check.number("dt", self.dt, minimum=0, exclusive=True),
             "integrator": None if self.integrator is None else integrator_name(self.integrator, "auto"),
-            "strict": check.boolean("strict", self.strict),
             "every": checked_every(self.every),
             "frames": check.boolean("frames", self.frames),
         }
@@ -72,7 +70,6 @@ class Member:
     integrator: str
     precision: str
     kernel: str
-    strict: bool
     rtol: float | None = None
     atol: float | None = None
 
@@ -81,14 +78,14 @@ class Member:
         """Make the member with these swept values; a refused value raises the error of its argument."""
         of_scene, run = split(values)
         scene = change_scene(base, of_scene)
-        numerics = {name: run.get(name, getattr(options, name)) for name in ("integrator", "precision", "kernel", "strict")}
+        numerics = {name: run.get(name, getattr(options, name)) for name in ("integrator", "precision", "kernel")}
         dt, rtol, atol = (run.get(name, getattr(options, name)) for name in ("dt", "rtol", "atol"))
         if numerics["integrator"] is None:
             numerics["integrator"] = "rk4" if rtol is None and atol is None else "auto"
         numerics["integrator"] = integrator_name(numerics["integrator"], "auto")
         automatic = numerics["integrator"] == "auto"
         named = "rk4" if automatic else numerics["integrator"]
-        Options(named, numerics["precision"], None, numerics["kernel"], numerics["strict"])
+        Options(named, numerics["precision"], None, numerics["kernel"])
         duration = check.number("duration", run.get("duration", options.duration), minimum=0, exclusive=True)
         if isinstance(options.every, float):
             check.frame_count("every", options.every, duration / options.every)
@@ -107,7 +104,7 @@ class Member:
     @property
     def numerics(self) -> dict[str, Any]:
         """Arguments of `Stepper`."""
-        return {"integrator": self.integrator, "precision": self.precision, "kernel": self.kernel, "strict": self.strict}
+        return {"integrator": self.integrator, "precision": self.precision, "kernel": self.kernel}
 
     @property
     def settings(self) -> dict[str, Any]:

@@ -16,7 +16,6 @@ override mass_per_point: bool = true;
 override pinned: bool = true;
 override moving: bool = true;  // spheres move: each step has contacts of its own
 override cells: bool = true;   // the continuous sphere has the offset "cell"
-override strict: bool = true;  // no product is fused with a sum
 
 struct Constants {
     half_h: real,

@@ -1,6 +1,6 @@
 // A step of classic RK4 in Nystroem form, one dispatch a stage (cpp/kernels/gather/gather_impl.hpp is the same on
 // the CPU). Every invocation gathers from its point's neighbours, and finishes its own point. The host writes
-// `spring_forces` from `neighbours` (cpp/model/stencil.hpp). Operations and their order are the core's strict ones.
+// `spring_forces` from `neighbours` (cpp/model/stencil.hpp). Operations and their order are those of the core's gather kernel.
 //
 //   f = (K (l - L) / l + c (w.d) / l^2) d,  d = x_j - x_i, w = v_j - v_i, l = |d|    (Kim et al., eq 1)
 
