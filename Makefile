@@ -57,7 +57,7 @@ test-peers: $(VENV)/.built-test $(VENV)/.built-peers
 # VTK reads the exports for ParaView; at 140 MB it is no part of the extra "test".
 test-export: $(VENV)/.built-test
 	$(BIN)/pip install --quiet --disable-pip-version-check vtk
-	$(BIN)/python -m pytest tests/view/test_export.py tests/view/test_export_formats.py tests/view/test_export_blender.py
+	$(BIN)/python -m pytest tests/view/test_export.py tests/view/test_export_formats.py
 
 # Tests of backend "gpu" need an adapter; Mesa's lavapipe, which is a CPU, will do.
 test-gpu: $(VENV)/.built-test $(VENV)/.built-gpu

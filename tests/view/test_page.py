@@ -8,7 +8,6 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.run.result import Run
-from clothsim.viewing.legend import point_stretch
 from clothsim.viewing.page import pack
 from pages import frames, pixels, seek
 
@@ -99,16 +98,6 @@ def test_packed_values_are_right_where_differences_overflow():
     assert pack(x * (1, 0, 1), [], []).precision <= packed.precision  # a flat sheet
     levels = np.cumsum(data[2 * count :].reshape(5, 6), axis=0) % 256
     assert np.abs(levels / 255 - np.sqrt(values.clip(0, 1))).max() < 0.5001 / 255
-
-
-def test_stretch_of_a_point_is_the_largest_of_its_springs():
-    cloth = cs.Cloth((3, 3), springs=("structural",), pins=())
-    x = cloth.rest_positions.copy()
-    x[0, 0] -= (0.25, 0, 0)  # its spring along the row has 0.75 m instead of 0.5
-    found = point_stretch(cs.Scene(cloth), x[None])[0].reshape(3, 3)
-    assert found[0, 0] == found[0, 1] == pytest.approx(0.5)
-    assert found[1, 0] == pytest.approx(np.hypot(0.25, 0.5) / 0.5 - 1)
-    assert found[2, 2] == pytest.approx(0, abs=1e-12)
 
 
 def test_the_slider_changes_the_frame_and_the_picture(alone, opened):

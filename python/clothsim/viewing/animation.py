@@ -10,21 +10,17 @@ from shutil import which
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from ..base import check, files
+from ..base import Floats, check, files
 from ..base.extras import how_to_install, needed
 from ..base.progress import ProgressBar
+from .legend import Pixels
 from .picture import Drawing, Style, file_path
 
-# Effort of WebP, 0 to 6, by films of 181 pictures. At 4 a film is 2 % smaller and takes 1.5 times as long. At 6 it is 6 %
-# smaller and takes 15 times as long. At 1 it is as large and as quick.
-WEBP_METHOD = 2
+WEBP_METHOD = 2  # effort, 0 to 6; at 4 a film of 181 pictures is 2 % smaller and takes 1.5 times as long, at 6 15 times
 PALETTE_WIDTH = 640  # pixels of a picture's width that a GIF's palette is made from; as many as the default width
 GIF_FPS = 50.0  # frames/s; browsers slow down a GIF whose frames are shorter than 0.02 s
 FORMATS = (".gif", ".webp", ".mp4")
-
-Pixels = npt.NDArray[np.uint8]
 
 
 class Film:
@@ -75,17 +71,13 @@ def animate(run: Any, path: str | Path, fps: float = 30.0, speed: float = 1.0, *
 def film_path(name: str, value: Any) -> Path:
     """Check that the film `value` can be written: its format, folder and program."""
     path = file_path(name, value)
-    suffix = path.suffix.lower()
-    if suffix not in FORMATS:
+    if path.suffix.lower() not in FORMATS:
         raise ValueError(f"{name} must end in one of {', '.join(FORMATS)}, got {str(path)!r}")
-    if suffix == ".mp4":
-        _ffmpeg()
-    else:
-        needed("PIL.Image", f"a film as {suffix!r}", "plot")
+    _ffmpeg() if path.suffix.lower() == ".mp4" else needed("PIL.Image", "a film", "plot")
     return path
 
 
-def shown_frames(t: npt.NDArray[np.float64], fps: float, speed: float) -> list[int]:
+def shown_frames(t: Floats, fps: float, speed: float) -> list[int]:
     """The nearest stored frame for each picture of a film."""
     count = max(2, round((t[-1] - t[0]) / speed * fps) + 1)
     times = np.minimum(t[0] + np.arange(count) * speed / fps, t[-1])
@@ -108,7 +100,7 @@ class _Reel:
 
 
 def _write_webp(path: Path, film: Film) -> None:
-    image = needed("PIL.Image", "a film as '.webp'", "plot")
+    image = needed("PIL.Image", "a film", "plot")
     first = image.fromarray(film[0])
     options = {"save_all": True, "append_images": [_Reel(image, film)], "duration": film.durations(1), "loop": 0}
     first.save(path, format="WEBP", quality=85, method=WEBP_METHOD, **options)
@@ -116,8 +108,7 @@ def _write_webp(path: Path, film: Film) -> None:
 
 def _write_gif(part: Path, film: Film) -> None:
     """One palette for all pictures, since palettes of their own flicker. Of a picture, the changed rectangle is written."""
-    image = needed("PIL.Image", "a film as '.gif'", "plot")
-    gif, chops = needed("PIL.GifImagePlugin", "a film as '.gif'", "plot"), needed("PIL.ImageChops", "a film", "plot")
+    image, gif, chops = (needed(f"PIL.{name}", "a film", "plot") for name in ("Image", "GifImagePlugin", "ImageChops"))
     palette = _common_palette(image, film)
     last = None
     with part.open("wb") as file:

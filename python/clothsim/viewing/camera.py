@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check
+from ..base import Floats, check
 from ..typing import Numbers
 
-DISTANCE = 2.0  # of the eye in perspective, in longer sides of the view
-NEAR = (
-    2.0  # a sphere so many longer sides of the cloth away is framed; at half, one that flies towards it comes from nowhere
-)
-
+DISTANCE = 2.0  # of the eye in perspective, in longer sides of the view; as a lens of 70 mm sees
+# Longer sides of the cloth up to which a sphere is framed; at half, one that flies towards it comes from nowhere.
+NEAR = 2.0
 DIRECTIONS = {
     "corner": (1.0, 0.6, 1.3),
     "front": (0.0, 0.0, 1.0),
@@ -72,19 +70,14 @@ class Camera:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        direction = check.vector("direction", self.direction)
-        if not any(direction):
+        for name in ("direction", "target"):
+            object.__setattr__(self, name, check.vector(name, getattr(self, name)))
+        if not any(self.direction):
             raise ValueError(f"direction must not be the zero vector, got {self.direction!r}")
-        object.__setattr__(self, "direction", direction)
-        object.__setattr__(self, "target", check.vector("target", self.target))
-        for name in ("width", "height"):
-            size = check.number(name, getattr(self, name), minimum=0, exclusive=True)
-            object.__setattr__(self, name, size)
-        if self.distance is not None:
-            distance = check.number("distance", self.distance, minimum=0, exclusive=True)
-            object.__setattr__(self, "distance", distance)
+        for name in ("width", "height", *(() if self.distance is None else ("distance",))):
+            object.__setattr__(self, name, check.number(name, getattr(self, name), minimum=0, exclusive=True))
 
-    def axes(self) -> npt.NDArray[np.float64]:
+    def axes(self) -> Floats:
         """Right, up and towards-the-eye unit vectors as rows, shape (3, 3).
 
         Examples
@@ -149,7 +142,7 @@ def direction_of(value: Any) -> tuple[float, float, float]:
     )
 
 
-def _points(scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, axes: npt.NDArray[np.float64]) -> Iterator[Any]:
+def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[Floats]:
     """What a picture frames, along `axes`, shape (3, n): the mass points, and the outline of each sphere near them.
 
     A sphere as wide as the cloth is ground or wall to it: where the cloth touches it, there are mass points.
@@ -170,28 +163,25 @@ def _points(scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, axes: npt.
             yield (centers[:, near, None] + ends[:, None]).reshape(3, -1)
 
 
-def extremes(
-    scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, axes: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def extremes(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> tuple[Floats, Floats]:
     """Lowest and highest coordinates along `axes` of the cloth and of the spheres near it at all times."""
-    ends = [(part.min(axis=1), part.max(axis=1)) for part in _points(scene, x, t, axes)]
-    low, high = zip(*ends)
+    low, high = zip(*((part.min(axis=1), part.max(axis=1)) for part in _points(scene, x, t, axes)))
     return np.min(low, axis=0), np.max(high, axis=0)
 
 
-def eye_of(camera: Camera, scene: Any) -> npt.NDArray[np.float64]:
+def eye_of(camera: Camera, scene: Any) -> Floats:
     """Where the eye is [m]; of an orthographic view, where it would be in perspective."""
     usual = DISTANCE * max(camera.width, camera.height, *scene.cloth.size)
     return np.asarray(camera.target + (camera.distance or usual) * camera.axes()[2])
 
 
-def reach(scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, target: npt.NDArray[np.float64]) -> float:
+def reach(scene: Any, x: Floats, t: npt.ArrayLike, target: Floats) -> float:
     """A distance from `target` that holds all of `extremes` [m]."""
     low, high = extremes(scene, x, t, np.eye(3))
     return float(np.linalg.norm(np.maximum(high - target, target - low)))
 
 
-def camera_for(value: Any, scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayLike, perspective: bool = False) -> Camera:
+def camera_for(value: Any, scene: Any, x: Floats, t: npt.ArrayLike, perspective: bool = False) -> Camera:
     """The camera for the argument `camera` and states x, shape (frames, rows, columns, 3).
 
     A direction becomes a view that contains the cloth and the spheres near it at all times `t`.
@@ -206,14 +196,8 @@ def camera_for(value: Any, scene: Any, x: npt.NDArray[np.float64], t: npt.ArrayL
     camera = Camera.around(direction, np.stack([low, high]) @ axes)
     if not perspective:
         return camera
-    # From there the picture's longer side is seen at 29 degrees, as by a lens of 70 mm.
-    distance = DISTANCE * max(camera.width, camera.height)
-    middle = axes @ camera.target
-    ends = []
-    for part in _points(scene, x, t, axes):
-        seen = part - middle[:, None]
-        seen = seen[:2] * distance / (distance - seen[2])
-        ends.append((seen.min(axis=1), seen.max(axis=1)))
-    low, high = (np.array(end) for end in zip(*ends))
-    width, height = 2 * np.maximum(-low.min(axis=0), high.max(axis=0)) * 1.06
+    distance, middle = DISTANCE * max(camera.width, camera.height), axes @ camera.target
+    parts = (part - middle[:, None] for part in _points(scene, x, t, axes))
+    sides = [np.abs(seen[:2] * distance / (distance - seen[2])).max(axis=1) for seen in parts]
+    width, height = 2 * 1.06 * np.max(sides, axis=0)
     return replace(camera, width=float(max(width, height)), height=float(height), distance=float(distance))

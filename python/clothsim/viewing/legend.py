@@ -90,10 +90,7 @@ def scale_of(color: Any, values: Floats, limits: Any) -> Scale:
 
 
 def point_stretch(scene: Any, x: Floats, advance: Callable[[int], object] = lambda _: None) -> Floats:
-    """Stretch l/L - 1 of the most stretched spring at each point, shape (frames, points), >= 0.
-
-    `advance` is called with 1 after each frame.
-    """
+    """Stretch l/L - 1 of the most stretched spring at each point, shape (frames, points), >= 0; `advance` by 1 a frame."""
     table = scene.cloth.spring_table()
     i, j, rest = table["i"], table["j"], table["rest_length"]
     found = np.zeros((len(x), x.shape[1] * x.shape[2]))
@@ -118,8 +115,7 @@ STROKES = {
 }  # fmt: skip
 ADVANCE, HEIGHT = 5.6, 6.0  # of a letter, and of a digit above the base line, in cells of the grid
 INK = 40.0  # of 255
-LEAST_WIDTH = 320
-"""Pixels; in a narrower picture the label cannot be read."""
+LEAST_WIDTH = 320  # pixels; in a narrower picture the label cannot be read
 
 
 @lru_cache(maxsize=256)

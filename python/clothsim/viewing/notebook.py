@@ -1,7 +1,6 @@
 """Notebook output of a run, a scene or a stepper: its lines and a picture, or the page itself.
 
-Lines and picture are plain HTML with the picture inside, without a script. JupyterLab and nbviewer
-show both, also where a notebook is not trusted.
+Lines and picture are HTML without a script: JupyterLab and nbviewer show both, also where a notebook is not trusted.
 """
 
 from __future__ import annotations
@@ -40,10 +39,9 @@ def run_bundle(run: Run) -> dict[str, Any]:
 
 def runs_html(runs: Mapping[str, Run]) -> str:
     """Labels and pictures of the last frames, side by side."""
-    box, lines = 'style="display: inline-block; vertical-align: top"', '<pre style="display: block'
-    bundles = (bundle(label, run.picture(width=WIDTH))["text/html"] for label, run in runs.items())
-    cells = (one.replace("<div", f"<div {box}").replace('<pre style="display: inline-block', lines) for one in bundles)
-    return f"<div>{''.join(cells)}</div>"
+    cells = (bundle(label, run.picture(width=WIDTH))["text/html"] for label, run in runs.items())
+    box = '<div style="display: inline-block; vertical-align: top"'
+    return f"<div>{''.join(one.replace('inline-block', 'block').replace('<div', box) for one in cells)}</div>"
 
 
 def scene_bundle(scene: Scene) -> dict[str, Any]:

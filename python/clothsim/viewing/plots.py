@@ -60,16 +60,14 @@ def curves(run: Any, advance: Callable[[int], object] = lambda _: None) -> dict[
     return found
 
 
-# Dashes repeat the message of the colours.
-STYLES: dict[str, dict[str, Any]] = {
-    "total": {"color": BLACK, "ls": "-", "lw": 2.0},
-    "kinetic": {"color": RED, "ls": "--"},
-    "elastic": {"color": GREEN, "ls": "-."},
-    "gravity": {"color": BLUE, "ls": ":", "lw": 2.0},
-    "points": {"color": BLUE, "ls": "-"},
-    "triangles": {"color": RED, "ls": "--"},
-    "stretch": {"color": BLACK, "ls": "-"},
-    "contacts": {"color": BLACK, "ls": "-"},
+# Name of a curve: colour, dash (which repeats the message of the colour), width.
+STYLES = {
+    "total": (BLACK, "-", 2.0),
+    "kinetic": (RED, "--", 1.5),
+    "elastic": (GREEN, "-.", 1.5),
+    "gravity": (BLUE, ":", 2.0),
+    "points": (BLUE, "-", 1.5),
+    "triangles": (RED, "--", 1.5),
 }
 PANELS = (
     ("energy [J]", 1.0, ("total", "kinetic", "elastic", "gravity")),
@@ -108,8 +106,9 @@ def plot_run(run: Any, path: str | Path | None = None, progress: bool = False, l
     few: dict[str, Any] = {"marker": "o", "ms": 3} if len(run.t) < 20 else {}
     for axis, (label, scale, names) in zip(axes[:, 0], panels, strict=True):
         for name in names:
-            style = {"label": LABELS.get(name, name), **STYLES[name], **few}
-            axis.plot(run.t, scale * found[name], clip_on=False, **style)
+            color, dash, width = STYLES.get(name, (BLACK, "-", 1.5))
+            look = {"label": LABELS.get(name, name), "color": color, "ls": dash, "lw": width, **few}
+            axis.plot(run.t, scale * found[name], clip_on=False, **look)
         axis.set_ylabel(label)
         axis.margins(x=0)
         _limits(axis, scale * np.concatenate([found[name] for name in names]), log)
