@@ -19,16 +19,8 @@ from ..model.mesh import triangles
 from ..run.between import interpolated
 from .picture import file_path
 
-FORMATS = {
-    ".usdc": "usd",
-    ".usda": "usd",
-    ".glb": "gltf",
-    ".obj": "meshes",
-    ".ply": "meshes",
-    ".pvd": "meshes",
-    ".pc2": "meshes",
-}
-"""Suffix -> module of `formats`."""
+# Suffix -> module of `formats`.
+FORMATS = {".usdc": "usd", ".usda": "usd", ".glb": "gltf"} | dict.fromkeys((".obj", ".ply", ".pvd", ".pc2"), "meshes")
 MOST_FPS = 1e5  # frames/s
 SAME_TIME = 1e-9  # part of the time between two stored frames; a frame closer to a stored one is that one
 # Interpolation errors, in grid spacings. A tenth shows as a dent where the cloth lies on a sphere; a whole spacing moves a

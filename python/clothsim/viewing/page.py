@@ -143,7 +143,7 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
     Returns
     -------
     Comparison
-        Its ``to_html(path)`` writes the page, ``show()`` plays it in a notebook. There it also shows itself, as pictures.
+        Its ``to_html(path)`` writes the page, ``picture(t=)`` draws the runs, ``show()`` plays them in a notebook.
 
     Raises
     ------

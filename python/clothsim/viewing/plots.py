@@ -16,7 +16,6 @@ from ..accuracy.work_plot import draw_work_precision
 from ..base import Floats, check
 from ..base.extras import needed
 from ..base.plots import BLACK, BLUE, DPI, GREEN, GREY, LIGHT_GREY, RED, YELLOW, figure, name_lines, save, shown_axes, style
-from ..base.progress import ProgressBar
 from ..model.scene import Scene
 from ..stability.map import StabilityMap
 from ..stability.map_report import draw_map
@@ -79,11 +78,8 @@ DECADES = 1e-4  # part of the largest value below which a logarithmic axis is li
 LABELS = {"points": "deepest point", "triangles": "deepest triangle"}
 
 
-def plot_run(run: Any, path: str | Path | None = None, progress: bool = False, log: bool = False) -> Any:
-    """`Run.plot`: the figure, for a notebook. It is also written to `path` if a path is given.
-
-    With `progress`, a bar counts frames.
-    """
+def plot_run(run: Any, path: str | Path | None = None, log: bool = False) -> Any:
+    """`Run.plot`: the figure, for a notebook. It is also written to `path` if a path is given."""
     what, log = "run.plot", check.boolean("log", log)
     base = needed("matplotlib.figure", what, "plot").Figure
     path = None if path is None else file_path("path", path)
@@ -99,8 +95,7 @@ def plot_run(run: Any, path: str | Path | None = None, progress: bool = False, l
             self.savefig(file, dpi=DPI)
             return file.getvalue()
 
-    with ProgressBar(progress, total=PARTS * len(run.t), unit="frame", desc="curves") as bar:
-        found = curves(run, bar.advance)
+    found = curves(run)
     panels = [panel for panel in PANELS if panel[2][0] in found]
     drawn, axes = figure(8, 0.8 + 1.6 * len(panels), len(panels), what=what, base=Plot, sharex=True)
     few: dict[str, Any] = {"marker": "o", "ms": 3} if len(run.t) < 20 else {}
@@ -109,8 +104,7 @@ def plot_run(run: Any, path: str | Path | None = None, progress: bool = False, l
             color, dash, width = STYLES.get(name, (BLACK, "-", 1.5))
             look = {"label": LABELS.get(name, name), "color": color, "ls": dash, "lw": width, **few}
             axis.plot(run.t, scale * found[name], clip_on=False, **look)
-        axis.set_ylabel(label)
-        axis.margins(x=0)
+        axis.set(ylabel=label, xmargin=0)
         _limits(axis, scale * np.concatenate([found[name] for name in names]), log)
         if len(names) > 1:
             name_lines(axis)
