@@ -48,9 +48,8 @@ def main(argv: list[str] | None = None) -> None:
     options |= {"methods": [*names, *peers], "progress": sys.stderr.isatty()}
     data = cs.work_precision(scene, args.duration, **options)
     if args.errors:
-        print(
-            aligned(("rms error m", "library", "fastest", "setting", "s per s", "evaluations"), fastest(data, args.errors))
-        )
+        head = "rms error m", "library", "fastest", "setting", "s per s", "evaluations"
+        print(aligned(head, fastest(data, args.errors)))
     else:
         args.out.mkdir(parents=True, exist_ok=True)
         start = args.out / f"{args.scene}{'_bend' if args.bend else ''}_peers"
