@@ -226,7 +226,7 @@ def test_members_of_one_reference_come_together():
     grid, found = cut(over, metrics=choose_metrics("error"))
     assert len(found) == 8
     for task in found:
-        assert len({grid.physics[index] for index in task.values}) <= 5
+        assert len({grid.physics(index) for index in task.values}) <= 5
 
 
 def test_a_task_that_leaves_the_process_takes_no_made_members():

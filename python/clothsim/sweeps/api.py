@@ -74,8 +74,7 @@ def sweep(
     metrics : sequence, mapping, name or function
         {metrics}.
         docs/sweeps.md describes them. A function takes a `Run`, with the frames of `every`, and returns a number, an
-        array, or a mapping of them. It must pickle to run in another process. Default: "stable", "energy_drift" and
-        "largest_stretch".
+        array, or a mapping of them. It must pickle to run in another process.
     dt : float, optional
         Time step [s], where it is not swept. Default: half of `max_stable_dt`, of each member.
     integrator, precision, kernel

@@ -8,7 +8,6 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -80,14 +79,6 @@ class Axis:
     def __len__(self) -> int:
         return len(self.places)
 
-    @cached_property
-    def physics(self) -> np.ndarray:
-        """A number per place. Numbers are equal for places that differ only in numerics."""
-        names = [name for name in self.names if name not in NUMERICS]
-        keys = [digest([place[name] for name in names]) for place in self.places]
-        numbers = {key: k for k, key in enumerate(dict.fromkeys(keys))}
-        return np.array([numbers[key] for key in keys])
-
     def column(self, name: str) -> list[Any]:
         return [place[name] for place in self.places]
 
@@ -127,14 +118,9 @@ class Grid:
         steps = [math.prod(self.shape[k + 1 :]) for k in range(len(self.shape))]
         return [step * np.arange(length) for step, length in zip(steps, self.shape, strict=True)]
 
-    @cached_property
-    def physics(self) -> np.ndarray:
-        """A number per member. Numbers are equal for members that differ only in numerics."""
-        result = np.zeros((), np.int64)
-        for axis in self.axes:
-            numbers = axis.physics
-            result = result[..., None] * (numbers.max() + 1) + numbers
-        return np.broadcast_to(result, self.shape).ravel()
+    def physics(self, index: int) -> str:
+        """A text that is equal for members that differ only in numerics."""
+        return digest({name: value for name, value in self.member(index).items() if name not in NUMERICS})
 
     def coordinates(self) -> list[Coordinate]:
         """Labels of the dimensions, one per swept name and two more for a swept shape."""

@@ -200,13 +200,9 @@ METRICS = {metric.name: metric for metric in _ALL}
 
 
 def listing() -> str:
-    """Every metric with its variables and their units, for documentation."""
-    parts = []
-    for name, metric in METRICS.items():
-        unit = next(iter(metric.variables.values())).get("units", "1")
-        more = ", ".join(variable for variable in metric.variables if variable != name)
-        parts.append(f'"{name}"' + (f" (and {more})" if more else "") + ("" if unit == "1" else f" [{unit}]"))
-    return ", ".join(parts)
+    """Every metric with its further variables, for documentation."""
+    more = {name: ", ".join(one for one in metric.variables if one != name) for name, metric in METRICS.items()}
+    return ", ".join(f'"{name}"' + (f" (and {others})" if others else "") for name, others in more.items())
 
 
 def named(name: str) -> Metric:

@@ -78,13 +78,11 @@ class Results:
         self.coordinates.append(Coordinate("component", "component", np.array(["x", "y", "z"])))
 
     def _largest_shape(self) -> tuple[int, int]:
-        shapes = {self.scene.cloth.shape}
-        for axis in self.grid.axes:
-            if "shape" in axis.names:
-                shapes = {tuple(shape) for shape in axis.column("shape")}
-            if "scene" in axis.names:
-                shapes = {scene.cloth.shape for scene in axis.column("scene")}
-        return max(rows for rows, _ in shapes), max(columns for _, columns in shapes)
+        swept = [(name, value) for axis in self.grid.axes for place in axis.places for name, value in place.items()]
+        shapes = [value for name, value in swept if name == "shape"]
+        shapes += [value.cloth.shape for name, value in swept if name == "scene"]
+        rows, columns = zip(*(shapes or [self.scene.cloth.shape]), strict=True)
+        return max(rows), max(columns)
 
     def _add(
         self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], more: Mapping[str, int] = MappingProxyType({})

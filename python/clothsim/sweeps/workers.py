@@ -59,11 +59,11 @@ def tasks(
     """
     most = max(1, min(LARGEST_BATCH, len(pending) // (_TASKS * workers.count)))
     threads = workers.threads_of(len(pending))
-    shared = "reference" in options.needs
+    chosen, shared = pending.tolist(), "reference" in options.needs
     if shared:
-        pending = pending[np.argsort(grid.physics[pending], kind="stable")]
+        chosen = sorted(chosen, key=grid.physics)
     groups: dict[str, dict[int, Any]] = {}
-    for index in pending.tolist():
+    for index in chosen:
         values = grid.member(index)
         kind = [value.cloth.shape if name == "scene" else value for name, value in values.items() if name in _KINDS]
         group = groups.setdefault("" if shared else repr(kind), {})
