@@ -98,13 +98,12 @@ def test_numerics_make_no_other_physics():
             "gravity_x": [0.0, 1.0],
         }
     )
-    physics = grid.physics.reshape(grid.shape)
+    physics = np.array([grid.physics(k) for k in range(grid.size)]).reshape(grid.shape)
     assert np.array_equal(physics[0], physics[1])  # another dt, the same cloth
     assert np.array_equal(physics[:, 0], physics[:, 1])  # another precision
     assert len(np.unique(physics)) == 4
     for (i, a), (j, b) in itertools.combinations(enumerate(map(grid.member, range(grid.size))), 2):
         alike = (a["stiffness"], a["gravity_x"]) == (b["stiffness"], b["gravity_x"])
-        assert (
-            grid.physics[i] == grid.physics[j]
-        ) == alike  # they share a reference, which would be another one's otherwise
+        # They share a reference, which would be another one's otherwise.
+        assert (grid.physics(i) == grid.physics(j)) == alike
     assert grid.member(5) == {"stiffness": 1.0, "dt": 1e-4, "precision": "single", "gravity_x": 1.0}

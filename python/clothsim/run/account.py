@@ -56,11 +56,7 @@ def report(scene: Scene, solution: Solution, account: Account, stopped: str = ""
         "residual": math.nan,
         "reason": "not a run to rest: settle finds the rest state",
         **account,
-        "energy": {
-            **_gained(scene, solution.watched),
-            **_energy("start", scene, x[0], v[0]),
-            **_energy("end", scene, x[-1], v[-1]),
-        },
+        "energy": {**_gained(scene, solution.watched), **_energies(scene, x, v)},
         **_extremes(solution.watched),
         "kernel": state.kernel,
         "integrator": options.integrator,
@@ -88,16 +84,20 @@ def _extremes(watched: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _energy(moment: str, scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
-    """The energy at a moment; NaN with a reason where it is not finite."""
-    parts = np.array(_core.energy(core_cloth(scene.cloth), scene.gravity, scene.force, x, v))
-    names = ("kinetic", "elastic", "gravity", "force", "total")
-    if math.isfinite(total := parts.sum()):
-        return {moment: dict(zip(names, [*parts.tolist(), float(total)], strict=True))}
-    try:
-        return {moment: energy(scene, x, v)}
-    except ValueError as error:
-        return {moment: dict.fromkeys(names, math.nan), "reason": str(error)}
+def _energies(scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
+    """The energies at the start and at the end; NaN with a reason where they are not finite."""
+    cloth, found = core_cloth(scene.cloth), dict[str, Any]()
+    for moment, k in (("start", 0), ("end", -1)):
+        parts = np.array(_core.energy(cloth, scene.gravity, scene.force, x[k], v[k]))
+        values = [*parts.tolist(), float(parts.sum())]
+        if not math.isfinite(values[-1]):
+            values = [math.nan] * 5
+            try:
+                energy(scene, x[k], v[k])
+            except ValueError as error:
+                found["reason"] = str(error)
+        found[moment] = dict(zip(("kinetic", "elastic", "gravity", "force", "total"), values, strict=True))
+    return found
 
 
 def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:

@@ -192,8 +192,8 @@ def run_fixed(
 
     Frames between two steps are interpolated, so that they never change the run.
 
-    `own_step`: the step is not the caller's, so no warning names it. `resumed`: the run to go on
-    from.
+    `own_step`: the step is not the caller's, so no warning names it, and no snapshot of a batch is kept. `resumed`: the run
+    to go on from.
     """
     state, earlier = _begun(scene, options, resumed)
     state.judge.warned_of_dt = state.judge.warned_of_growth = own_step
@@ -201,6 +201,7 @@ def run_fixed(
     frames = (frames or Schedule()).in_seconds(dt)
     moments = frames.moments(earlier.start, earlier.seconds + duration, earlier.seconds)
     run = Recording(state, options, watch or Watch(), dt, frames, earlier)
+    run.saves = not own_step
     _pass_frames(run, moments, dt)
     return run
 

@@ -227,6 +227,7 @@ class Recording:
     ) -> None:
         self.state, self.options, self.dt = state, options, dt
         self._schedule, self._earlier, self._control = frames, earlier, control
+        self.saves = True  # whether the runs of a batch have their snapshots
         self.steps = self.rejected = 0
         self.wall_time = 0.0
         self._watch, self._start = watch, earlier.start
@@ -372,7 +373,7 @@ class Recording:
     def _solutions(self, members: Iterable[int], grid: Steps | None = None) -> dict[int, Solution]:
         state, options, dt = self.state, self.options, self.dt
         watched, counted = self._watched or state.core.watched, state.core.evaluations
-        saved = of_members(state.core.snapshot(), state.scenes) if state.batched else [None]
+        saved = of_members(state.core.snapshot(), state.scenes) if state.batched and self.saves else [None] * len(watched)
         control = self._control() if self._control else self._earlier.control
         found = {}
         for k in members:

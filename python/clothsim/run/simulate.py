@@ -352,7 +352,8 @@ def _followed(compute: Callable[[Watch], Runs], watch: Watch, begin: Callable[[]
 
 
 def _run(scene: Scene, solution: Solution, account: Account, stopped: str = "") -> Run:
-    snapshot = take(solution.state, scene, solution.options, solution.saved)
+    state, saved = solution.state, solution.saved
+    snapshot = None if saved is None and state.batched else take(state, scene, solution.options, saved)
     found = report(scene, solution, account, stopped)
     return Run(scene, np.array(solution.t), solution.x, solution.v, found, snapshot, solution.continuation)
 
