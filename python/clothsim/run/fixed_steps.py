@@ -169,7 +169,7 @@ def integrate(
                 run.store(state.core.time - start, state.core.time)
         if state.core.time <= until:
             run.store(seconds, until)
-        elif not run.watched["in_contact"]:
+        elif not state.core.watched[0]["in_contact"]:
             run.store_dense(seconds, until)
         else:
             step = last, state.core.time - last, run.dense(last), run.arrays_now()

@@ -66,7 +66,7 @@ class Watch:
     """
 
     def __init__(self, callback: Callback | None = None, bar: Any = None) -> None:
-        self._callback, self._bar = callback, bar
+        self._callback, self.bar = callback, bar
         self._here = 0.0
         self.recording: Recording | None = None
         self.failed = False
@@ -75,18 +75,13 @@ class Watch:
         """Follow a run from `seconds` after its start."""
         self.recording = recording
         self._here = seconds
-        if self._bar is not None:
-            self._bar.reset()
-
-    @property
-    def shows(self) -> bool:
-        """Whether a progress bar has to be kept up to date."""
-        return self._bar is not None
+        if self.bar is not None:
+            self.bar.reset()
 
     def passed(self, seconds: float) -> None:
         """Show the first `seconds` of the run as done."""
-        if self._bar is not None:
-            self._bar.update(seconds - self._here)
+        if self.bar is not None:
+            self.bar.update(seconds - self._here)
             self._here = seconds
 
     def frame(self, t: float, x: Floats, v: Floats) -> None:
@@ -243,7 +238,7 @@ class Recording:
     def advance(self, steps: int, dt: float) -> None:
         """Take `steps` steps of `dt`. A member of a batch that fails is left behind."""
         while steps > 0 and self.live:
-            steps -= self._advance(min(steps, self._chunk) if self._watch.shows or self._pause else steps, dt)
+            steps -= self._advance(min(steps, self._chunk) if self._watch.bar is not None or self._pause else steps, dt)
             self._passed(self.state.core.time)
 
     def _advance(self, steps: int, dt: float) -> int:
@@ -339,11 +334,6 @@ class Recording:
         x, v = (x, v) if self.state.batched else (x[None], v[None])
         for k in self.live:
             self._frames[k].put(seconds, t, x[k], v[k])
-
-    @property
-    def watched(self) -> Mapping[str, Any]:
-        """Extremes of all states, by the core."""
-        return (self._watched or self.state.core.watched)[0]
 
     def end_here(self) -> None:
         """End the run with its present state as the last frame."""
