@@ -19,7 +19,7 @@ for room, *others in (
     ("engines", "integrators", "contact", "measure", "memory", "kernels", "model"),
     ("driver", "engines", "integrators", "contact", "measure", "memory", "kernels", "model"),
     ("picture", "memory"),
-    ("reference", "model"),  # shares no code with what it judges
+    ("reference", "memory", "model"),  # of memory the threads alone: it shares no arithmetic with what it judges
 ):
     BELOW[room] = set(others)
 BELOW["bindings"] = set(BELOW)
