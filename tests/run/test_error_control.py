@@ -156,7 +156,7 @@ def endless(name):
 def plain_evaluations(name):
     """Force evaluations of a run of dop853 at the smallest tolerance of a step."""
     scene, duration = endless(name)
-    options = RunOptions("dop853", "double", 1, "auto", False)
+    options = RunOptions("dop853", "double", 1)
     return integrate(scene, duration, 1e-14 * max(scene.cloth.size), options).evaluations
 
 

@@ -20,7 +20,7 @@ def case_of(number):
 def exact(number):
     case = case_of(number)
     tolerance = 1e-13 * max(case.scene.cloth.size)
-    return integrate(case.scene, case.duration, tolerance, RunOptions("dop853", "double", 1, "auto", False)).x[-1]
+    return integrate(case.scene, case.duration, tolerance, RunOptions("dop853", "double", 1)).x[-1]
 
 
 @pytest.mark.parametrize(
