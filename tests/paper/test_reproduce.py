@@ -88,6 +88,8 @@ def test_points_that_leave_on_another_side_have_passed():
     passed.see(np.where([False, True, False], -0.5, x), 0.0)
     passed.see(np.where([False, True, False], -2.0, x), 0.0)  # out where they came in
     assert passed.count == 2
+    passed.see(x, 0.0)  # through it between two states
+    assert passed.count == 4
 
 
 def test_findings_follow_the_numbers(report):

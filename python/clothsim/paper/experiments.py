@@ -112,25 +112,26 @@ class Case:
 
 
 class Passed:
-    """Counts mass points that leave the sphere on another side than they entered, seen frame by frame."""
+    """Counts mass points that go through the sphere: between two states seen, or out on another side than they came in."""
 
     def __init__(self, scene: cs.Scene) -> None:
         self._sphere, self.count = scene.spheres[0], 0
-        self._entered = np.zeros((*scene.cloth.shape, 3))
-        self._outside, self._side = self._look(scene.initial_position, 0.0)
-
-    def _look(self, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-        from_center = x - self._sphere.center_at(t)
-        distance = np.linalg.norm(from_center, axis=-1)
-        return distance >= self._sphere.radius, from_center / np.maximum(distance, 1e-12)[..., None]
+        self._from_center = scene.initial_position - self._sphere.center_at(0.0)
+        self._entered = self._from_center
 
     def see(self, x: np.ndarray, t: float) -> None:
-        outside, side = self._look(x, t)
-        entered = self._outside & ~outside
-        self._entered[entered] = self._side[entered]
-        left = ~self._outside & outside
-        self.count += int((left & ((self._entered * side).sum(axis=-1) < 0)).sum())
-        self._outside, self._side = outside, side
+        before, after, radius = self._from_center, x - self._sphere.center_at(t), self._sphere.radius
+        was_outside, is_outside = (np.linalg.norm(p, axis=-1) >= radius for p in (before, after))
+        entered, left = was_outside & ~is_outside, ~was_outside & is_outside
+        self._entered = np.where(entered[..., None], before, self._entered)
+        way = after - before  # straight, in the sphere's frame
+        length2 = (way * way).sum(axis=-1)
+        part = np.clip(-(before * way).sum(axis=-1) / np.where(length2 > 0, length2, 1), 0, 1)
+        nearest = np.linalg.norm(before + part[..., None] * way, axis=-1)
+        between = was_outside & is_outside & (nearest < radius * (1 - 1e-9))
+        turned = left & ((self._entered * after).sum(axis=-1) < 0)
+        self.count += int((between | turned).sum())
+        self._from_center = after
 
 
 def scene_of(number: str, method: int, variant: str) -> cs.Scene:
