@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import clothsim
+from latex2mathml.converter import convert
 
 sys.path.insert(0, str(Path(__file__).parent))
 from pictures import PictureFiles
@@ -13,23 +14,30 @@ from pictures import PictureFiles
 project = "clothsim"
 author = "clothsim developers"
 release = version = clothsim.__version__
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "myst_nb", "sphinx_gallery.gen_gallery"]
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions += ["myst_nb", "sphinx_gallery.gen_gallery"]
 root_doc = "index"
-exclude_patterns = ["examples", "gallery/*.ipynb", "gallery/*.py", "**.md5"]
+exclude_patterns = ["examples", "gallery/**.ipynb", "gallery/**.py", "**.md5"]
 
 html_theme = "furo"
 html_title = f"clothsim {version}"
 html_show_copyright = False
+html_logo = html_favicon = "../images/logo.svg"
+html_math_renderer = "mathml"
 
 # Docstrings write names and code between single backticks.
 default_role = "code"
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # the sections Parameters and Returns say the types
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "NDArray", *vars(clothsim.typing)) if name[0].isupper()}
+python_use_unqualified_type_names = True
+autosummary_generate = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
 add_module_names = False
 
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4
 nb_execution_mode = "off"  # notebooks keep their outputs; tests/notebooks runs them
 # The gallery's scraper is an object, which Sphinx cannot pickle.
@@ -43,6 +51,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "capture_repr": (),
     "download_all_examples": False,
+    "write_computation_times": False,
     "show_memory": False,
     "show_signature": False,
     "min_reported_time": 10_000,
@@ -61,6 +70,30 @@ def one_attribute_each(app: Any, what: str, name: str, value: Any, options: Any,
     lines[:] = (before + heading + section + end + after).split("\n")
 
 
+def without_private(
+    app: Any, what: str, name: str, value: Any, options: Any, signature: str | None, returned: str | None
+) -> Any:
+    """Leave out parameters whose names begin with an underscore, and those that only raise an error."""
+    if signature:
+        signature = re.sub(r", (?:\*\*)?(?:_\w+: [^,)=]+(?: = [^,)]+)?|\w+: NoReturn[^,)]*)(?=[,)])", "", signature)
+    return signature, returned
+
+
+def as_mathml(display: str) -> Any:
+    """Typeset an equation as MathML, which browsers show without a script."""
+
+    def visit(translator: Any, node: Any) -> None:
+        from docutils.nodes import SkipNode
+
+        tag = "div" if display == "block" else "span"
+        translator.body.append(f'<{tag} style="overflow-x: auto">{convert(node.astext(), display=display)}</{tag}>')
+        raise SkipNode
+
+    return visit
+
+
 def setup(app: Any) -> None:
     """Change docstrings before napoleon, whose priority is 500."""
     app.connect("autodoc-process-docstring", one_attribute_each, priority=400)
+    app.connect("autodoc-process-signature", without_private)
+    app.add_html_math_renderer("mathml", (as_mathml("inline"), None), (as_mathml("block"), None))

@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
 from sphinx_gallery.scrapers import figure_rst
 
 
@@ -16,9 +17,14 @@ class PictureFiles:
     def __call__(self, block: Any, variables: dict[str, Any], gallery: dict[str, Any]) -> str:
         """Return the lines that show the files; Sphinx-gallery calls this after each block of code."""
         shown = []
-        for path in sorted(Path(gallery["src_dir"], "examples").glob("*.*")):
+        for path in sorted(Path(variables["src_file"]).parent.glob("*.*"), key=lambda path: path.stat().st_mtime_ns):
             if path.suffix in (".png", ".webp"):
-                target = Path(next(variables["image_path_iterator"])).with_suffix(path.suffix)
-                shutil.move(path, target)
-                shown.append(target)
-        return figure_rst(shown, gallery["src_dir"])
+                still = Path(next(variables["image_path_iterator"]))
+                shown.append(still.with_suffix(path.suffix))
+                shutil.move(path, shown[-1])
+                if path.suffix == ".webp":  # the thumbnail is the last frame of a film
+                    with Image.open(shown[-1]) as film:
+                        film.seek(film.n_frames - 1)
+                        film.save(still)
+        title = Path(variables["src_file"]).read_text(encoding="utf8").split("\n")[1]
+        return figure_rst(shown, gallery["src_dir"], title)

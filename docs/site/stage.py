@@ -1,12 +1,13 @@
 """Build the site: `python docs/site/stage.py [FOLDER]`, by default into build/docs.
 
 Stages a copy of the pages in FOLDER/source, in the repository's layout, so that their links hold. Adds what is
-generated: a page for each room of public names, the commands, the gallery's titles, and the paper's scenes as live pages.
-A warning fails the build.
+generated: the menu (from docs/index.md), the reference, the commands, the gallery's titles, and the paper's scenes as
+live pages. A warning fails the build.
 """
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import inspect
 import io
@@ -24,59 +25,68 @@ from sphinx.cmd.build import main as sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ["docs", "notebooks", "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "CITATION.cff", "LICENSE"]
-# Rooms of public names, in the order of a reader's need.
-ROOMS = {
-    "model": "Cloths, spheres, scenes",
-    "scenes": "Ready scenes",
-    "engine": "Stepping",
-    "run": "Runs",
-    "measure": "Measures",
-    "accuracy": "Accuracy",
-    "stability": "Stability",
-    "methods": "Integrators",
-    "sweeps": "Sweeps",
-    "viewing": "Pictures, films, pages",
-    "machine": "Build and machine",
-    "gpu": "Compute shader",
-    "errors": "Errors and warnings",
+# Public names by use, the most used first; a module stands for its further names.
+REFERENCE = {
+    "Run a scene": "simulate Run load_run settle step Stepper Snapshot acceleration",
+    "Describe a scene": "Scene Cloth Sphere Linear Reciprocate Keyframes load_scene save_scene thread_grid triangles",
+    "Ready scenes": "scenes",
+    "Measure a state": "energy penetration largest_stretch difference",
+    "Error and stable step": "reference Reference convergence Convergence work_precision max_stable_dt stability_map "
+    "integrators reference_step accuracy",
+    "Sweep and fit": "sweep open_sweep sweepable fit Fit sensitivity",
+    "Look at it": "picture Picture compare view Camera",
+    "Errors and warnings": "UnstableError ContactError RunInterrupted StabilityWarning ContactWarning OrderWarning",
+    "Machine and graphics card": "build_config machine gpu",
 }
-MODULES = ("scenes", "accuracy", "machine", "gpu")  # public modules beside the names of `clothsim`
+GALLERY = {
+    "First steps": "drape moving_sphere driven_pins flag ball_by_hand settle resume blender",
+    "Error and speed": "order speed_against_error stability_map gather_bits hard_case",
+    "Many cloths": "batch ensemble sweep_stiffness_and_step custom_metric fit",
+    "Contact and fabrics": "opening fast_sphere light_fabric",
+    "The paper's experiments": "paper_static paper_cpu paper_frame_rate",
+}
 
 
-def rooms() -> dict[str, list[str]]:
-    """The names of `cs.__all__` by the room that defines them."""
-    found: dict[str, list[str]] = {room: [] for room in ROOMS}
-    for name in cs.__all__:
-        value = getattr(cs, name)
-        if not inspect.ismodule(value):
-            found[value.__module__.split(".")[1]].append(name)
+def names(listed: str) -> list[str]:
+    """Full names of one group of the reference."""
+    found = []
+    for name in listed.split():
+        value = getattr(cs, name, None) or __import__(f"clothsim.{name}", fromlist=["__all__"])
+        beside = value.__all__ if inspect.ismodule(value) else []
+        found += [f"clothsim.{name}.{one}" for one in beside if one not in cs.__all__] or [f"clothsim.{name}"]
     return found
 
 
-def directive(module: str, name: str) -> str:
+def is_called(full: str) -> bool:
+    """Whether a name is a function or a class: a constant has no first sentence."""
+    module, _, name = full.rpartition(".")
+    return callable(getattr(sys.modules[module], name))
+
+
+def directive(full: str) -> str:
     """The lines that document one name."""
+    module, _, name = full.rpartition(".")
     value = getattr(sys.modules[module], name)
     if not inspect.isclass(value):
         kind, options = ("autofunction", "") if callable(value) else ("autodata", "")
     else:
         inherited = "" if issubclass(value, BaseException) else "   :inherited-members: object, tuple, dict\n"
         kind, options = "autoclass", f"   :members:\n{inherited}"
-    return f".. {kind}:: {module}.{name}\n{options}\n"
+    return f".. {kind}:: {full}\n{options}\n"
 
 
 def reference(folder: Path) -> None:
-    """A page for each room, and their list."""
+    """A page for each group, and their list: every name in one line."""
     folder.mkdir()
-    for room, names in rooms().items():
-        title = ROOMS[room]
-        page = f"{title}\n{'=' * len(title)}\n\n" + "".join(directive("clothsim", name) for name in names)
-        if room in MODULES:
-            module = __import__(f"clothsim.{room}", fromlist=["__all__"])
-            beside = [name for name in module.__all__ if name not in names]
-            page += "".join(directive(module.__name__, name) for name in beside)
-        (folder / f"{room}.rst").write_text(page)
-    listed = "".join(f"   {room}\n" for room in ROOMS)
-    (folder / "index.rst").write_text(f"Reference\n=========\n\n.. toctree::\n   :maxdepth: 2\n\n{listed}   commands\n")
+    index = "Reference\n=========\n\n"
+    tree = ".. toctree::\n   :hidden:\n\n"
+    for title, listed in REFERENCE.items():
+        file = title.lower().replace(" ", "-")
+        (folder / f"{file}.rst").write_text(f"{title}\n{'=' * len(title)}\n\n" + "".join(map(directive, names(listed))))
+        table = "".join(f"   {name}\n" for name in names(listed) if is_called(name))
+        index += f"{title}\n{'-' * len(title)}\n\n.. autosummary::\n   :nosignatures:\n\n{table}\n"
+        tree += f"   {file}\n"
+    (folder / "index.rst").write_text(f"{index}{tree}   commands\n")
 
 
 def commands(path: Path) -> None:
@@ -90,32 +100,50 @@ def commands(path: Path) -> None:
     path.write_text(page)
 
 
-def gallery(source: Path) -> None:
-    """Copy the examples; each gets a title, by its file's name."""
-    folder = source / "examples"
-    folder.mkdir()
-    for path in sorted((ROOT / "examples").glob("*.py")):
-        title = path.stem.replace("_", " ").capitalize()
-        text = path.read_text(encoding="utf8")
-        (folder / path.name).write_text(text.replace('"""', f'"""\n{title}\n{"=" * len(title)}\n\n', 1), encoding="utf8")
+def titled(path: Path) -> str:
+    """Return an example whose title is its first sentence; the last picture stands in the gallery."""
+    text = path.read_text(encoding="utf8")
+    title, _, more = ast.get_docstring(ast.parse(text)).partition("\n\n")
+    title = title.replace("\n", " ").rstrip(".")
+    code = text.partition('"""')[2].partition('"""')[2]
+    return f'"""\n{title}\n{"=" * len(title)}\n\n{more}\n"""\n# sphinx_gallery_thumbnail_number = -1\n{code}'
+
+
+def gallery(folder: Path) -> None:
+    """Copy the examples, a folder for each group."""
+    for number, (group, listed) in enumerate(GALLERY.items()):
+        (folder / str(number)).mkdir(parents=True)
+        (folder / str(number) / "GALLERY_HEADER.rst").write_text(f"{group}\n{'-' * len(group)}\n")
+        for name in listed.split():
+            example = titled(ROOT / "examples" / f"{name}.py")
+            (folder / str(number) / f"{name}.py").write_text(example, encoding="utf8")
     (folder / "GALLERY_HEADER.rst").write_text("Gallery\n=======\n\nShort scripts, each with what it prints and draws.\n")
 
 
 def relink(page: Path) -> None:
     """Let links to scripts and folders of the repository lead to their pages."""
+    group = {name: number for number, listed in enumerate(GALLERY.values()) for name in listed.split()}
     text = page.read_text(encoding="utf8")
-    text = re.sub(r"\]\((?:\.\./)*examples/(\w+)\.py\)", r"](/gallery/\1.rst)", text)
+    script = re.compile(r"\]\((?:\.\./)*examples/(\w+)\.py\)")
+    text = script.sub(lambda found: f"](/gallery/{group[found[1]]}/{found[1]}.rst)", text)
     text = re.sub(r"\]\((?:\.\./)*examples\)", "](/gallery/index.rst)", text)
-    page.write_text(text, encoding="utf8")
+    page.write_text(text.replace("](docs/gpu.md#in-a-browser)", "](live.md)"), encoding="utf8")
 
 
-def live(folder: Path, page: Path) -> None:
-    """Write the live pages, which Sphinx copies as they are, and a link to them below a heading of `page`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    write_gallery(folder)
-    link = '<p><a href="../live/live.html">Try the scenes of the paper, live in this browser</a></p>'
-    text = page.read_text(encoding="utf8")
-    page.write_text(text.replace("## In a browser\n", f"## In a browser\n\n{link}\n"), encoding="utf8")
+def menu(index: str) -> dict[str, list[str]]:
+    """Captions of the menu and their pages: the headings of docs/index.md, and what is linked below each."""
+    groups: dict[str, list[str]] = {}
+    seen: set[str] = set()
+    for part in index.split("\n## ")[1:]:
+        links = re.findall(r"\]\((\.\./)?([\w/-]+)\.(?:md|ipynb)[)#]", part)
+        pages = dict.fromkeys(path if above else f"docs/{path}" for above, path in links)
+        groups[part.partition("\n")[0].partition(":")[0]] = [page for page in pages if page not in seen]
+        seen |= set(pages)
+    learn, *_, look_up, maintain = groups.values()
+    learn += ["gallery/index", "live"]
+    look_up[:0] = ["reference/index"]
+    maintain += ["docs/index", "SECURITY"]
+    return groups
 
 
 def stage(source: Path) -> None:
@@ -126,21 +154,21 @@ def stage(source: Path) -> None:
         copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
         copy(ROOT / name, source / name)
     shutil.rmtree(source / "docs" / "site")
-    gallery(source)
+    gallery(source / "examples")
     reference(source / "reference")
     commands(source / "reference" / "commands.md")
+    (source / "live.md").write_text(
+        "# Live in this browser\n\nThe scenes of the paper, simulated by the compute shader in a browser with WebGPU. "
+        '[How it works](docs/gpu.md#in-a-browser).\n\n<p><a href="live/live.html">Open the live pages</a></p>\n'
+    )
     for page in source.rglob("*.md"):
         relink(page)
-    pages = sorted(str(page.relative_to(source).with_suffix("")) for page in source.rglob("*.md"))
-    notebooks = sorted(f"notebooks/{page.stem}" for page in (source / "notebooks").glob("*.ipynb"))
-    first = ["docs/start", "docs/index", "gallery/index", "reference/index"]
-    rest = [page for page in [*pages, *notebooks] if page not in ("README", "reference/commands", *first)]
-    trees = (("First", first), ("Pages", rest))
-    toctree = "".join(
-        f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n" + "\n".join(f"/{page}" for page in listed) + "\n```\n"
-        for caption, listed in trees
-    )
-    (source / "index.md").write_text((source / "README.md").read_text(encoding="utf8") + toctree, encoding="utf8")
+    front = (source / "README.md").read_text(encoding="utf8")
+    for caption, pages in menu((ROOT / "docs" / "index.md").read_text(encoding="utf8")).items():
+        title = {page: f"Notebook: {Path(page).stem} " for page in pages if "notebooks/" in page}
+        entries = "\n".join(f"{title[page]}</{page}>" if page in title else f"/{page}" for page in pages)
+        front += f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n{entries}\n```\n"
+    (source / "index.md").write_text(front, encoding="utf8")
     (source / "README.md").unlink()
 
 
@@ -148,8 +176,10 @@ def main() -> int:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "build" / "docs").resolve()
     os.environ["COLUMNS"] = "100"  # width of --help
     stage(folder / "source")
-    live(folder / "extra" / "live", folder / "source" / "docs" / "gpu.md")
-    settings = ["-c", str(ROOT / "docs" / "site"), "-D", f"html_extra_path={folder / 'extra'}"]
+    live = folder / "extra" / "live"
+    live.mkdir(parents=True, exist_ok=True)
+    write_gallery(live)
+    settings = ["-c", str(ROOT / "docs" / "site"), "-D", f"html_extra_path={live.parent}"]
     return sphinx(["-W", "--keep-going", "-q", *settings, str(folder / "source"), str(folder / "html")])
 
 
