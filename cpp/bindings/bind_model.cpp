@@ -42,6 +42,26 @@ Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacin
     return cloth;
 }
 
+// `pieces`: the members of a MotionPiece one after the other, piece by piece.
+Motion make_motion(const Array<double>& pieces, double period, double phase, bool relative) {
+    Motion motion{.period = period, .phase = phase, .relative = relative};
+    motion.pieces.resize(std::size_t(pieces.nbytes()) / sizeof(MotionPiece));
+    std::copy_n(pieces.data(), pieces.size(), reinterpret_cast<double*>(motion.pieces.data()));
+    return motion;
+}
+
+// Displacement and velocity at every time, shape (times, 6).
+Array<double> motion_states(const Motion& motion, const Array<double>& times) {
+    Array<double> states({times.size(), py::ssize_t(6)});
+    double* next = states.mutable_data();
+    for (py::ssize_t k = 0; k < times.size(); ++k) {
+        const MotionState state = motion.at(times.data()[k]);
+        for (const Vec3& part : {state.displacement, state.velocity})
+            next = std::copy_n(part.data(), 3, next);
+    }
+    return states;
+}
+
 Sphere make_sphere(const Vec3& center, double radius, double contact_radius, const std::string& response,
                    bool as_printed, double restitution, double friction, const Motion& motion, bool cells,
                    double push_out_speed) {
@@ -160,25 +180,8 @@ void bind_model(py::module_& m) {
         });
     py::class_<Motion>(m, "Motion")
         .def(py::init<>())
-        .def_static(
-            "linear",
-            [](const Vec3& velocity) { return Motion{.kind = Motion::Kind::linear, .velocity = velocity}; })
-        .def_static(
-            "reciprocate",
-            [](const Vec3& direction, double distance, double period, double deceleration, double phase) {
-                return Motion{.kind = Motion::Kind::reciprocate,
-                              .direction = direction,
-                              .distance = distance,
-                              .period = period,
-                              .deceleration = deceleration,
-                              .phase = phase};
-            })
-        .def_static("keyframes", [](std::vector<double> times, std::vector<Vec3> centers, bool relative) {
-            return Motion{.kind = Motion::Kind::keyframes,
-                          .times = std::move(times),
-                          .centers = std::move(centers),
-                          .relative = relative};
-        });
+        .def(py::init(&make_motion), "pieces"_a, "period"_a, "phase"_a, "relative"_a)
+        .def("states", &motion_states);
     py::class_<Sphere>(m, "Sphere")
         .def(py::init(&make_sphere), py::kw_only(), "center"_a, "radius"_a, "contact_radius"_a, "response"_a,
              "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "cells"_a = false,

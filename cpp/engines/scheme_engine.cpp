@@ -146,7 +146,7 @@ public:
         const PinTime after = PinTime::of_end(t, step_);
         bool kink = false;
         for (const Motion& motion : this->plan_.pin_motions)
-            kink |= motion.velocity_at(t, before) != motion.velocity_at(t, after.inside);
+            kink |= motion.at(t, before).velocity != motion.at(t, after.inside).velocity;
         this->place_pins(after, 0, this->rows(), this->memory_);
         contact_[0] = false;
         if (!this->plan_.spheres.empty())
@@ -193,12 +193,12 @@ public:
 private:
     double contact_step(const Sphere& sphere, double t, double h, double near, bool tried) {
         const Vec3 center = sphere.center_at(t), travel = (sphere.center_at(t + h) - center) / h;
-        // Between kinks each component of the velocity is monotone, so it differs most from the mean at an
-        // end.
+        // A step lies on one piece of the motion. A component of the velocity is monotone there or quadratic,
+        // and so differs most from its mean at an end (Legendre polynomials are largest at the ends).
         Vec3 most = Vec3::Zero();
         for (const double part : {0.0, 1.0}) {
             const PinTime end = PinTime::of_stage(t, h, part);
-            most = most.cwiseMax((sphere.motion.velocity_at(end.t, end.inside) - travel).cwiseAbs());
+            most = most.cwiseMax((sphere.motion.at(end.t, end.inside).velocity - travel).cwiseAbs());
         }
         const double sphere_speed = most.norm(), least_gap = contact_fraction * sphere.contact_radius;
         double allowed = h;

@@ -50,15 +50,13 @@ struct Scene {
     void each_driven_pin(const PinTime& time, int begin, int end, Visit visit) const {
         auto pin = std::partition_point(driven_pins.begin(), driven_pins.end(),
                                         [begin](const DrivenPin& p) { return p.point < begin; });
-        Vec3 displacement = Vec3::Zero(), velocity = Vec3::Zero();
+        MotionState state;
         for (int motion = -1; pin != driven_pins.end() && pin->point < end; ++pin) {
             const Motion& m = pin_motions[std::size_t(pin->motion)];
-            if (pin->motion != motion) {  // pins beside each other often share a motion
-                displacement = m.displacement_at(time.t);
-                velocity = m.velocity_at(time.t, time.inside);
-                motion = pin->motion;
-            }
-            visit(pin->point, m.has_start() ? Vec3(pin->start + displacement) : displacement, velocity);
+            // Pins beside each other often share a motion.
+            if (pin->motion != motion) state = m.at(time.t, time.inside);
+            motion = pin->motion;
+            visit(pin->point, m.place(pin->start, state), state.velocity);
         }
     }
     bool has_driven_pins() const { return !driven_pins.empty(); }

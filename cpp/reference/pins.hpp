@@ -1,5 +1,5 @@
-// Driven pins for the oracles: the formulae of docs/model.md in any arithmetic, with nothing of the core's
-// own.
+// Driven pins for the oracles: the pieces of model/motion.hpp in any arithmetic, evaluated by nothing of the
+// core's own. tests/model/test_motion.py compares the pieces with the formulae of each motion.
 #pragma once
 
 #include <cmath>
@@ -17,47 +17,22 @@ struct PinState {
 // A pin at time t. Where its velocity jumps, `inside` selects the piece that counts.
 template <class Real>
 PinState<Real> pin_state(const DrivenPin& pin, const Motion& motion, Real t, Real inside) {
+    const Real period = motion.period > 0 ? Real(motion.period) : Real(1), phase = Real(motion.phase);
+    const Real whole = motion.period > 0 ? std::floor(inside / period + phase) : Real(0);
+    std::size_t n = motion.pieces.size() - 1;
+    while (n > 0 && inside / period + phase - whole < Real(motion.pieces[n].begin)) --n;
+    const MotionPiece& piece = motion.pieces[n];
+    const Real length = Real(piece.length), angle = Real(piece.angle), decay = Real(piece.decay);
+    const Real u = (t / period + phase - whole - Real(piece.begin)) / length;
+    const Real end = -std::expm1(-decay);
+    const Real wave = decay > 0 ? -std::expm1(-decay * u) / end : std::sin(angle * u);
+    const Real slope = decay > 0 ? decay * std::exp(-decay * u) / end : angle * std::cos(angle * u);
     PinState<Real> s{};
-    for (int k = 0; k < 3; ++k) s.x[k] = Real(pin.start[k]);
-    switch (motion.kind) {
-        case Motion::Kind::none: break;
-        case Motion::Kind::linear:
-            for (int k = 0; k < 3; ++k) {
-                s.v[k] = Real(motion.velocity[k]);
-                s.x[k] += t * s.v[k];
-            }
-            break;
-        case Motion::Kind::reciprocate: {
-            const Real period = Real(motion.period), decay = Real(motion.deceleration);
-            const Real whole = std::floor(inside / period + Real(motion.phase));
-            const bool back = inside / period + Real(motion.phase) - whole >= Real(0.5);
-            const Real q = 2 * (t / period + Real(motion.phase) - whole) - (back ? 1 : 0);
-            const Real end = decay == 0 ? Real(1) : -std::expm1(-decay);
-            const Real done = decay == 0 ? q : -std::expm1(-decay * q) / end;
-            const Real rate = (decay == 0 ? Real(1) : decay * std::exp(-decay * q) / end) * 2 / period;
-            const Real travel = (back ? -1 : 1) * Real(motion.distance);
-            for (int k = 0; k < 3; ++k) {
-                s.x[k] += travel * (done - Real(0.5)) * Real(motion.direction[k]);
-                s.v[k] = travel * rate * Real(motion.direction[k]);
-            }
-            break;
-        }
-        case Motion::Kind::keyframes: {
-            const std::size_t last = motion.times.size() - 1;
-            std::size_t n = 0;  // the piece that ends at key n
-            while (n <= last && inside >= Real(motion.times[n])) ++n;
-            for (int k = 0; k < 3; ++k) {
-                if (!motion.relative) s.x[k] = 0;
-                if (n == 0 || n > last) {
-                    s.x[k] += Real(motion.centers[n == 0 ? 0 : last][k]);
-                    continue;
-                }
-                const Real begin = Real(motion.times[n - 1]), from = Real(motion.centers[n - 1][k]);
-                s.v[k] = (Real(motion.centers[n][k]) - from) / (Real(motion.times[n]) - begin);
-                s.x[k] += from + (t - begin) * s.v[k];
-            }
-            break;
-        }
+    for (int k = 0; k < 3; ++k) {
+        const Real p0 = piece.p0[k], p1 = piece.p1[k], p2 = piece.p2[k], p3 = piece.p3[k];
+        const Real start = motion.relative ? Real(pin.start[k]) : Real(0), amplitude = piece.amplitude[k];
+        s.x[k] = start + (p0 + u * p1 + u * u * p2 + u * u * u * p3 + amplitude * wave);
+        s.v[k] = (p1 + 2 * u * p2 + 3 * u * u * p3 + amplitude * slope) / (length * period);
     }
     return s;
 }

@@ -24,7 +24,7 @@ from .model.mesh import thread_grid, triangles
 from .methods.integration import integrators
 from .measure.measures import energy, largest_stretch, penetration
 from .stability.limit import max_stable_dt
-from .model.motion import Keyframes, Linear, Reciprocate
+from .model.motion import Keyframes, Linear, Reciprocate, Sinusoid
 from .model.scene import Scene
 from .model.scene_files import load_scene, save_scene
 from .run.result import Run, load_run
@@ -69,6 +69,7 @@ __all__ = [
     "Run",
     "RunInterrupted",
     "Scene",
+    "Sinusoid",
     "Snapshot",
     "Sphere",
     "StabilityWarning",

@@ -193,6 +193,8 @@ MOTIONS = [
     cs.Reciprocate((1, 1, 0), 0.4, 0.05, 3.0, 0.2),
     cs.Reciprocate((0, 1, 0), 0.4, 0.05, 0.0),
     cs.Keyframes([0.0, 0.02, 0.05], [CENTER, CENTER + (0.1, 0, 0), CENTER - (0, 0.2, 0)]),
+    cs.Keyframes([-1.0, 0.02, 0.05, 1.0], CENTER + 0.1 * np.eye(4, 3), smooth=True),
+    cs.Sinusoid((0.1, -0.2, 0.0), 9.0, 0.3),
 ]
 
 

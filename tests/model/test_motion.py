@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from clothsim.model.motion import Keyframes, Linear, Reciprocate, motion_from_dict
+from clothsim.model.motion import Keyframes, Linear, Reciprocate, Sinusoid, motion_from_dict
+from scipy.interpolate import CubicSpline
 
 CENTER = (0.5, -0.5, 0.25)
 MOTIONS = [
@@ -12,6 +13,8 @@ MOTIONS = [
     Reciprocate((0.0, 3.0, 4.0), distance=0.8, period=1.7, deceleration=3.0, phase=0.3),
     Reciprocate((1.0, 0.0, 0.0), period=2.0, deceleration=0.0),
     Keyframes([0.0, 0.4, 1.3, 2.0], [(0, 0, 0), (1, 0, 0), (1, 2, -1), (0, 0, 0)]),
+    Keyframes([0.0, 0.4, 1.3, 2.0], offsets=[(0, 0, 0), (1, 0, 0), (1, 2, -1), (0, 0, 0)], smooth=True),
+    Sinusoid((0.3, 0.0, -0.1), frequency=1.3, phase=0.2),
 ]
 
 
@@ -90,6 +93,56 @@ def test_reciprocate_tends_to_constant_speed_and_to_repeated_interpolation():
     motion = Reciprocate((1, 0, 0), period=2.0, deceleration=k)
     exact = motion.center_at(np.linspace(0.0, 1.0 - 1e-12, frames + 1), (0, 0, 0))[:, 0]
     np.testing.assert_allclose(scaled, exact, rtol=0, atol=k / frames)
+
+
+def test_sinusoid():
+    motion, t = Sinusoid((0.3, 0.0, -0.1), frequency=1.3, phase=0.2), np.linspace(-3.0, 9.0, 500)
+    angle, amplitude = 2 * np.pi * (1.3 * t + 0.2)[:, None], np.array([0.3, 0.0, -0.1])
+    np.testing.assert_allclose(motion.center_at(t, CENTER), CENTER + amplitude * np.sin(angle), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(motion.velocity_at(t), 2.6 * np.pi * amplitude * np.cos(angle), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 40])
+def test_smooth_keyframes_are_the_not_a_knot_spline(count):
+    rng = np.random.default_rng(count)
+    times, centers = np.cumsum(rng.uniform(0.05, 1.0, count)), rng.normal(size=(count, 3))
+    motion, spline = Keyframes(times, centers, smooth=True), CubicSpline(times, centers, bc_type="not-a-knot")
+    t = np.linspace(times[0], times[-1], 1000, endpoint=False)
+    np.testing.assert_allclose(motion.center_at(t, CENTER), spline(t), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(motion.velocity_at(t), spline(t, 1), rtol=0, atol=1e-11)
+    # At rest outside, as with straight lines.
+    assert motion.center_at([0.0, 99.0], CENTER).tolist() == centers[[0, -1]].tolist()
+    assert not motion.velocity_at([0.0, 99.0]).any()
+
+
+def test_a_sampled_sinusoid_is_smooth_and_exact():
+    """50 samples a second; straight lines are 0.2 mm off."""
+    exact = Sinusoid((0.1, 0, 0), frequency=2.0)
+    times, t = np.arange(101) / 50, np.linspace(0.0, 2.0, 999, endpoint=False)
+    errors = [
+        np.abs(
+            Keyframes(times, exact.center_at(times, CENTER), smooth=smooth).center_at(t, CENTER) - exact.center_at(t, CENTER)
+        )
+        for smooth in (False, True)
+    ]
+    assert errors[0].max() > 1.5e-4 and errors[1].max() < 5e-6
+
+
+@pytest.mark.parametrize(
+    ("motion", "stops", "jumps"),
+    [
+        (Linear((1.0, 0.0, 0.0)), [], False),
+        (Reciprocate((1, 0, 0), period=0.8, phase=0.25), [0.2, 0.6, 1.0, 1.4], True),
+        (Sinusoid((1, 0, 0), 1.25, phase=0.25), [0.2, 0.6, 1.0, 1.4], False),
+        (Keyframes([0.0, 0.5, 0.7, 1.6], np.eye(4, 3)), [0.5, 0.7], True),
+        (Keyframes([0.0, 0.5, 0.7, 1.6], np.eye(4, 3), smooth=True), [0.5, 0.7], False),
+    ],
+)
+def test_stops_are_where_pieces_end_and_smooth_motions_have_no_kink_there(motion, stops, jumps):
+    assert motion.stops(0.0, 1.5) == pytest.approx(stops)
+    for t in stops:
+        before, after = motion.velocity_at([t - 1e-9, t + 1e-9])
+        assert (np.abs(after - before).max() > 0.1) == jumps
 
 
 def test_keyframes_stand_still_outside_and_are_right_continuous():

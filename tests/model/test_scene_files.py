@@ -14,7 +14,7 @@ SCENES = {
         cs.Cloth((3, 4), (0.1, 1e-17), np.linspace(0.1, 0.3, 12).reshape(3, 4), FAMILIES, FAMILIES),
         (
             cs.Sphere((1 / 3, -0.0, 5e-324), motion=cs.Linear((1e300, 0, 0)), offset=0.01, as_printed=True, response="ray"),
-            cs.Sphere(motion=cs.Keyframes([0, 1.5], np.eye(3)[:2]), response="reflect", offset="none"),
+            cs.Sphere(motion=cs.Keyframes([0, 1.5], np.eye(3)[:2], smooth=True), response="reflect", offset="none"),
         ),
         (0.1, 0.2, 0.3),
         position=np.random.default_rng(0).normal(size=(3, 4, 3)),

@@ -42,7 +42,8 @@ VALUES = [
     cs.Sphere(motion=cs.Keyframes([0, 1], np.eye(2, 3)), restitution=0.5, friction=0.3, push_out_speed=0.3),
     cs.Linear((1.0, -2.0, 0.5)),
     cs.Reciprocate((0.0, 3.0, 4.0), distance=0.8, period=1.7, deceleration=3.0, phase=0.3),
-    cs.Keyframes([0.0, 0.4, 1.3], [(0, 0, 0), (1, 0, 0), (1, 2, -1)]),
+    cs.Keyframes([0.0, 0.4, 1.3], [(0, 0, 0), (1, 0, 0), (1, 2, -1)], smooth=True),
+    cs.Sinusoid((0.1, 0, 0), 2.0),
 ]
 
 

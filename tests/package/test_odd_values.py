@@ -94,6 +94,7 @@ CALLS = {
     cs.Linear: {"velocity": (1, 0, 0)},
     cs.Reciprocate: {"direction": (1, 0, 0)},
     cs.Keyframes: {"times": [0, 1], "centers": np.zeros((2, 3))},
+    cs.Sinusoid: {"amplitude": (1, 0, 0), "frequency": 1.0},
     cs.Scene: {"cloth": SCENE.cloth, "position": X, "velocity": V},
     cs.Scene.from_dict: {"data": SCENE.to_dict()},
     cs.scenes.hanging: {"shape": (2, 2)},
@@ -155,7 +156,7 @@ COMMON = {"threads": 1, "progress": False}
 # The odd values that an argument may take: numbers by a rule, truth values (bool), or a list. All others must be refused.
 TAKEN = {
     **dict.fromkeys(("radius", "push_out_speed", "distance", "period", "mass", "length", "width"), lambda n: n > 0),
-    **dict.fromkeys(("dt", "duration", "every", "fps", "speed", "task_seconds"), lambda n: n > 0),
+    **dict.fromkeys(("dt", "duration", "every", "fps", "speed", "frequency", "task_seconds"), lambda n: n > 0),
     **dict.fromkeys(("stiffness", "damping", "drag", "friction", "deceleration", "offset"), lambda n: n >= 0),
     **dict.fromkeys(("rtol", "atol"), lambda n: n >= 0),
     **dict.fromkeys(("member", "row", "column", "frame"), lambda n: isinstance(n, (int, np.integer)) and abs(n) < 9),
@@ -164,7 +165,7 @@ TAKEN = {
     "amplitude": lambda n: abs(n) < 1,
     "steps": lambda n: isinstance(n, int) and n == 0,
     "t": lambda n: True,
-    **dict.fromkeys(("as_printed", "bend", "progress", "frames"), bool),
+    **dict.fromkeys(("as_printed", "bend", "progress", "frames", "smooth"), bool),
     **dict.fromkeys(("threads", "max_evaluations", "executor", "snapshot", "group"), []),
     **dict.fromkeys(("precision", "kernel", "integrator", "backend", "response", "family"), []),
     **dict.fromkeys(("position", "force", "offsets"), []),
@@ -176,7 +177,13 @@ TAKEN = {
     "motion": [MOTION],
     **dict.fromkeys(("label", "shadow", "perspective", "z_up", "log", "difference"), bool),
 }
-WITH_ARRAYS = {("center_at", "t"), ("penetration", "t"), ("stability_map", "stiffness"), ("stability_map", "dt")}
+WITH_ARRAYS = {
+    ("center_at", "t"),
+    ("Sinusoid", "amplitude"),
+    ("penetration", "t"),
+    ("stability_map", "stiffness"),
+    ("stability_map", "dt"),
+}
 
 # What an error may name beside the argument: the part of it, or the other one, that is wrong.
 ALSO = {

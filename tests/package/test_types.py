@@ -43,7 +43,7 @@ def declared_constructor(cls):
     return block.body[0].args
 
 
-MODEL = (cs.Cloth, cs.Sphere, cs.Scene, cs.Linear, cs.Reciprocate, cs.Keyframes, cs.Camera)
+MODEL = (cs.Cloth, cs.Sphere, cs.Scene, cs.Linear, cs.Reciprocate, cs.Keyframes, cs.Sinusoid, cs.Camera)
 
 
 @pytest.mark.parametrize("cls", MODEL)

@@ -17,9 +17,10 @@ def side(rows):
     return [(r, 0) for r in range(rows)]
 
 
-def pulsed():
+def pulsed(smooth=False):
     """A sheet at rest, one side of which goes out and back in 10 ms, in a run whose steps are ten times as long."""
-    pull = cs.Keyframes([0, 0.5, 0.505, 0.51, 1], offsets=[(0, 0, 0)] * 2 + [(0.05, 0, 0)] + [(0, 0, 0)] * 2)
+    times = np.array([0, *(np.arange(94, 109) if smooth else (100, 101, 102)), 200]) / 200  # in which a spline calms down
+    pull = cs.Keyframes(times, offsets=np.outer(times == 0.505, (0.05, 0, 0)), smooth=smooth)
     cloth = cs.Cloth((8, 8), (0.7, 0.7), mass=0.64, stiffness=1.0, damping=0.0, pins=dict.fromkeys(side(8), pull))
     return cs.Scene(cloth, gravity=(0, 0, 0))
 
@@ -48,17 +49,19 @@ def honest(run, right, asked):
     return told["reason"] == ""
 
 
+@pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("options", REQUESTS, ids=str)
-def test_a_pulse_within_a_step_is_seen(options):
-    run = cs.simulate(pulsed(), 1.0, **options)
-    assert honest(run, cs.reference(pulsed(), 1.0), options.get("rtol", 1e-3) * 0.7)
+def test_a_pulse_within_a_step_is_seen(options, smooth):
+    scene = pulsed(smooth)
+    run = cs.simulate(scene, 1.0, **options)
+    assert honest(run, cs.reference(scene, 1.0), options.get("rtol", 1e-3) * 0.7)
     if options.get("integrator") != "rk4":
-        assert {0.5, 0.505, 0.51} <= set(cs.simulate(pulsed(), 1.0, every="step", **options).t)
-        assert run.report["force_evaluations"] < 1500
+        assert {0.5, 0.505, 0.51} <= set(cs.simulate(scene, 1.0, every="step", **options).t)
+        assert run.report["force_evaluations"] < (7000 if smooth else 1500)
 
 
 def random_scene(number):
-    """Pins with a pulse, a short reciprocation or both in turn; a cloth of random stiffness and damping."""
+    """Pins with a pulse, a short reciprocation, both or smooth motions in turn; a cloth of random stiffness and damping."""
     rng = np.random.default_rng([51, number])
     rows = int(rng.integers(3, 7))
     times = np.cumsum(
@@ -67,7 +70,9 @@ def random_scene(number):
     ways = rng.normal(size=(len(times), 3)) * 0.02 * (np.arange(len(times)) % 3 == 2)[:, None]
     pulse = cs.Keyframes(times, offsets=ways)
     shake = cs.Reciprocate(rng.normal(size=3), 2e-3, 10 ** rng.uniform(-2, -0.5), rng.choice([0.0, 5.0, 200.0]), 0.3)
-    motions = [(pulse, pulse), (shake, shake), (pulse, shake)][number % 3]
+    wave = cs.Sinusoid(rng.normal(size=3) * 1e-3, 10 ** rng.uniform(0, 2), 0.4)
+    curve = cs.Keyframes(np.arange(6) / 8, offsets=rng.normal(size=(6, 3)) * 0.01 * (np.arange(6) > 0)[:, None], smooth=True)
+    motions = [(pulse, pulse), (shake, shake), (pulse, shake), (wave, curve)][number % 4]
     pins = {pin: motions[k % 2] for k, pin in enumerate(side(rows))}
     springs = {"stiffness": 10 ** rng.uniform(0, 3.5), "damping": rng.choice([0.0, 0.02])}
     return cs.Scene(
@@ -75,7 +80,7 @@ def random_scene(number):
     )
 
 
-@pytest.mark.parametrize("number", range(9))
+@pytest.mark.parametrize("number", range(12))
 def test_random_motions_of_pins(number):
     scene = random_scene(number)
     right = cs.reference(scene, 0.5)
@@ -117,12 +122,12 @@ def test_frames_never_change_a_run_with_contact(response):
     assert len(often.t) == 121
 
 
-@pytest.mark.parametrize("period", [0.003, 0.05, 1.0])
-def test_a_sphere_that_goes_up_and_down_is_met(period):
+@pytest.mark.parametrize(("period", "smooth"), [(0.003, False), (0.05, False), (1.0, False), (0.003, True), (0.05, True)])
+def test_a_sphere_that_goes_up_and_down_is_met(period, smooth):
     """... by its way over the step: the speeds at two turning points say little of it."""
     cloth = cs.Cloth((9, 9), (0.8, 0.8), mass=0.81, stiffness=10.0, damping=0.0, pins=((0, 0), (-1, -1)))
-    ball = cs.Sphere((0.4, -0.27, 0.4), 0.1, cs.Reciprocate((0, 1, 0), 0.4, period, 50.0), offset="none")
-    scene = cs.Scene(cloth, ball, gravity=(0, 0, 0))
+    motion = cs.Sinusoid((0, 0.2, 0), 1 / period, 0.75) if smooth else cs.Reciprocate((0, 1, 0), 0.4, period, 50.0)
+    scene = cs.Scene(cloth, cs.Sphere((0.4, -0.27, 0.4), 0.1, motion, offset="none"), gravity=(0, 0, 0))
     small = cs.simulate(scene, 0.1, dt=2e-6 if period < 0.01 else 1e-4).report["first_contact"]["time"]
     assert cs.simulate(scene, 0.1, rtol=1e-4).report["first_contact"]["time"] == pytest.approx(
         small, abs=4e-3 * period + 1e-4
@@ -169,15 +174,18 @@ def test_reasons_of_one_report_agree():
     assert run.report["error_estimate"]["reason"].startswith("this run misses a sphere")
 
 
-def test_kinks_of_a_scene_are_those_of_all_motions():
+def test_stops_of_a_scene_are_those_of_all_motions():
     pins = {(0, 0): cs.Keyframes([0, 0.3, 0.5], offsets=np.zeros((3, 3))), (-1, 0): cs.Linear((1, 0, 0))}
     ball = cs.Sphere((9, 9, 9), motion=cs.Reciprocate((1, 0, 0), period=0.6))
-    assert cs.Scene(cs.Cloth((3, 3), pins=pins), ball).kinks(0.0, 1.0) == [0.3, 0.5, pytest.approx(0.6), pytest.approx(0.9)]
+    assert cs.Scene(cs.Cloth((3, 3), pins=pins), ball).stops(0.0, 1.0) == [0.3, 0.5, pytest.approx(0.6), pytest.approx(0.9)]
 
 
-def test_more_kinks_than_steps_are_refused():
-    scene = cs.Scene(cs.Cloth((3, 3), pins={(0, 0): cs.Reciprocate((1, 0, 0), 1e-3, 1e-7)}))
-    with pytest.raises(ValueError, match="period must be at least 2e-06 s.* got 1e-07: give dt"):
+@pytest.mark.parametrize("motion", [cs.Reciprocate((1, 0, 0), 1e-3, 1e-7), cs.Sinusoid((1e-3, 0, 0), 1e7)])
+def test_more_stops_than_steps_are_refused(motion):
+    scene = cs.Scene(cs.Cloth((3, 3), pins={(0, 0): motion}))
+    with pytest.raises(
+        ValueError, match=rf"period must be at least 2e-06 s.* got 1e-07 s of {type(motion).__name__}.*: give dt"
+    ):
         cs.simulate(scene, 1.0, rtol=1e-3)
 
 
@@ -208,7 +216,7 @@ def test_frames_between_steps_have_driven_pins_where_they_are():
 def test_resumed_at_a_kink_and_elsewhere(same_bits):
     scene = random_scene(2)
     right = cs.reference(scene, 0.5)
-    kink = scene.kinks(0.0, 0.5)[3]
+    kink = scene.stops(0.0, 0.5)[3]
     for first in (kink, kink + 0.0013):
         run = cs.simulate(scene, first, rtol=1e-7).resume(0.5 - first)
         assert rms(run.x[-1] - right.x[-1]) < 1e-6

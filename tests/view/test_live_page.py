@@ -186,6 +186,23 @@ def test_contact_has_the_bits_of_the_adapter_without_float64(live, same_bits, mo
     assert same_bits(found, parts(gpu))
 
 
+def test_spheres_move_as_in_the_core(live):
+    table = {"times": [0.1, 0.3, 0.6], "offsets": [(0, 0, 0), (0.1, 0.2, 0), (0, 0.1, -0.1)]}
+    motions = [
+        cs.Linear((0.1, 0.3, 0.0)),
+        *(cs.Reciprocate((1, 2, 0), 0.3, 0.7, k, 0.2) for k in (0.0, 5.0)),
+        cs.Sinusoid((0.1, 0.2, 0), 1.7, 0.3),
+        *(cs.Keyframes(**table, smooth=smooth) for smooth in (False, True)),
+        cs.Keyframes(table["times"], table["offsets"]),
+    ]
+    scene = cs.Scene(cs.Cloth((16, 16)), [ball(center=(0.5, -9.0, 0.5), motion=motion) for motion in motions])
+    page, times = live(scene), [0.0, 0.1, 0.25, 0.5, 0.9]
+    found = page.tab.evaluate("(times) => window.live.live.spheres.map((s) => times.map((t) => motionAt(s, t)))", times)
+    for sphere, states in zip(scene.spheres, np.array(found), strict=True):
+        np.testing.assert_allclose(states[:, 0], sphere.center_at(times), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(states[:, 1], sphere.velocity_at(times), rtol=0, atol=1e-13)
+
+
 def test_thread_ids_are_those_of_the_grid(live):
     page = live(cs.Scene(cs.Cloth((20, 33))))
     ids = np.array(page.tab.evaluate("() => window.live.solver.threadIds()")).reshape(20, 33, 7)

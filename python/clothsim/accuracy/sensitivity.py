@@ -110,9 +110,8 @@ class Clock:
     """The times of all steps: every run of a comparison takes the same."""
 
     def __init__(self, scene: Scene, times: Floats) -> None:
-        moving = [pins.motion for pins in scene.driven_pins] + [s.motion for s in scene.spheres if s.motion]
-        kinks = {t for motion in moving for t in motion.kinks(0.0, float(times[-1]))}
-        self.times, self.stops = times, np.array(sorted({*times.tolist(), *kinks} - {0.0}))
+        stops = scene.stops(0.0, float(times[-1]))
+        self.times, self.stops = times, np.array(sorted({*times.tolist(), *stops} - {0.0}))
         self.size = max(scene.cloth.size)
         self.finer = 1.0
 

@@ -224,8 +224,8 @@ def _compute(scene: Scene, times: tuple[float, ...], threads: int) -> dict[str, 
         )
     scene = scene.replace(spheres=())
     with Stopwatch() as watch:
-        # Steps end at kinks of the pins' motions, so that both methods keep their orders.
-        every_time = sorted({*times, *scene.kinks(0.0, times[-1])})
+        # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
+        every_time = sorted({*times, *scene.stops(0.0, times[-1])})
         frames = np.searchsorted(every_time, times)
         x, v, evaluations = extrapolation(scene, every_time, **_TRUSTED, threads=threads)
         control, _, more = extrapolation(scene, every_time, **_CONTROL, threads=threads)

@@ -15,6 +15,7 @@ from ..base import check
 from ..methods.bound import guaranteed_dt
 from ..methods.integration import integrators, warn_of_order
 from ..model.as_core import core_cloth
+from ..model.motion import Linear
 from ..model.scene import Scene
 from ..model.sphere import Sphere
 from .arrays import FloatArray, check_driven_pins, check_pins, checked_state, put_driven_pins, scenes_of, start_time
@@ -218,7 +219,7 @@ class State:
         starts = {k: [scene.spheres[k].center_at(begin) for scene in self.scenes] for k in targets}
         speeds = {k: [(target - start) / (steps * dt) for start in starts[k]] for k, target in targets.items()}
         for k in targets:
-            motions = [_core.Motion.linear(v) for v in speeds[k]]
+            motions = [Linear(v).core for v in speeds[k]]
             self.core.set_sphere(k, [x - begin * v for x, v in zip(starts[k], speeds[k])], motions)
         arrived = False
         try:

@@ -6,7 +6,7 @@ from typing import Any
 
 from .. import _core
 from .cloth import Cloth
-from .motion import Keyframes, Linear, Motion, Reciprocate
+from .motion import Motion
 from .scene import Scene
 
 
@@ -29,15 +29,7 @@ def core_cloth(cloth: Cloth) -> _core.Cloth:
 
 def core_motion(motion: Motion | None) -> _core.Motion:
     """A motion as the core takes it."""
-    if isinstance(motion, Linear):
-        return _core.Motion.linear(motion.velocity)
-    if isinstance(motion, Reciprocate):
-        return _core.Motion.reciprocate(
-            motion.unit_direction, motion.distance, motion.period, motion.deceleration, motion.phase
-        )
-    if isinstance(motion, Keyframes):
-        return _core.Motion.keyframes(motion.times.tolist(), list(motion.places), motion.centers is None)
-    return _core.Motion()
+    return motion.core if motion else _core.Motion()
 
 
 def core_pins(scene: Scene) -> dict[str, Any]:
@@ -49,7 +41,4 @@ def core_pins(scene: Scene) -> dict[str, Any]:
         for k, group in enumerate(groups)
         for r, c, start in zip(group.rows, group.columns, group.starts)
     ]
-    return {
-        "pin_motions": [core_motion(group.motion) for group in groups],
-        "driven_pins": sorted(pins, key=lambda pin: pin[0]),
-    }
+    return {"pin_motions": [group.motion.core for group in groups], "driven_pins": sorted(pins, key=lambda pin: pin[0])}

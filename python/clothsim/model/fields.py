@@ -23,8 +23,9 @@ RUN = (*NUMERICS, "duration")
 _UNITS = {
     name: unit
     for unit, names in {
-        "m": ("size", "position", "center", "centers", "offsets", "radius", "offset", "distance", "atol"),
+        "m": ("size", "position", "center", "centers", "offsets", "radius", "offset", "distance", "amplitude", "atol"),
         "s": ("period", "times", "dt", "duration"),
+        "Hz": ("frequency",),
         "m/s": ("velocity", "speed"),
         "1": ("direction", "deceleration", "phase", "restitution", "friction", "rtol"),
         "kg": ("mass",),

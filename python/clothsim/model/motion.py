@@ -1,7 +1,15 @@
 """Prescribed motions of a sphere or a pin: where it is and how fast it goes at any time.
 
-A motion has two methods, ``center_at(t, center0)`` and ``velocity_at(t)``, where `center0` is the sphere's own centre.
-The velocity is the exact derivative of the centre. At a kink of the path it is the velocity just after the kink.
+A motion consists of pieces (`PIECE`). With u = (t - begin) / length, the displacement on a piece is::
+
+    p0 + u p1 + u^2 p2 + u^3 p3 + amplitude g(u)
+    g(u) = sin(angle u)    or, where decay k > 0,    (1 - exp(-k u)) / (1 - exp(-k))
+
+The pieces of a periodic motion cover one period: `begin` and `length` are then parts of it, and frac(t / period + phase)
+takes the place of t. The first and the last piece of any other motion have no end.
+
+The classes here make the pieces. `_core.Motion` evaluates them for Python and the core, `motionAt` (viewing/web/solver.js)
+for the live page, and cpp/reference/pins.hpp for the oracle.
 """
 
 from __future__ import annotations
@@ -9,15 +17,182 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from ..base import check
-from ..base.record import frozen
+from ..base.record import Record, frozen
 from ..typing import Numbers
-from .motion_base import BaseMotion, Vectors
+
+Vectors = npt.NDArray[np.float64]
+Self = TypeVar("Self", bound="BaseMotion")
+
+# As MotionPiece in cpp/model/motion.hpp, with polynomial = (p0, p1, p2, p3). Units: s (or parts of the period), m, rad, 1.
+PIECE = np.dtype(
+    [
+        ("begin", "f8"),
+        ("length", "f8"),
+        ("polynomial", "f8", (4, 3)),
+        ("amplitude", "f8", 3),
+        ("angle", "f8"),
+        ("decay", "f8"),
+    ]
+)
+
+_MOST_STOPS = 1_000_000  # of a motion in a run, each of which costs a step
+
+
+class BaseMotion(Record):
+    kind: ClassVar[str]
+    relative: ClassVar[bool] = True  # displacements count from the start, not from the origin
+    _period, _phase = 0.0, 0.0  # s, 1; no period: not periodic
+
+    @cached_property
+    def pieces(self) -> npt.NDArray[Any]:
+        """The pieces, of dtype `PIECE`, by their beginnings."""
+        raise NotImplementedError
+
+    @cached_property
+    def core(self) -> _core.Motion:
+        """This motion as the core takes it."""
+        return _core.Motion(self.pieces.view(np.float64), self._period, self._phase, self.relative)
+
+    def as_json(self) -> dict[str, Any]:
+        """The pieces as plain data, for pages."""
+        pieces = [{name: piece[name].tolist() for name in PIECE.fields} for piece in self.pieces]  # type: ignore[union-attr]
+        return {"pieces": pieces, "period": self._period, "phase": self._phase, "relative": self.relative}
+
+    def center_at(self, t: npt.ArrayLike, center0: Numbers) -> Vectors:
+        """Centre of the sphere at the time `t`.
+
+        Parameters
+        ----------
+        t : float or array_like
+            Time [s]; any shape, negative times too.
+        center0 : sequence of 3 floats
+            The ``center`` of the sphere [m].
+
+        Returns
+        -------
+        numpy.ndarray
+            Positions [m], the shape of `t` with 3 appended.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Linear(velocity=(0, 1, 0)).center_at(0.5, (0, 0, 0))
+        array([0. , 0.5, 0. ])
+        """
+        return self._center(_times(t), np.array(check.vector("center0", center0)))
+
+    def velocity_at(self, t: npt.ArrayLike) -> Vectors:
+        """Velocity of the sphere at the time `t`, the derivative of `center_at`; at a kink, the velocity just after it.
+
+        Parameters
+        ----------
+        t : float or array_like
+            Time [s]; any shape, negative times too.
+
+        Returns
+        -------
+        numpy.ndarray
+            Velocities [m/s], the shape of `t` with 3 appended.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Linear(velocity=(0, 1, 0)).velocity_at(0.5)
+        array([0., 1., 0.])
+        """
+        return self._velocity(_times(t))
+
+    def stops(self, begin: float, end: float) -> list[float]:
+        """Times at which steps of error control end: where a piece of the motion ends.
+
+        These are the turning points of `Reciprocate` and `Sinusoid` and the times of `Keyframes`. Between two of them
+        the motion is smooth, and a step sees all of it.
+
+        Parameters
+        ----------
+        begin, end : float
+            Only times between these two count [s].
+
+        Returns
+        -------
+        list of float
+            Times [s], increasing.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Keyframes([0.0, 1.0, 3.0], [(0, 0, 0), (1, 0, 0), (1, 4, 0)]).stops(0.0, 2.0)
+        [1.0]
+        """
+        begins, period, phase = self.pieces["begin"].tolist(), self._period, self._phase
+        times = begins[1:]
+        if period:
+            first, last = (math.floor(t / period + phase) for t in (begin, end))
+            if (last - first) * len(begins) > _MOST_STOPS:
+                least = len(begins) * (end - begin) / _MOST_STOPS
+                raise ValueError(
+                    f"period must be at least {least:.3g} s, as error control ends a step at each turn of {end - begin:g} "
+                    f"s, got {period:g} s of {self!r}: give dt"
+                )
+            times = [(n + b - phase) * period for n in range(first, last + 1) for b in begins]
+        return [t for t in times if begin < t < end]
+
+    def _center(self, t: Vectors, center0: Vectors) -> Vectors:
+        return self._states(t)[..., :3] + (center0 if self.relative else 0.0)
+
+    def _velocity(self, t: Vectors) -> Vectors:
+        return self._states(t)[..., 3:].copy()
+
+    def _states(self, t: Vectors) -> Vectors:
+        return self.core.states(t.ravel()).reshape(*t.shape, 6)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data as JSON and TOML can hold them, with the motion's name under "kind".
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Linear(velocity=(0, 1, 0)).to_dict()
+        {'kind': 'linear', 'velocity': [0.0, 1.0, 0.0]}
+        """
+        return {"kind": self.kind, **super().to_dict()}
+
+    @classmethod
+    def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
+        """The motion that `data` (as from ``to_dict``) describes.
+
+        Parameters
+        ----------
+        data : mapping
+            "kind", the name of this motion, and its arguments.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Linear.from_dict({"kind": "linear", "velocity": [0, 1, 0]}).velocity
+        (0.0, 1.0, 0.0)
+        """
+        arguments = cls._arguments(data, "kind")
+        check.choice(f"{cls.__name__} kind", arguments.pop("kind"), (cls.kind,))
+        return cls(**arguments)
+
+
+def _times(t: npt.ArrayLike) -> Vectors:
+    accepted = "t must be a finite number or an array of finite numbers"
+    given = check.as_array("t", t, accepted.removeprefix("t must be "))
+    if given.dtype.kind not in "iuf":
+        raise TypeError(f"{accepted}, got {check.shown(t)}")
+    if not np.isfinite(given).all():
+        raise ValueError(f"{accepted}, got {check.shown(t)}")
+    return given.astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,12 +230,9 @@ class Linear(BaseMotion):
     def __post_init__(self) -> None:
         self._set(velocity=check.vector("velocity", self.velocity))
 
-    def _center(self, t: Vectors, center0: Vectors) -> Vectors:
-        way: Vectors = t[..., None] * np.array(self.velocity)
-        return center0 + way
-
-    def _velocity(self, t: Vectors) -> Vectors:
-        return np.broadcast_to(self.velocity, (*t.shape, 3)).copy()
+    @cached_property
+    def pieces(self) -> npt.NDArray[Any]:
+        return _pieces([0.0], [1.0], (np.zeros((1, 3)), [self.velocity]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,7 +251,7 @@ class Reciprocate(BaseMotion):
     Kim et al. (section 6) move their sphere over unit length about the cloth's centre and slow it
     down by linear interpolation. A sphere that goes a fixed fraction of the remaining way in every frame follows an
     exponential, if frames are short. Here the exponential is scaled so that the sphere reaches the turning point
-    exactly after half a period.
+    exactly after half a period. There its velocity jumps.
 
     Parameters
     ----------
@@ -135,67 +307,91 @@ class Reciprocate(BaseMotion):
         direction = check.vector("direction", self.direction)
         if math.hypot(*direction) == 0.0:
             raise ValueError(f"direction must not be the zero vector, got {self.direction!r}")
-        phase = check.number("phase", self.phase, minimum=0)
-        if phase >= 1.0:
-            raise ValueError(f"phase must be a finite number >= 0 and < 1, got {self.phase!r}")
         self._set(
             direction=direction,
             distance=check.number("distance", self.distance, minimum=0, exclusive=True),
             period=check.number("period", self.period, minimum=0, exclusive=True),
             deceleration=check.number("deceleration", self.deceleration, minimum=0),
-            phase=phase,
+            phase=_phase(self.phase),
         )
+        self._set(_period=self.period, _phase=self.phase)
 
-    @property
-    def unit_direction(self) -> tuple[float, float, float]:
-        """`direction` scaled to length 1."""
-        length = math.hypot(*self.direction)
-        x, y, z = (component / length for component in self.direction)
-        return x, y, z
+    @cached_property
+    def pieces(self) -> npt.NDArray[Any]:
+        way = self.distance * np.array(self.direction) / math.hypot(*self.direction)
+        ways = np.stack([way, -way])
+        if self.deceleration:
+            return _pieces([0.0, 0.5], 0.5, [-0.5 * ways], amplitude=ways, decay=self.deceleration)
+        return _pieces([0.0, 0.5], 0.5, [-0.5 * ways, ways])
 
-    def kinks(self, begin: float, end: float) -> list[float]:
-        first, last = (math.floor(2 * (t / self.period + self.phase)) for t in (begin, end))
-        if last - first > _MOST_KINKS:
-            least = 2 * (end - begin) / _MOST_KINKS
-            raise ValueError(
-                f"period must be at least {least:.3g} s, as error control ends a step at each turning point of "
-                f"{end - begin:g} s, got {self.period:g}: give dt"
-            )
-        times = ((n / 2 - self.phase) * self.period for n in range(first, last + 1))
-        return [t for t in times if begin < t < end]
 
-    def _way(self, t: Vectors) -> tuple[Vectors, Vectors]:
-        """(s, q) of the class's formulas."""
-        turns = t / self.period + self.phase
-        w = turns - np.floor(turns)
-        back = w >= 0.5
-        return np.where(back, -1.0, 1.0), 2.0 * w - back
+@dataclass(frozen=True, eq=False, repr=False)
+class Sinusoid(BaseMotion):
+    """Harmonic motion about the sphere's ``center``: c(t) = c0 + amplitude sin(2 pi (frequency t + phase)).
 
-    def _center(self, t: Vectors, center0: Vectors) -> Vectors:
-        sign, q = self._way(t)
-        k = self.deceleration
-        done = np.expm1(-k * q) / math.expm1(-k) if k else q
-        along: Vectors = sign * (done - 0.5) * self.distance
-        way: Vectors = along[..., None] * np.array(self.unit_direction)
-        return center0 + way
+    A driven pin begins at its initial position, where the sine has the value of t = 0.
 
-    def _velocity(self, t: Vectors) -> Vectors:
-        sign, q = self._way(t)
-        k = self.deceleration
-        slope = k * np.exp(-k * q) / -math.expm1(-k) if k else np.ones_like(q)
-        along: Vectors = sign * slope * (2.0 / self.period) * self.distance
-        velocity: Vectors = along[..., None] * np.array(self.unit_direction)
-        return velocity
+    Parameters
+    ----------
+    amplitude : sequence of 3 floats
+        Displacement at the turning point [m].
+    frequency : float
+        Periods per second [Hz], > 0.
+    phase : float, default 0.0
+        Part of the period that is over at t = 0, 0 <= phase < 1. 0.25 starts at rest at the turning point.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> motion = cs.Sinusoid((0.0, 0.2, 0.0), frequency=0.5)
+    >>> motion.center_at([0.0, 0.5, 1.5], (1.0, 0.0, 0.0)).tolist()
+    [[1.0, 0.0, 0.0], [1.0, 0.2, 0.0], [1.0, -0.2, 0.0]]
+    >>> motion.velocity_at(0.0).round(6).tolist()
+    [0.0, 0.628319, 0.0]
+    """
+
+    amplitude: tuple[float, float, float]
+    frequency: float
+    phase: float = 0.0
+
+    kind: ClassVar[str] = "sinusoid"
+
+    if TYPE_CHECKING:
+
+        def __init__(self, amplitude: Numbers, frequency: float, phase: float = 0.0) -> None: ...
+
+    def __post_init__(self) -> None:
+        self._set(
+            amplitude=check.vector("amplitude", self.amplitude),
+            frequency=check.number("frequency", self.frequency, minimum=0, exclusive=True),
+            phase=_phase(self.phase),
+        )
+        self._set(_period=1.0 / self.frequency, _phase=self.phase)
+
+    @cached_property
+    def pieces(self) -> npt.NDArray[Any]:
+        # Half a period each: the velocity is monotone on a piece.
+        return _pieces([0.0, 0.5], 0.5, [], amplitude=np.outer((1, -1), self.amplitude), angle=math.pi)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Keyframes(BaseMotion):
-    """A table of times and centres or displacements, with straight lines at constant speed between them.
+    """A table of times and centres or displacements, with straight lines or a smooth curve between them.
 
     Between times[n] and times[n + 1] the centre is centers[n] + (t - times[n]) v with
     v = (centers[n + 1] - centers[n]) / (times[n + 1] - times[n]). Before the first time the sphere rests at the first
     centre. From the last time on, it rests at the last centre. At a time of the table the velocity is that of the line
     that begins there.
+
+    With `smooth` the curve is the cubic spline through the centres, with continuous velocity and acceleration, and with one
+    cubic on the first two and on the last two intervals ("not-a-knot"; through three centres a parabola). Between samples
+    of a smooth motion its error falls with the fourth power of their distance in time. It does not begin and end at rest
+    by itself.
 
     `centers` are absolute, so the sphere's own ``center`` has no effect. `offsets` are displacements from the sphere's
     ``center`` or from the pin's initial position, so that many pins can share a motion.
@@ -208,6 +404,8 @@ class Keyframes(BaseMotion):
         Centres [m], shape (len(times), 3).
     offsets : array_like, optional
         Displacements from the start [m], shape (len(times), 3), in place of `centers`.
+    smooth : bool, default False
+        True for the cubic spline.
 
     Raises
     ------
@@ -224,18 +422,26 @@ class Keyframes(BaseMotion):
     [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 0.0]]
     >>> cs.Keyframes([0.0, 1.0], offsets=[(0, 0, 0), (0, 2, 0)]).center_at(0.5, (1, 0, 0)).tolist()
     [1.0, 1.0, 0.0]
+    >>> curve = cs.Keyframes([0.0, 1.0, 2.0], [(0, 0, 0), (0, 1, 0), (0, 0, 0)], smooth=True)
+    >>> curve.center_at(0.5, (0, 0, 0)).tolist(), curve.velocity_at(1.0).tolist()
+    ([0.0, 0.75, 0.0], [0.0, 0.0, 0.0])
     """
 
     times: Vectors
     centers: Vectors | None = None
     offsets: Vectors | None = None
+    smooth: bool = False
 
     kind: ClassVar[str] = "keyframes"
 
     if TYPE_CHECKING:
 
         def __init__(
-            self, times: Numbers, centers: npt.ArrayLike | None = None, offsets: npt.ArrayLike | None = None
+            self,
+            times: Numbers,
+            centers: npt.ArrayLike | None = None,
+            offsets: npt.ArrayLike | None = None,
+            smooth: bool = False,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -248,44 +454,83 @@ class Keyframes(BaseMotion):
         given = {name: getattr(self, name) for name in ("centers", "offsets") if getattr(self, name) is not None}
         if len(given) != 1:
             raise ValueError(f"one of centers and offsets must be given, got {' and '.join(given) or 'none of them'}")
-        self._set(times=frozen(times), **{n: frozen(check.array(n, v, (count, 3))) for n, v in given.items()})
+        self._set(times=frozen(times), smooth=check.boolean("smooth", self.smooth), relative="offsets" in given)
+        self._set(**{n: frozen(check.array(n, v, (count, 3))) for n, v in given.items()})
 
-    @property
-    def places(self) -> Vectors:
-        """`centers` or `offsets`, whichever is given."""
-        places = self.offsets if self.centers is None else self.centers
+    @cached_property
+    def pieces(self) -> npt.NDArray[Any]:
+        times, places = self.times, self.offsets if self.centers is None else self.centers
         assert places is not None
-        return places
-
-    def kinks(self, begin: float, end: float) -> list[float]:
-        return [float(t) for t in self.times if begin < t < end]
-
-    def _segment(self, t: Vectors) -> tuple[Vectors, Vectors, Vectors]:
-        """For the line at the time `t`: the time since its start, its start and its velocity."""
-        last = len(self.times) - 1
-        n = np.searchsorted(self.times, t, side="right") - 1
-        at = np.clip(n, 0, last)
-        velocities = np.zeros_like(self.places)
-        velocities[:-1] = np.diff(self.places, axis=0) / np.diff(self.times)[:, None]
-        velocity = np.where((n < 0)[..., None], 0.0, velocities[at])
-        return (t - self.times[at])[..., None], self.places[at], velocity
-
-    def _center(self, t: Vectors, center0: Vectors) -> Vectors:
-        elapsed, start, velocity = self._segment(t)
-        return start + elapsed * velocity + (center0 if self.centers is None else 0.0)
-
-    def _velocity(self, t: Vectors) -> Vectors:
-        return self._segment(t)[2]
+        lengths, ways = np.diff(times)[:, None], np.diff(places, axis=0)
+        curve = [places[:-1], ways]
+        if self.smooth:
+            speeds = _spline_velocities(lengths, ways / lengths)
+            begins, ends = lengths * speeds[:-1], lengths * speeds[1:]
+            curve = [places[:-1], begins, 3 * ways - 2 * begins - ends, begins + ends - 2 * ways]
+        rest = (np.zeros((1, 3)),) * (len(curve) - 1)
+        curves = [np.concatenate(parts) for parts in zip((places[:1], *rest), curve, (places[-1:], *rest), strict=True)]
+        return _pieces([times[0] - 1.0, *times], [1.0, *lengths[:, 0], 1.0], curves)
 
 
-_MOST_KINKS = 1_000_000  # of a motion in a run, each of which costs a step
+def _spline_velocities(h: Vectors, d: Vectors) -> Vectors:
+    """Velocities of the not-a-knot spline at its times; `h` are the durations and `d` the mean velocities between them.
 
-Motion = Linear | Reciprocate | Keyframes
-MOTIONS: dict[str, type[BaseMotion]] = {m.kind: m for m in (Linear, Reciprocate, Keyframes)}
+    The acceleration is continuous at each inner time, and its derivative at the second and the last but one (de Boor, A
+    Practical Guide to Splines, IV).
+    """
+
+    def at_end(h0: Vectors, h1: Vectors, d0: Vectors, d1: Vectors) -> tuple[Any, ...]:
+        if len(h) < 3:  # a line or a parabola
+            return 1.0, len(h) - 1.0, len(h) * d0
+        return h1, h0 + h1, ((3 * h0 + 2 * h1) * h1 * d0 + h0 * h0 * d1) / (h0 + h1)
+
+    first, last = at_end(h[0], h[1 % len(h)], d[0], d[1 % len(h)]), at_end(h[-1], h[-2 % len(h)], d[-1], d[-2 % len(h)])
+    below = [0.0, *h[1:], last[1]]
+    diagonal = [first[0], *(2 * (h[:-1] + h[1:])), last[0]]
+    above = [first[1], *h[:-1], 0.0]
+    v = np.stack([first[2], *(3 * (h[1:] * d[:-1] + h[:-1] * d[1:])), last[2]])
+    for k in range(1, len(v)):
+        part = below[k] / diagonal[k - 1]
+        diagonal[k] = diagonal[k] - part * above[k - 1]
+        v[k] -= part * v[k - 1]
+    v[-1] /= diagonal[-1]
+    for k in reversed(range(len(v) - 1)):
+        v[k] = (v[k] - above[k] * v[k + 1]) / diagonal[k]
+    return v
+
+
+def _pieces(
+    begin: Numbers, length: Any, polynomial: Any, amplitude: Any = 0.0, angle: float = 0.0, decay: float = 0.0
+) -> npt.NDArray[Any]:
+    """Pieces of these values; `polynomial` may leave out its last coefficients."""
+    pieces = np.zeros(len(begin), PIECE)
+    for name, values in (("begin", begin), ("length", length), ("amplitude", amplitude), ("angle", angle), ("decay", decay)):
+        pieces[name] = values
+    for k, coefficients in enumerate(polynomial):
+        pieces["polynomial"][:, k] = coefficients
+    return frozen(pieces)
+
+
+def _phase(value: float) -> float:
+    phase = check.number("phase", value, minimum=0)
+    if phase >= 1.0:
+        raise ValueError(f"phase must be a finite number >= 0 and < 1, got {value!r}")
+    return phase
+
+
+Motion = Linear | Reciprocate | Sinusoid | Keyframes
+MOTIONS: dict[str, type[BaseMotion]] = {m.kind: m for m in (Linear, Reciprocate, Sinusoid, Keyframes)}
+
+
+def checked_motion(name: str, value: Any) -> Motion | None:
+    """`value` if it is a motion or None."""
+    if value is not None and not isinstance(value, (Linear, Reciprocate, Sinusoid, Keyframes)):
+        raise TypeError(f"{name} must be Linear, Reciprocate, Sinusoid, Keyframes or None, got {check.shown(value)}")
+    return value
 
 
 def motion_from_dict(data: Mapping[str, Any]) -> Motion:
-    """The motion that `data` describes: "kind" ("linear", "reciprocate" or "keyframes"), and the arguments of that class."""
+    """The motion that `data` describes: its "kind", a key of `MOTIONS`, and the arguments of that class."""
     if not isinstance(data, Mapping):
         raise TypeError(f"motion must be a mapping with a 'kind', got {check.shown(data)}")
     kind = check.choice("motion kind", data.get("kind", ""), MOTIONS)

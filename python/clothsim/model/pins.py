@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..base import check
-from .motion import Motion, motion_from_dict
+from .motion import Motion, checked_motion, motion_from_dict
 
 PinField = tuple[tuple[int, int], ...] | Mapping[tuple[int, int], Motion | None]
 
@@ -72,16 +72,14 @@ def checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
 def _driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
     """The pins of a mapping; without any motion the pairs alone."""
     pairs = checked_pins(list(value), shape)
-    for pair, motion in zip(pairs, value.values()):
-        if motion is not None and not isinstance(motion, get_args(Motion)):
-            raise TypeError(f"pins[{pair}] must be Linear, Reciprocate, Keyframes or None, got {check.shown(motion)}")
+    motions = [checked_motion(f"pins[{pair}]", motion) for pair, motion in zip(pairs, value.values())]
     points = [(r % shape[0], c % shape[1]) for r, c in pairs]
     if len(set(points)) < len(points):
         twice = next(point for point in points if points.count(point) > 1)
         raise ValueError(f"pins must name each point once, got {twice} twice")
-    if all(motion is None for motion in value.values()):
+    if all(motion is None for motion in motions):
         return tuple(pairs)
-    return MappingProxyType(dict(zip(pairs, value.values())))
+    return MappingProxyType(dict(zip(pairs, motions)))
 
 
 def _from_groups(groups: Sequence[Mapping[str, Any]]) -> dict[tuple[int, int], Motion | None]:

@@ -166,13 +166,13 @@ class Scene(Record):
             groups.append(DrivenPins(motion, rows, columns, places - begin))
         return groups
 
-    def kinks(self, begin: float, end: float) -> list[float]:
-        """Times at which the motion of a pin or a sphere has a kink; see the motions' ``kinks``.
+    def stops(self, begin: float, end: float) -> list[float]:
+        """Times at which steps of error control end, for the motions of pins and spheres; see the motions' ``stops``.
 
         Parameters
         ----------
         begin, end : float
-            Times between which kinks are listed [s].
+            Only times between these two count [s].
 
         Returns
         -------
@@ -182,11 +182,11 @@ class Scene(Record):
         Examples
         --------
         >>> import clothsim as cs
-        >>> [round(t, 9) for t in cs.scenes.paper_moving().kinks(0.0, 4.0)]
+        >>> [round(t, 9) for t in cs.scenes.paper_moving().stops(0.0, 4.0)]
         [1.89, 3.99]
         """
         motions = {pins.motion for pins in self.driven_pins} | {one.motion for one in self.spheres if one.motion}
-        return sorted({t for motion in motions for t in motion.kinks(begin, end)})
+        return sorted({t for motion in motions for t in motion.stops(begin, end)})
 
     def explain(
         self,

@@ -37,7 +37,13 @@ _COMMENTS = {
     **{
         f"{of}.motion.{name}": unit
         for of in ("spheres", "cloth.pins")
-        for name, unit in (("velocity", "m/s"), ("distance", "m"), ("period", "s"), ("times", "s"), ("centers", "m"))
+        for unit, names in (
+            ("m/s", "velocity"),
+            ("m", "distance amplitude centers"),
+            ("s", "period times"),
+            ("Hz", "frequency"),
+        )
+        for name in names.split()
     },
 }
 

@@ -15,7 +15,7 @@ from ..base import check
 from ..base.record import Record
 from ..typing import Numbers, Offset, Response
 from .cloth import Cloth
-from .motion import Keyframes, Linear, Motion, Reciprocate, motion_from_dict
+from .motion import Linear, Motion, checked_motion, motion_from_dict
 
 RESPONSES: tuple[Response, ...] = get_args(Response)
 _RESTITUTION = {"continuous": 0.0, "ray": 1.0, "reflect": 1.0}  # where none is given
@@ -55,11 +55,11 @@ class Sphere(Record):
     Parameters
     ----------
     center : sequence of 3 floats, default (0, 0, 0)
-        Centre [m]. With a `motion` it is the point of reference: for `Linear` the place at t = 0, for `Reciprocate` the
-        middle of the travel. `Keyframes` ignores it, because its table has the centres.
+        Centre [m]. With a `motion` it is the point of reference: for `Linear` the place at t = 0, for `Reciprocate` and
+        `Sinusoid` the middle of the travel. `Keyframes` with centres ignores it.
     radius : float, default 0.25
         True radius [m], > 0.
-    motion : Linear, Reciprocate or Keyframes, optional
+    motion : Linear, Reciprocate, Sinusoid or Keyframes, optional
         Default: the sphere stands still.
     response : {"continuous", "ray", "reflect"}, default "continuous"
         "continuous" responds at the time of impact. "reflect" (method 1, eq 7) reflects the velocity
@@ -132,9 +132,8 @@ class Sphere(Record):
         _has_own_restitution: bool = True  # no argument
 
     def __post_init__(self) -> None:
-        if not isinstance(self.motion, (Linear, Reciprocate, Keyframes, type(None))):
-            raise TypeError(f"motion must be None, a Linear, a Reciprocate or a Keyframes, got {check.shown(self.motion)}")
         self._set(
+            motion=checked_motion("motion", self.motion),
             center=check.vector("center", self.center),
             radius=check.number("radius", self.radius, minimum=0, exclusive=True),
             response=check.choice("response", self.response, RESPONSES),

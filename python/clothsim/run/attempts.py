@@ -94,7 +94,7 @@ class Attempts:
     def __init__(self, scene: Scene, duration: float, options: RunOptions, watch: Watch) -> None:
         self.scene, self.duration, self.options = scene, duration, options
         self._watch = watch
-        scene.kinks(options.start, options.start + duration)  # refuses too many
+        scene.stops(options.start, options.start + duration)  # refuses too many
         self._done: list[Solution] = []
         self._finished: Recording | None = None
 

@@ -120,8 +120,8 @@ def integrate(
 ) -> Solution:
     """One run with error control, at a tolerance per step [m].
 
-    Steps end at the kinks of the motions. In reach of a sphere they are at most half as long as is guaranteed to be stable
-    for this method and for rk4.
+    Steps end where a piece of a motion ends. In reach of a sphere they are at most half as long as is guaranteed to be
+    stable for this method and for rk4.
     `frames`: frames that are counted in steps are ends of accepted steps. Dense output gives other frames until a sphere
     responds, and from then on the polynomial of `interpolated`. `resumed`:
     the run to continue, which sets the tolerance. `given`: prescribed ends of the steps.
@@ -145,7 +145,7 @@ def integrate(
     run = Recording(state, options, watch or Watch(), None, frames, earlier, control)
     end = start + (begin + duration)
     grid, steps = deque(given or ()), Steps(tolerance)
-    stops = deque([*scene.kinks(start + begin, end), end])
+    stops = deque([*scene.stops(start + begin, end), end])
     rounding = _ROUNDING_OF_KINKS * max(abs(start), abs(end))
     # Steps that are given are accepted at any finite error.
     unit = tolerance if given is None else _ANY_ERROR * tolerance

@@ -91,7 +91,7 @@ def simulate(
     rtol, atol : float, optional
         Error control: bounds of the error of the last positions. The rms over the mass points is to be at most
         ``atol + rtol * max(scene.cloth.size)`` [m]. A missing value counts as 0. Without `dt`, `rtol` and `atol`, rtol
-        is 1e-3. Steps end at the ``kinks`` of every motion. In reach of a sphere no step is longer than half of
+        is 1e-3. Steps end where a piece of a motion ends. In reach of a sphere no step is longer than half of
         `max_stable_dt`, for this method and for rk4.
     every : int, float or "step", optional
         An int >= 2 stores a frame every so many steps, a float every so many seconds, and "step"

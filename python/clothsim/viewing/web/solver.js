@@ -7,23 +7,19 @@ const MOST_STEPS = 512;  // a frame; the table of sphere places has one row more
 const MOST_ROUNDS = 127;  // as in gpu/block.py
 const RESULTS = 24;      // bytes: steps, bad, pinned and too large mass points, contacts, whether the last round moved a point
 
-// Centre and velocity of a sphere at a time, as in model/motion.py.
-function motionAt(sphere, t) {
-  const m = sphere.motion, c = sphere.center;
-  if (!m) return [c, [0, 0, 0]];
-  if (m.kind === "linear") return [c.map((k, i) => k + t * m.velocity[i]), m.velocity];
-  if (m.kind === "keyframes") {
-    const n = m.times.findLastIndex((k) => k <= t), last = m.times.length - 1;
-    if (n < 0 || n === last) return [m.centers[n < 0 ? 0 : last], [0, 0, 0]];
-    const v = m.centers[n].map((k, i) => (m.centers[n + 1][i] - k) / (m.times[n + 1] - m.times[n]));
-    return [m.centers[n].map((k, i) => k + (t - m.times[n]) * v[i]), v];
-  }
-  const turns = t / m.period + m.phase, w = turns - Math.floor(turns), back = w >= 0.5 ? 1 : 0;
-  const q = 2 * w - back, k = m.deceleration, sign = back ? -1 : 1, length = Math.hypot(...m.direction);
-  const along = sign * ((k ? Math.expm1(-k * q) / Math.expm1(-k) : q) - 0.5) * m.distance;
-  const speed = sign * (k ? k * Math.exp(-k * q) / -Math.expm1(-k) : 1) * (2 / m.period) * m.distance;
-  const unit = m.direction.map((d) => d / length);
-  return [c.map((x, i) => x + along * unit[i]), unit.map((u) => speed * u)];
+// Centre and velocity of a sphere at a time, by the pieces of model/motion.py.
+function motionAt({ motion: m, center }, t) {
+  if (!m) return [center, [0, 0, 0]];
+  const cycles = t / (m.period || 1) + m.phase, part = m.period ? cycles - Math.floor(cycles) : cycles;
+  const piece = m.pieces.findLast(({ begin }, n) => n === 0 || begin <= part), { angle, decay, amplitude } = piece;
+  const u = (part - piece.begin) / piece.length, seconds = piece.length * (m.period || 1), all = -Math.expm1(-decay);
+  const wave = decay ? -Math.expm1(-decay * u) / all : Math.sin(angle * u);
+  const slope = decay ? decay * Math.exp(-decay * u) / all : angle * Math.cos(angle * u);
+  const [p0, p1, p2, p3] = piece.polynomial;
+  return [
+    p0.map((p, i) => (m.relative ? center[i] : 0) + p + u * (p1[i] + u * (p2[i] + u * p3[i])) + amplitude[i] * wave),
+    p1.map((p, i) => (p + u * (2 * p2[i] + 3 * u * p3[i]) + amplitude[i] * slope) / seconds),
+  ];
 }
 
 // Why there is no solver on this device, in words; "" if there may be one.

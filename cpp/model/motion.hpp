@@ -1,0 +1,43 @@
+// Prescribed motions of spheres and driven pins: pieces, which python/clothsim/model/motion.py makes.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+namespace clothsim {
+
+using Vec3 = Eigen::Vector3d;
+
+// With u = (t - begin) / length, the displacement on a piece is
+//     p0 + u p1 + u^2 p2 + u^3 p3 + amplitude g(u)
+//     g(u) = sin(angle u)     or, where decay > 0,     (1 - exp(-decay u)) / (1 - exp(-decay))
+// All members are doubles, in the order of PIECE in motion.py.
+struct MotionPiece {
+    double begin, length;  // s; of a periodic motion parts of the period
+    Vec3 p0, p1, p2, p3;   // m
+    Vec3 amplitude;        // m
+    double angle;          // rad
+    double decay;
+};
+static_assert(sizeof(MotionPiece) == 19 * sizeof(double));
+
+struct MotionState {
+    Vec3 displacement = Vec3::Zero();  // m
+    Vec3 velocity = Vec3::Zero();      // m/s
+};
+
+struct Motion {
+    std::vector<MotionPiece> pieces{};  // by their beginnings; none: no motion
+    double period = 0;                  // s; 0: not periodic
+    double phase = 0;                   // part of the period that is over at t = 0
+    bool relative = true;               // displacements count from the start, not from the origin
+
+    // At a time, by the piece in which `inside` lies: the velocity may jump where a piece ends.
+    MotionState at(double t, double inside) const;
+    MotionState at(double t) const { return at(t, t); }
+    Vec3 place(const Vec3& start, const MotionState& state) const {
+        return relative ? Vec3(start + state.displacement) : state.displacement;
+    }
+};
+
+}  // namespace clothsim
