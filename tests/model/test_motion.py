@@ -139,7 +139,7 @@ def test_a_sampled_sinusoid_is_smooth_and_exact():
     ],
 )
 def test_stops_are_where_pieces_end_and_smooth_motions_have_no_kink_there(motion, stops, jumps):
-    assert motion.stops(0.0, 1.5) == pytest.approx(stops)
+    assert motion._stops(0.0, 1.5) == pytest.approx(stops)
     for t in stops:
         before, after = motion.velocity_at([t - 1e-9, t + 1e-9])
         assert (np.abs(after - before).max() > 0.1) == jumps

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from .. import _core
-from ..model.as_core import core_cloth, core_motion, core_pins
+from ..model.as_core import core_cloth, core_pins
 from .options import Options
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
                 as_printed=sphere.as_printed,
                 restitution=sphere.restitution,
                 friction=sphere.friction,
-                motion=core_motion(sphere.motion),
+                motion=sphere.motion.core if sphere.motion else _core.Motion(),
                 cells=in_cells(sphere),
                 push_out_speed=sphere.push_out_speed,
             )

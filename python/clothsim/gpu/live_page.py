@@ -246,7 +246,7 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
         "cells": sphere.offset == "cell",
         "push": sphere.push_out_speed,
         "offset": 0.0 if side else sphere.offset_length(scene.cloth),
-        "motion": sphere.motion.as_json() if sphere.motion else None,
+        "motion": sphere.motion.for_pages if sphere.motion else None,
     }
 
 

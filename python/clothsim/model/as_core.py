@@ -6,7 +6,6 @@ from typing import Any
 
 from .. import _core
 from .cloth import Cloth
-from .motion import Motion
 from .scene import Scene
 
 
@@ -25,11 +24,6 @@ def core_cloth(cloth: Cloth) -> _core.Cloth:
         uniform_mass=cloth.uniform_mass,
         pinned=cloth.pinned,
     )
-
-
-def core_motion(motion: Motion | None) -> _core.Motion:
-    """A motion as the core takes it."""
-    return motion.core if motion else _core.Motion()
 
 
 def core_pins(scene: Scene) -> dict[str, Any]:

@@ -61,13 +61,14 @@ class BaseMotion(Record):
         """This motion as the core takes it."""
         return _core.Motion(self.pieces.view(np.float64), self._period, self._phase, self.relative)
 
-    def as_json(self) -> dict[str, Any]:
-        """The pieces as plain data, for pages."""
+    @property
+    def for_pages(self) -> dict[str, Any]:
+        """The pieces as plain data."""
         pieces = [{name: piece[name].tolist() for name in PIECE.fields} for piece in self.pieces]  # type: ignore[union-attr]
         return {"pieces": pieces, "period": self._period, "phase": self._phase, "relative": self.relative}
 
     def center_at(self, t: npt.ArrayLike, center0: Numbers) -> Vectors:
-        """Centre of the sphere at the time `t`.
+        """Centre of the sphere at the time `t` [m], the shape of `t` with 3 appended.
 
         Parameters
         ----------
@@ -75,11 +76,6 @@ class BaseMotion(Record):
             Time [s]; any shape, negative times too.
         center0 : sequence of 3 floats
             The ``center`` of the sphere [m].
-
-        Returns
-        -------
-        numpy.ndarray
-            Positions [m], the shape of `t` with 3 appended.
 
         Examples
         --------
@@ -90,17 +86,12 @@ class BaseMotion(Record):
         return self._center(_times(t), np.array(check.vector("center0", center0)))
 
     def velocity_at(self, t: npt.ArrayLike) -> Vectors:
-        """Velocity of the sphere at the time `t`, the derivative of `center_at`; at a kink, the velocity just after it.
+        """Velocity of the sphere [m/s], the derivative of `center_at`; where it jumps, the velocity just after.
 
         Parameters
         ----------
         t : float or array_like
             Time [s]; any shape, negative times too.
-
-        Returns
-        -------
-        numpy.ndarray
-            Velocities [m/s], the shape of `t` with 3 appended.
 
         Examples
         --------
@@ -110,28 +101,8 @@ class BaseMotion(Record):
         """
         return self._velocity(_times(t))
 
-    def stops(self, begin: float, end: float) -> list[float]:
-        """Times at which steps of error control end: where a piece of the motion ends.
-
-        These are the turning points of `Reciprocate` and `Sinusoid` and the times of `Keyframes`. Between two of them
-        the motion is smooth, and a step sees all of it.
-
-        Parameters
-        ----------
-        begin, end : float
-            Only times between these two count [s].
-
-        Returns
-        -------
-        list of float
-            Times [s], increasing.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Keyframes([0.0, 1.0, 3.0], [(0, 0, 0), (1, 0, 0), (1, 4, 0)]).stops(0.0, 2.0)
-        [1.0]
-        """
+    def _stops(self, begin: float, end: float) -> list[float]:
+        """Times between `begin` and `end` at which a piece ends."""
         begins, period, phase = self.pieces["begin"].tolist(), self._period, self._phase
         times = begins[1:]
         if period:
@@ -204,11 +175,6 @@ class Linear(BaseMotion):
     velocity : sequence of 3 floats
         Velocity of the sphere [m/s].
 
-    Raises
-    ------
-    ValueError, TypeError
-        If `velocity` is not three finite numbers.
-
     Examples
     --------
     >>> import clothsim as cs
@@ -267,11 +233,6 @@ class Reciprocate(BaseMotion):
     phase : float, default 0.0
         Part of the period that is over at t = 0, 0 <= phase < 1. With 0 the sphere starts at
         c0 - u distance/2 towards +u, with 0.5 at c0 + u distance/2 towards -u.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
 
     Examples
     --------
@@ -340,11 +301,6 @@ class Sinusoid(BaseMotion):
     phase : float, default 0.0
         Part of the period that is over at t = 0, 0 <= phase < 1. 0.25 starts at rest at the turning point.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
-
     Examples
     --------
     >>> import clothsim as cs
@@ -406,11 +362,6 @@ class Keyframes(BaseMotion):
         Displacements from the start [m], shape (len(times), 3), in place of `centers`.
     smooth : bool, default False
         True for the cubic spline.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
 
     Examples
     --------

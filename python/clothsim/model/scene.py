@@ -167,17 +167,15 @@ class Scene(Record):
         return groups
 
     def stops(self, begin: float, end: float) -> list[float]:
-        """Times at which steps of error control end, for the motions of pins and spheres; see the motions' ``stops``.
+        """Times at which steps of error control end: where a piece of a pin's or sphere's motion ends.
+
+        These are the turning points of `Reciprocate` and `Sinusoid` and the times of `Keyframes`. Between two of them every
+        motion is smooth, and a step sees all of it.
 
         Parameters
         ----------
         begin, end : float
             Only times between these two count [s].
-
-        Returns
-        -------
-        list of float
-            [s], increasing.
 
         Examples
         --------
@@ -186,7 +184,7 @@ class Scene(Record):
         [1.89, 3.99]
         """
         motions = {pins.motion for pins in self.driven_pins} | {one.motion for one in self.spheres if one.motion}
-        return sorted({t for motion in motions for t in motion.stops(begin, end)})
+        return sorted({t for motion in motions for t in motion._stops(begin, end)})
 
     def explain(
         self,
