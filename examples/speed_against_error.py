@@ -5,7 +5,7 @@ import matplotlib.pyplot as plt
 
 scene = cs.scenes.paper_swing()
 methods = ["velocity_verlet", "rk4", "dop853"]
-data = cs.work_precision(scene, 0.02, methods, precisions=["double"], windows=1)
+data = cs.work_precision(scene, 0.02, methods, windows=1)
 
 figure, axes = plt.subplots(figsize=(6, 4))
 for one in data.transpose("solver", ...).rms_error:

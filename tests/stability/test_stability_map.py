@@ -1,9 +1,12 @@
 """The stability map."""
 
+import dataclasses
+
 import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.stability import measure_map
+from clothsim.stability.map_report import draw_map
 
 SCENE = cs.Scene(cs.Cloth((6, 7), mass=21.0, damping=20.0), gravity=(0, 0, 0))
 STIFFNESS = np.geomspace(1e3, 1e7, 3)
@@ -48,3 +51,11 @@ def test_the_dataset_is_labelled():
     assert data.stable.sel(dt=1e-5).all() and not data.stable.sel(dt=1e-1).any()
     assert data.dt.attrs["units"] == data.limit.attrs["units"] == "s"
     assert data.attrs["integrator"] == "rk4"
+
+
+def test_the_plot_says_why_crosses_lie_below_the_predicted_limit():
+    pytest.importorskip("matplotlib")
+    found = measure_map(SCENE, STIFFNESS, [1e-5, 1e-1], steps=50)
+    for stable, notes in ((found.stable, 0), (found.stable & False, 1)):
+        texts = [text.get_text() for text in draw_map(dataclasses.replace(found, stable=stable)).texts]
+        assert len(texts) == notes and all("states of a lower limit" in text for text in texts)

@@ -100,6 +100,14 @@ def test_heat_maps(swept):
     assert np.array_equal(axes.get_lines()[0].get_ydata(), framed.height)
     assert plots.suggested(swept.drop_vars("error")) == "stability"
     assert plots.suggested(swept.isel(dt=[0]).drop_vars("error")) == "heatmap"
+    named = swept.drop_vars("error").assign(energy_drift=swept.largest_stretch)
+    for metric in ("largest_stretch", "penetration", "sag"):  # the more telling one comes later
+        named[metric] = swept.largest_stretch * 1
+        axes = named.isel(dt=[0]).clothsim.plot()
+        assert axes.get_ylabel().startswith(metric.replace("_", " "))
+    assert plots.suggested(named) == "heatmap"
+    named["sag"] = named.sag * np.nan  # of scenes that do not rest
+    assert named.isel(dt=[0]).clothsim.plot().get_ylabel().startswith("penetration")
 
 
 def test_a_heat_map_marks_errors_below_the_reference_and_takes_colours(swept):

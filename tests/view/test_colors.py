@@ -72,8 +72,21 @@ def test_work_precision_draws_itself_on_two_axes():
     lines = check_lines(axes[1])
     assert {text.get_text() for text in axes[1].texts} >= {line.get_label() for line in lines}
     assert len(lines) == 20 and len(axes) == 2 and axes[0].figure.axes == list(axes)
-    colors = {line.get_label().split()[0]: line.get_color() for line in lines}
-    assert len(set(colors.values())) == 8
+    looks = {line.get_label().split()[0]: (line.get_color(), line.get_marker()) for line in lines}
+    assert len({color for color, _ in looks.values()}) == 8
+    few = data.isel(solver=[0, 10, 19]).clothsim.plot()
+    for panel in few:
+        named = [line for line in panel.lines if not line.get_label().startswith("_")]
+        assert [looks[line.get_label().split()[0]] for line in named] == [(n.get_color(), n.get_marker()) for n in named]
+        ink = np.concatenate([n.get_transform().transform(n.get_xydata()) for n in named])
+        boxes = [text.get_window_extent() for text in panel.texts if text.get_text() in {n.get_label() for n in named}]
+        assert len(boxes) == 3 and not any(box.count_contains(ink) for box in boxes)
+        assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    # A half of the errors is below that of the reference.
+    data.attrs["reference_error_estimate_rms"] = float(data["rms_error"].median())
+    hollow = [line for line in data.clothsim.plot()[1].lines if line.get_markerfacecolor() == "white"]
+    errors = np.concatenate([line.get_ydata() for line in hollow])
+    assert len(errors) == 20 and errors.max() < data.attrs["reference_error_estimate_rms"]
     given = pyplot.subplots(1, 2)[1]
     assert data.clothsim.plot(ax=given)[1] is given[1]
     with pytest.raises(ValueError, match="ax must be None or axes of matplotlib, 2 of them"):

@@ -17,6 +17,7 @@ from ..run.simulate import simulate
 from ..typing import Precision
 
 OWN = "clothsim"
+COMPARED = ("semi_implicit_euler", "velocity_verlet", "rk4", "dopri5 adaptive", "dop853 adaptive")
 
 # An explicit method's coarsest step is this part of the guaranteed stable one.
 _SAFETY = 0.95
@@ -204,7 +205,7 @@ def chosen_methods(
     check.instance("scene", scene, Scene)
     if isinstance(methods, (str, bytes)) or not (methods is None or check.is_iterable(methods)):
         raise TypeError(f"methods must be a sequence of names and methods, got {check.shown(methods)}")
-    names = None if methods is None else [m for m in methods if isinstance(m, str)]
+    names = COMPARED if methods is None else [m for m in methods if isinstance(m, str)]
     chosen = [*own_methods(names, precisions, threads), *(m for m in methods or () if not isinstance(m, str))]
     if not chosen:
         raise ValueError("methods must name at least one method, got none")
@@ -212,9 +213,9 @@ def chosen_methods(
 
 
 def own_methods(
-    names: Sequence[str] | None = None, precisions: Sequence[Precision] = PRECISIONS, threads: int | None = None
+    names: Sequence[str] = COMPARED, precisions: Sequence[Precision] = ("double",), threads: int | None = None
 ) -> list[Own]:
-    """The integrators of this package as methods, all or those of these names.
+    """The integrators of these names as methods.
 
     "NAME adaptive" is the variant that chooses its steps by a tolerance.
     """
@@ -222,8 +223,8 @@ def own_methods(
     known |= {f"{n} adaptive": (n, "rtol") for n, one in integrators().items() if one.adaptive}
     for k, precision in enumerate(precisions):
         check.choice(f"precisions[{k}]", precision, PRECISIONS)
-    chosen = known if names is None else [_known(name, known) for name in names]
-    return [Own(known[name][0], precision, threads, known[name][1]) for name in chosen for precision in precisions]
+    chosen = [known[_known(name, known)] for name in names]
+    return [Own(name, precision, threads, control) for name, control in chosen for precision in precisions]
 
 
 def _known(name: str, known: Mapping[str, tuple[str, str]]) -> str:

@@ -2,68 +2,81 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.plots import BLACK, BLUE, COLORS, GREY, name_lines, shown_axes, style
+from ..base.plots import BLACK, BLUE, COLORS, GREY, label_lines, shown_axes, style
+from ..methods.integration import integrators
 from .methods import OWN
 
 if TYPE_CHECKING:
     from .fit import Fit
     from .order import Convergence
 
-_DASHES = {"double": "-", "single": ":"}
 _SIZE = 13.0, 6.4
 _SIZE_OF_FIT = 13.0, 4.2
+_DASHES = {("dt", "double"): "-", ("dt", "single"): ":", ("rtol", "double"): "-.", ("rtol", "single"): (0, (7, 2, 1, 2))}
+_HOLLOW = {"mfc": "white", "ls": "none", "zorder": 3}
+
+
+def look_of(method: str, others: Sequence[str] = ()) -> dict[str, Any]:
+    """Colour and marker of a method, the same in every plot; methods of others follow those of this package."""
+    names = [*integrators(), *others, method]
+    return {**style(names.index(method)), "ls": "-", "lw": 1.2}
 
 
 def draw_work_precision(data: Any, ax: Any = None) -> Any:
     """Draw on two matplotlib axes, or on those of a new figure: error against wall time, and against force evaluations.
 
-    A method has a colour and a marker, hollow where it runs at tolerances; "single" is dotted, other libraries dashed.
+    A method has its colour and marker in every plot. Methods at tolerances are dash-dotted, "single" has more dots, other
+    libraries are dashed. Points below the error of the reference are hollow.
     """
     panels = shown_axes(ax, 2, *_SIZE, sharey=True)
-    bases = [str(name).removesuffix(" adaptive") for name in data["integrator"].values]
-    places = {name: k for k, name in enumerate(dict.fromkeys(bases))}
+    own, precisions = integrators(), set(data["precision"].values[data["library"].values == OWN])
+    methods = [str(name).removesuffix(" adaptive") for name in data["integrator"].values]
+    others = list(dict.fromkeys(name for name in methods if name not in own))
+    floor = data.attrs["reference_error_estimate_rms"]
     for m, label in enumerate(map(str, data["solver"].values)):
-        one = data.isel(solver=m)
-        own = str(one["library"].values) == OWN
-        style_of_line = {**style(places[bases[m]]), "lw": 1.2}
-        style_of_line["ls"] = _DASHES[str(one["precision"].values)] if own else "--"
-        if str(one["control"].values) == "rtol":
-            style_of_line["mfc"] = "white"
+        one, look = data.isel(solver=m), look_of(methods[m], others)
+        kind = str(one["control"].values), str(one["precision"].values)
+        look["ls"] = _DASHES[kind] if str(one["library"].values) == OWN else "--"
+        if len(precisions) == 1:
+            label = label.removesuffix(f" {next(iter(precisions))}")
         rms = np.where(np.isfinite(one["rms_error"]), one["rms_error"], np.nan)
         if np.isfinite(rms).any():
-            panels[0].plot(one["wall_time"], rms, **style_of_line)
-            panels[1].plot(one["force_evaluations"], rms, label=label, **style_of_line)
+            for panel, cost in zip(panels, ("wall_time", "force_evaluations")):
+                panel.plot(one[cost], rms, label=label, **look)
+                panel.plot(one[cost][rms < floor], rms[rms < floor], **{**look, **_HOLLOW})
     front = data["pareto"].values
     order = np.argsort(data["wall_time"].values[front])
     times, errors = (data[name].values[front][order] for name in ("wall_time", "rms_error"))
     wide = {"color": BLACK, "lw": 5, "alpha": 0.15, "marker": "o", "ms": 11, "zorder": 0}
-    panels[0].plot(times, errors, label="front of clothsim", drawstyle="steps-post", **wide)
-    texts = ("wall time per simulated second [s/s]", "force evaluations")
+    panels[0].plot(times, errors, drawstyle="steps-post", **wide)
+    texts = ("wall time per simulated second [s/s]; grey: front of clothsim", "force evaluations")
     for panel, text in zip(panels, texts, strict=True):
         panel.set(xscale="log", yscale="log", xlabel=text)
-    floor = data.attrs["reference_error_estimate_rms"]
-    if floor > 0:
-        for panel in panels:
+        if floor > 0:
             panel.axhline(floor, color=GREY, lw=0.8)
-        where = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom", "fontsize": 8}
-        panels[1].annotate("error of the reference", (1, floor), color=GREY, **where)
+            where = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom", "fontsize": 8}
+            panel.annotate("error of the reference; points below it are hollow", (1, floor), color=GREY, **where)
+        low, high = panel.get_xlim()
+        panel.set_xlim(low, high * (high / low) ** 0.3)  # room for labels
     panels[0].set_ylabel(f"rms error after {data.attrs['duration']:g} s [m]")
-    panels[0].legend(fontsize="small", frameon=False)
-    name_lines(panels[1])
+    for panel in panels:
+        label_lines(panel)
     return np.array(panels)
 
 
 def draw_convergence(found: Convergence, ax: Any = None) -> Any:
     """`Convergence.plot`."""
     (axes,) = shown_axes(ax)
+    look = look_of(found.integrator)
     good = np.isfinite(found.rms) & (found.rms > 0)
-    axes.loglog(found.dt[good], found.rms[good], color=BLUE, marker="o", label=f"{found.integrator}, {found.precision}")
+    axes.loglog(found.dt[good], found.rms[good], label=f"{found.integrator}, {found.precision}", **look)
     outside = good & ~found.fitted
-    axes.loglog(found.dt[outside], found.rms[outside], "o", color=BLUE, mfc="white", label="not fitted", zorder=3)
+    axes.loglog(found.dt[outside], found.rms[outside], label="not fitted", **{**look, **_HOLLOW})
     if found.fitted.sum() > 1:
         dt, middle = found.dt[found.fitted], np.log(found.rms[found.fitted] / found.dt[found.fitted] ** found.order).mean()
         axes.loglog(dt, np.exp(middle) * dt**found.order, color=BLACK, ls="--", label=f"order {found.order:.2f}", zorder=1)
@@ -71,7 +84,7 @@ def draw_convergence(found: Convergence, ax: Any = None) -> Any:
     unstable = found.dt[np.isinf(found.rms)]
     if unstable.size:
         top = axes.get_xaxis_transform()
-        axes.plot(unstable, np.full(unstable.size, 0.97), "x", color=BLUE, transform=top, label="unstable")
+        axes.plot(unstable, np.full(unstable.size, 0.97), "x", color=look["color"], transform=top, label="unstable")
     axes.set(xlabel="time step dt [s]", ylabel=f"rms error after {found.reference.t[-1]:g} s [m]")
     axes.legend(fontsize="small", frameon=False)
     return axes

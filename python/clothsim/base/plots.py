@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +87,35 @@ def name_lines(axes: Any) -> None:
             arrowprops=leader,
             annotation_clip=False,
         )
+
+
+# From an end of a line [points] to its label, and which side of the text is there; the first that is free is taken.
+PLACES = [(7, 0), (7, -9), (7, 9), (0, -12), (0, 12), (-7, -9), (-7, 9), (-7, 0), (12, -20), (12, 20), (-12, -20), (-12, 20)]
+
+
+def label_lines(axes: Any) -> None:
+    """Write each line's label at one of its points, an end if possible, where it crosses no line and no other label."""
+    axes.figure.draw_without_rendering()  # lays out the axes
+    lines = [line for line in axes.lines if not line.get_label().startswith("_")]
+    known = [line.get_xydata()[np.isfinite(line.get_xydata()).all(axis=1)] for line in lines]
+    paths = [line.get_transform().transform(line.get_xydata()) for line in axes.lines if len(line.get_xydata())]
+    ink = np.concatenate([np.linspace(a, b, 60) for path in paths for a, b in zip(path, [*path[1:], path[-1]])])
+    taken: list[Any] = []
+    for line, points in zip(lines, known):
+        look = {"textcoords": "offset points", "fontsize": "small", "color": line.get_color(), "va": "center"}
+        from_ends = sorted(range(len(points)), key=lambda k: min(k + 0.5, len(points) - 1 - k))
+        text = None
+        for k, (dx, dy) in product(from_ends, PLACES):
+            if text is not None:
+                text.remove()
+            side = ("right", "center", "left")[np.sign(dx) + 1]
+            text = axes.annotate(line.get_label(), points[k], (dx, dy), ha=side, annotation_clip=False, **look)
+            box = text.get_window_extent()
+            crossed = ((ink > box.min - 2) & (ink < box.max + 2)).all(axis=1).any() or box.count_overlaps(taken)
+            if not crossed and axes.bbox.count_contains([box.min, box.max]) == 2:
+                break
+        if text is not None:
+            taken.append(box)
 
 
 def save(drawn: Any, path: Path) -> None:

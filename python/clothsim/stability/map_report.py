@@ -18,7 +18,7 @@ def draw_map(found: StabilityMap, ax: Any = None) -> Any:
         axes.plot(k[mask], dt[mask], marker, color=color, markersize=5, label=label, clip_on=False)
     order = np.argsort(found.stiffness)
     for values, style, label in (
-        (found.limit, "-", "predicted limit"),
+        (found.limit, "-", "predicted limit of the initial state"),
         (found.guarantee, "--", "guaranteed (max_stable_dt)"),
     ):
         if np.isfinite(values).any():
@@ -30,5 +30,9 @@ def draw_map(found: StabilityMap, ax: Any = None) -> Any:
         ylabel="time step dt [s]",
         title=f"{found.integrator}, {found.precision}: {found.steps} steps",
     )
+    if (~found.stable & found.predicted).any():
+        note = "Crosses below the predicted limit: the cloth moves on to states of a lower limit."
+        axes.text(0.5, 1.0, note, transform=axes.transAxes, ha="center", va="bottom", fontsize="small")
+        axes.set_title(axes.get_title(), pad=20)
     axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)
     return axes

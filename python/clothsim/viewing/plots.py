@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..accuracy.work_plot import draw_work_precision
+from ..accuracy.work_plot import draw_work_precision, look_of
 from ..base import Floats, check
 from ..base.extras import needed
 from ..base.plots import BLACK, BLUE, DPI, GREEN, GREY, LIGHT_GREY, RED, YELLOW, figure, name_lines, save, shown_axes, style
@@ -134,7 +134,7 @@ def _limits(axis: Any, values: Any, log: bool) -> None:
 
 KINDS = ("convergence", "stability", "heatmap")
 UNSTABLE = STATUS.index("unstable")
-TELLING = ("error", "sag", "penetration")  # metrics that a heat map shows first
+TELLING = ("error", "sag", "penetration", "largest_stretch")  # metrics that a heat map shows first
 UNSURE = "below the\nreference's own"  # label of errors that the reference does not tell
 HOLLOW = {"ms": 4, "mec": GREY, "mfc": "white", "ls": "none", "zorder": 3, "label": UNSURE}
 
@@ -156,7 +156,8 @@ def suggested(dataset: Any) -> str:
     """The plot that suits this sweep best."""
     if "error" in dataset and _steered_by(dataset):
         return "convergence"
-    return "stability" if "dt" in dataset.dims and len(_long(dataset)) > 1 else "heatmap"
+    by_outcome = "dt" in dataset.dims and len(_long(dataset)) > 1 and not {*TELLING[:3]} & {*dataset.data_vars}
+    return "stability" if by_outcome else "heatmap"
 
 
 def _steered_by(dataset: Any) -> str | None:
@@ -179,7 +180,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     lines = [dataset] if along is None else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
     crosses = np.zeros(len(x))  # per place; they are put below each other
     for k, line in enumerate(lines):
-        look = style(k)
+        look = look_of(str(line[along].values)) if along == "integrator" else style(k)
         label = None if along is None else _tick(line[along])
         error, unsure = line["error"].values, _unsure(line)
         ax.loglog(x, np.where(error > 0, error, np.nan), label=label, **look)
@@ -237,12 +238,11 @@ def heatmap(
     cmap: Any = None,
     norm: Any = None,
 ) -> Any:
-    """A metric over the dimensions `x` and `y`: by default the error, sag, penetration or else the first. For a sweep with
-    one dimension, a line.
+    """A metric over the dimensions `x` and `y`: by default the first known of error, sag, penetration and stretch.
 
-    Select a value of each further dimension first. Members that diverged are crossed out. An error below the error bound of
-    the reference is a hollow circle without a colour. `cmap` and `norm` are those of matplotlib; by default colours are
-    logarithmic where values span more than two decades.
+    For a sweep with one dimension, a line. Select a value of each further dimension first. Members that diverged are crossed
+    out. An error below the error bound of the reference is a hollow circle without a colour. `cmap` and `norm` are those of
+    matplotlib; by default colours are logarithmic where values span more than two decades.
     """
     variable = check.choice("variable", variable or _telling_metric(dataset), list(dataset.data_vars))
     free = [d for d in _long(dataset) if d not in (x, y)]
@@ -337,7 +337,8 @@ def _other(dataset: Any, chosen: str | None, others: list[str]) -> str | None:
 def _telling_metric(dataset: Any) -> str:
     dims = dataset["status"].dims
     names = [str(n) for n, v in dataset.data_vars.items() if n not in RESERVED and v.dtype.kind == "f" and v.dims == dims]
-    return next((name for name in (*TELLING, *names) if name in names), "status")
+    known = [name for name in names if np.isfinite(dataset[name]).any()]
+    return next((name for name in (*TELLING, *names) if name in known), "status")
 
 
 def _numeric(coordinate: Any) -> bool:
