@@ -1,7 +1,10 @@
-// A picture of a cloth and its spheres: from where it is seen, what is drawn, and in which colours and light.
+// A picture of a cloth, spheres and planes: from where it is seen, what is drawn, and in which colours and
+// light.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <vector>
@@ -12,15 +15,22 @@ using Triple = std::array<double, 3>;
 
 inline double dot(const Triple& a, const Triple& b) { return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]; }
 inline Triple operator-(const Triple& a, const Triple& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+inline Triple operator+(const Triple& a, const Triple& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
 inline Triple operator*(double factor, const Triple& a) {
     return {factor * a[0], factor * a[1], factor * a[2]};
 }
-inline Triple operator+(const Triple& a, const Triple& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
+
+// A line of sight: from the eye, or of an orthographic view from the plane through the target.
+struct Ray {
+    Triple start{}, to_eye{};  // m, unit vector
+    Triple at(double way) const { return start - way * to_eye; }  // `way` metres along
+};
+
+inline constexpr int samples = 2;  // of a pixel, along each axis
 
 // Axes of the view are (right, up, towards the eye), its origin is the target.
 struct View {
     int width = 0, height = 0;  // pixels
-    int samples = 1;  // per pixel, along each axis
     std::array<Triple, 3> axes{};  // unit vectors
     Triple target{};  // m, drawn in the middle
     double scale = 1;  // samples per metre in the plane through the target
@@ -29,14 +39,24 @@ struct View {
     int columns() const { return width * samples; }
     int rows() const { return height * samples; }
     bool perspective() const { return distance > 0; }
-    // Cloth that lies on a sphere is up to rounding and chords of its cells below [m]: there it is drawn as
-    // lying on it.
+    // Metres up to which cloth below a surface is drawn as lying on it: rounding, and chords of its cells.
     double slack() const { return 1e-5 * columns() / scale; }
     Triple to_view(const Triple& p) const {
         const Triple way = p - target;
         return {dot(axes[0], way), dot(axes[1], way), dot(axes[2], way)};
     }
     Triple to_world(const Triple& v) const { return (v[0] * axes[0] + v[1] * axes[1]) + v[2] * axes[2]; }
+    // Through a place in samples to the right and down; the middle of a sample is at one half.
+    Ray ray(double column, double row) const {
+        const double x = (column - 0.5 * columns()) / scale, y = (0.5 * rows() - row) / scale;
+        if (!perspective()) return {target + to_world({x, y, 0.0}), axes[2]};
+        const double length = std::sqrt(x * x + y * y + distance * distance);
+        return {target + distance * axes[2], (1 / length) * to_world({-x, -y, distance})};
+    }
+    // Metres towards the eye, or in perspective 1 / (distance from the eye in m): linear in the picture.
+    double nearness(const Ray& ray, double way) const {
+        return perspective() ? 1 / (way * dot(ray.to_eye, axes[2])) : -way;
+    }
 };
 
 // A sheet of rows x columns points, whose arrays hold three numbers a point. Its triangles are those of
@@ -44,9 +64,7 @@ struct View {
 struct Sheet {
     int rows = 0, columns = 0;
     const double* points = nullptr;  // m
-    // Samples to the right, samples down, and nearness, which is linear in the picture. Nearness is metres
-    // towards the eye, or in perspective 1 / (distance from the eye in m). A point behind the eye holds NaN.
-    const double* screen = nullptr;
+    const double* screen = nullptr;  // samples right, samples down, nearness; NaN behind the eye
     const double* normals = nullptr;  // unit vectors, up where the sheet is flat
     const double* colors = nullptr;  // red, green, blue; null: each face has its own colour
 
@@ -64,39 +82,38 @@ struct Ball {
     Triple center{};  // m
     double radius = 0;
     Triple color{};
-    bool solid = true;  // cloth inside is painted red
+    bool solid = true;  // cloth inside is shown
 };
 
-// A horizontal plane that fades into the background.
-struct Ground {
-    bool drawn = false;
-    double height = 0;  // m
-    Triple middle{};  // m
-    double radius = 0;  // m, where it has faded
+// Seen from the side of its normal; fades into the background.
+struct Plane {
+    Triple point{}, normal{};  // m, unit vector
+    double radius = 0;  // m around `point`, where it has faded
+    Triple color{};
+    bool solid = false;  // cloth below is shown
 };
 
 struct Shading {
-    Triple background{}, front{}, back{}, penetration{}, ground{};
-    double full_red_depth = 0;  // m
-    double least_red = 0;  // part of red at no depth
+    Triple background{}, front{}, back{}, penetration{};
+    double full_red_depth = 0, least_red = 0;  // m, and the part of red at no depth
     Triple key{};  // unit vector to the light
     double ambient = 0, above = 0, key_light = 0, eye_light = 0;
-    double grid_line = 0;  // half width of a line, in cells
-    double grid_shade = 1;  // factor of the colour on a line
+    double grid_line = 0, grid_shade = 1;  // half width of a line in cells, and its factor of the colour
     bool shadow = false;
+    std::vector<Triple> depth_colors;  // at equal steps of depth, of a cloth coloured by depth; else empty
+    std::array<double, 2> depth_range{};  // m, of the first and the last of these colours
 };
 
 struct Picture {
     View view;
     Sheet sheet;
     std::vector<Ball> balls;
-    Ground ground;
+    std::vector<Plane> planes;
     Shading shading;
 };
 
-// Draw into `pixels`, height x width x 3. Pixels have the same bits for every number of threads.
-// `interrupted` is asked by the calling thread, about every 10 ms; where it says true, drawing ends and the
-// result is false.
+// Draw into `pixels`, height x width x 3, with the same bits for every number of threads. The calling thread
+// asks `interrupted` about every 10 ms; where it says true, the result is false.
 bool render(const Picture& picture, int threads, const std::function<bool()>& interrupted,
             std::uint8_t* pixels);
 

@@ -62,17 +62,11 @@ class Sphere:
     def center_at(self, t: float) -> Floats: ...
     def velocity_at(self, t: float) -> Floats: ...
 
+SAMPLES: int
+
 class View:
     def __init__(
-        self,
-        *,
-        width: int,
-        height: int,
-        samples: int,
-        axes: Floats,
-        target: tuple[float, float, float],
-        scale: float,
-        distance: float,
+        self, *, width: int, height: int, axes: Floats, target: tuple[float, float, float], scale: float, distance: float
     ) -> None: ...
 
 class Shading:
@@ -86,6 +80,9 @@ class Shading:
         light: tuple[float, float, float, float],
         grid_line: float,
         grid_shade: float,
+        shadow: bool,
+        depth_colors: Any,
+        depth_range: tuple[float, float],
     ) -> None: ...
 
 class Plan:
@@ -174,9 +171,8 @@ def render(
     screen: Floats,
     normals: Floats,
     colors: Floats | None,
-    balls: Floats,
-    ground: list[float] | None,
-    shadow: bool,
+    balls: Any,
+    planes: Any,
     threads: int,
 ) -> npt.NDArray[np.uint8]: ...
 def methods() -> dict[str, dict[str, Any]]: ...

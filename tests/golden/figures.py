@@ -79,7 +79,8 @@ def sweep(contact):
 
 def work_precision():
     methods, scene = ["rk4", "velocity_verlet", "dop853 adaptive"], _scene("free", "pins", "linear", "8x5", ALWAYS)
-    data = cs.work_precision(scene, DURATION, methods, dts=[2.0**-8, 2.0**-9], rtols=[1e-4, 1e-6], windows=1)
+    settings = {"precisions": ["double", "single"], "dts": [2.0**-8, 2.0**-9], "rtols": [1e-4, 1e-6]}
+    data = cs.work_precision(scene, DURATION, methods, **settings, windows=1)
     return _numbers(data[["setting", "rms_error", "max_error", "force_evaluations"]])
 
 
@@ -115,9 +116,9 @@ PICTURES = {
     "faces": {},
     "stretch": {"color": "stretch", "camera": "top"},
     "speed": {"color": "speed", "camera": (1, 0.5, 2)},
-    "depth": {"color": "depth", "camera": "below"},
-    "shadow": {"shadow": True, "ground": True, "label": True, "width": 320},
-    "perspective": {"perspective": True, "camera": "front"},
+    "depth": {"color": "depth", "camera": "top"},
+    "label": {"label": True, "width": 320},
+    "orthographic": {"camera": cs.Camera((0, 0, 1), (0.5, -0.1, 0.5), 1.2, 0.6), "ground": False},
 }
 
 

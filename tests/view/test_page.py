@@ -55,7 +55,7 @@ def test_the_page_has_the_colours_and_lights_of_pictures(alone, runs, opened):
     for frame in (0, int(run.penetration()["triangles"].argmax())):
         seek(page, frame)
         page.tab.wait_for_timeout(100)
-        for name, drawn in (("page", pixels(page)), ("picture", run.picture(frame).pixels)):
+        for name, drawn in (("page", pixels(page)), ("picture", run.picture(frame, ground=False).pixels)):
             colours = drawn.reshape(-1, 3).astype(int)
             red, green, blue = colours.T
             if frame == 0:

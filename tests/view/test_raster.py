@@ -147,7 +147,7 @@ def test_points_behind_the_eye_are_not_drawn():
 @pytest.mark.parametrize("shadow", [False, True])
 def test_pixels_are_the_same_for_every_number_of_threads(shadow):
     x, balls, _ = crumpled(1)
-    ground = raster.Ground(-0.8, (0.5, -0.8, 0.5), 1.0)
+    planes = [raster.Plane((0.5, -0.8, 0.5), 1.0)]
     camera = Camera.around((1.0, 0.6, 1.3), x)
-    whole, *others = (render(x, balls, camera, 301, ground=ground, shadow=shadow, threads=n) for n in (1, 2, 5))
+    whole, *others = (render(x, balls, camera, 301, planes=planes, shadow=shadow, threads=n) for n in (1, 2, 5))
     assert all(np.array_equal(whole, one) for one in others)

@@ -77,7 +77,7 @@ def _write(args: argparse.Namespace, result: cs.Run, files: list[Path]) -> None:
     if args.out:
         files.append(result.save(args.out))
     if args.html:
-        files.append(run_to_html(result, args.html, progress=progress))
+        files.append(run_to_html(result, args.html, Path(args.scene).stem, progress=progress))
     if args.picture:
         result.picture(path=args.picture)
         files.append(Path(args.picture))

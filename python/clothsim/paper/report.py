@@ -220,7 +220,7 @@ def draw_cells(number: str, cases: Sequence[Case], width: int, folder: Path) -> 
             x, t = case.states[frame]
             cell = next(c for c in case.cells if c["frame"] == frame)
             cell["picture"] = f"experiment{number}/frame{frame}_{case.name.replace(', ', '_').replace(' ', '_')}.png"
-            cs.picture(case.scene, x, t, camera=camera, width=width).save(folder / cell["picture"])
+            cs.picture(case.scene, x, t, camera=camera, width=width, ground=False).save(folder / cell["picture"])
 
 
 def play(number: str, cases: Sequence[Case], folder: Path) -> str:

@@ -23,9 +23,7 @@ class DisplayedRun:
         color: Any = "faces",
         limits: tuple[float, float] | None = None,
         label: bool = False,
-        shadow: bool = False,
-        ground: bool | float = False,
-        perspective: bool = False,
+        ground: bool | float = True,
     ) -> Any:
         """Draw a stored frame; see `clothsim.picture`.
 
@@ -39,7 +37,7 @@ class DisplayedRun:
             Time [s], in place of `frame`. The nearest stored frame is drawn.
         path : path-like, optional
             File to write as well; see `Picture.save`.
-        camera, width, color, limits, label, shadow, ground, perspective
+        camera, width, color, limits, label, ground
             As for `clothsim.picture`. The view, the colour scale and the ground are those of all frames. An array as
             `color` has shape (rows, columns) or (frames, rows, columns).
 
@@ -61,7 +59,7 @@ class DisplayedRun:
         """
         from ..viewing.picture import picture_of_run
 
-        style = camera, width, color, limits, label, shadow, ground, perspective
+        style = camera, width, color, limits, label, ground
         return picture_of_run(self, frame, t, path, *style)
 
     def plot(self, path: str | Path | None = None, *, log: bool = False) -> Any:
@@ -111,9 +109,7 @@ class DisplayedRun:
         color: Any = "faces",
         limits: tuple[float, float] | None = None,
         label: bool = False,
-        shadow: bool = False,
-        ground: bool | float = False,
-        perspective: bool = False,
+        ground: bool | float = True,
     ) -> Path:
         """Write a film of the run.
 
@@ -129,7 +125,7 @@ class DisplayedRun:
             Pictures a second, > 0, at most 240, of a GIF at most 50: browsers slow down more.
         speed : float, default 1.0
             Simulated seconds in a second of the film, > 0.
-        camera, width, color, limits, label, shadow, ground, perspective
+        camera, width, color, limits, label, ground
             As for `clothsim.picture`. The view, the colour scale and the ground are fixed and hold every frame. An array
             as `color` has shape (rows, columns) or (frames, rows, columns).
 
@@ -157,7 +153,7 @@ class DisplayedRun:
         """
         from ..viewing.animation import animate
 
-        style = camera, width, color, limits, label, shadow, ground, perspective
+        style = camera, width, color, limits, label, ground
         return animate(self, path, fps, speed, *style)
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
@@ -172,7 +168,8 @@ class DisplayedRun:
         path : path-like
             File to write.
         title : str, optional
-            Heading of the page. Default: the shape of the cloth and the responses of its spheres.
+            Heading of the page. Default: the name of a ready scene, or the shape of the cloth and the responses of its
+            spheres.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""The view of a picture: orthographic, so that lengths can be compared, or in perspective."""
+"""The view of a picture: in perspective, or orthographic, so that lengths can be compared."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from ..typing import Numbers
 DISTANCE = 2.0  # of the eye in perspective, in longer sides of the view; as a lens of 70 mm sees
 # Longer sides of the cloth up to which a sphere is framed; at half, one that flies towards it comes from nowhere.
 NEAR = 2.0
+MARGIN = 0.05  # around what a view in perspective shows, as a part of half its longer side
 DIRECTIONS = {
     "corner": (1.0, 0.6, 1.3),
     "front": (0.0, 0.0, 1.0),
@@ -142,10 +143,15 @@ def direction_of(value: Any) -> tuple[float, float, float]:
     )
 
 
+def is_wide(sphere: Any, scene: Any) -> bool:
+    """Whether a sphere is ground or wall to the cloth."""
+    return bool(2 * sphere.radius >= max(scene.cloth.size))
+
+
 def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[Floats]:
     """What a picture frames, along `axes`, shape (3, n): the mass points, and the outline of each sphere near them.
 
-    A sphere as wide as the cloth is ground or wall to it: where the cloth touches it, there are mass points.
+    Of a wide sphere, where the cloth touches it, there are mass points.
     """
     # `@` would wake BLAS's threads, which then spin beside the picture.
     low, high = np.full((3, 1), np.inf), np.full((3, 1), -np.inf)
@@ -158,7 +164,7 @@ def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[F
         centers = np.einsum("pk,ak->ap", np.atleast_2d(sphere.center_at(np.asarray(t, float))), axes)
         away = centers - np.clip(centers, low - NEAR * side, high + NEAR * side)
         near = (np.abs(away) <= sphere.radius).all(axis=0)
-        if 2 * sphere.radius < side and near.any():
+        if near.any() and not is_wide(sphere, scene):
             ends = sphere.radius * np.concatenate([np.eye(3), -np.eye(3)]).T
             yield (centers[:, near, None] + ends[:, None]).reshape(3, -1)
 
@@ -181,23 +187,19 @@ def reach(scene: Any, x: Floats, t: npt.ArrayLike, target: Floats) -> float:
     return float(np.linalg.norm(np.maximum(high - target, target - low)))
 
 
-def camera_for(value: Any, scene: Any, x: Floats, t: npt.ArrayLike, perspective: bool = False) -> Camera:
+def camera_for(value: Any, scene: Any, x: Floats, t: npt.ArrayLike) -> Camera:
     """The camera for the argument `camera` and states x, shape (frames, rows, columns, 3).
 
-    A direction becomes a view that contains the cloth and the spheres near it at all times `t`.
+    A direction becomes a view in perspective that contains the cloth and the spheres near it at all times `t`.
     """
     if isinstance(value, Camera):
-        if perspective and value.distance is None:
-            raise ValueError("perspective must be False with a Camera: set its distance")
         return value
     direction = direction_of("corner" if value is None else value)
     axes = Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
     low, high = extremes(scene, x, t, axes)
     camera = Camera.around(direction, np.stack([low, high]) @ axes)
-    if not perspective:
-        return camera
     distance, middle = DISTANCE * max(camera.width, camera.height), axes @ camera.target
     parts = (part - middle[:, None] for part in _points(scene, x, t, axes))
-    sides = [np.abs(seen[:2] * distance / (distance - seen[2])).max(axis=1) for seen in parts]
-    width, height = 2 * 1.06 * np.max(sides, axis=0)
+    sides = np.max([np.abs(seen[:2] * distance / (distance - seen[2])).max(axis=1) for seen in parts], axis=0)
+    width, height = 2 * (sides + MARGIN * (sides.max() or 1.0))
     return replace(camera, width=float(max(width, height)), height=float(height), distance=float(distance))

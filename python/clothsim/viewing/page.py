@@ -22,12 +22,14 @@ from ..base import Floats, check
 from ..base.files import write_bytes
 from ..base.plots import COLORS
 from ..base.progress import ProgressBar
+from ..model.ready import hanging, oscillator, paper_moving, paper_static, paper_swing
 from ..model.scene import Scene
+from ..model.sphere import RESPONSES
 from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for, reach
-from .legend import point_stretch
+from .legend import HEAT, VIRIDIS, point_stretch
 from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
 from .plots import PARTS, curves
@@ -47,6 +49,7 @@ SHORTEST = 4.0  # s; a run that is over sooner is shown slowed down
 SPEEDS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4)
 VIEWS = ("corner", "front", "right", "top")
 TURNED_BY = "On a focused cloth shift and arrows turn, plus and minus enlarge, 0 goes back."
+HELP = "Drag turns, wheel or pinch enlarges, a click shows the values of a mass point, space plays, arrows step."
 SHADING = {
     "front": raster.CLOTH_FRONT.tolist(),
     "back": raster.CLOTH_BACK.tolist(),
@@ -58,6 +61,9 @@ SHADING = {
     "key": raster.KEY.tolist(),
     "colors": COLORS,
     "light": raster.LIGHT,
+    "viridis": VIRIDIS,
+    "heat": HEAT,
+    "darkSphere": raster.DARK_SPHERE.tolist(),
 }
 """Colours and lights of pictures, which the page draws with."""
 
@@ -198,22 +204,25 @@ def _differences(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
     return found
 
 
-def _title_of(run: Run) -> str:
-    rows, columns = run.scene.cloth.shape
-    responses = ", ".join(dict.fromkeys(sphere.response for sphere in run.scene.spheres))
-    response = f", response {responses}" if responses else ""
-    return f"Cloth of {rows} x {columns} points{response}"
+def _title_of(scene: Scene) -> str:
+    """The name of a ready scene, or what the scene has."""
+    responses = ", ".join(dict.fromkeys(sphere.response for sphere in scene.spheres))
+    made = {f"{f.__name__}, {responses}": f(responses) for f in (paper_static, paper_moving) if responses in RESPONSES}
+    made |= {f.__name__: f() for f in (paper_swing, hanging, oscillator)}
+    rows, columns = scene.cloth.shape
+    other = f"Cloth of {rows} x {columns} points" + (f", response {responses}" if responses else "")
+    return next((name for name, one in made.items() if one == scene), other)
 
 
 def run_to_html(run: Run, path: str | Path, title: str | None = None, progress: bool = False) -> Path:
     """`Run.to_html`; with `progress`, a bar counts frames."""
-    title = _title_of(run) if title is None else check.instance("title", title, str)
+    title = _title_of(run.scene) if title is None else check.instance("title", title, str)
     return Comparison({title: run})._write(file_path("path", path), title, progress)
 
 
 def run_to_frame(run: Run, height: int) -> Frame:
     """`Run.show`."""
-    title = _title_of(run)
+    title = _title_of(run.scene)
     return Comparison({title: run})._frame(title, height)
 
 
@@ -293,17 +302,9 @@ def _views() -> str:
 
 
 def _help(meta: Mapping[str, Any]) -> str:
+    red = "Red: cloth in a sphere. " if "depth" in meta["tops"] else ""
     micron = 1e6 * max(run["precision"] for run in meta["runs"])
-    more = (
-        f"Shift-drag or two fingers move, a double-click goes back. {TURNED_BY} Positions are stored to {micron:.2g} um. A "
-        "colour scale ends at the highest value, or at that which 99 % or 90 % of all points and frames do not exceed. "
-        "Blue: upper face at the start; sand: lower face; small balls: pins."
-    )
-    if "depth" in meta["tops"]:
-        more += " Red: surface of a sphere with cloth under it, stronger with depth up to 10 mm. A point in contact is "
-        more += "nearer to a sphere than the contact radius and 1/32 of the spacing."
-    short = "Drag turns, wheel or pinch enlarges, a click shows the values of a mass point, space plays, arrows step."
-    return f'<details class="small"><summary>{short}</summary>{more}</details>'
+    return f'<p class="small">{HELP} {red}Positions are stored to {micron:.2g} um.</p>'
 
 
 def _contents(
@@ -364,7 +365,7 @@ def common_view(views: list[Camera]) -> Camera:
     target = np.mean([view.target for view in views], axis=0)
     far = [2 * float(np.linalg.norm(view.target - target)) for view in views]
     width, height = (max(getattr(v, side) + d for v, d in zip(views, far)) for side in ("width", "height"))
-    return Camera(DIRECTIONS["corner"], target, width, height)
+    return Camera(DIRECTIONS["corner"], target, width, height, max(v.distance or 0.0 for v in views))
 
 
 def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:

@@ -16,13 +16,14 @@ from ..base.extras import needed
 from ..base.threads import available_threads
 from ..engine.arrays import start_time
 from ..model.scene import Scene
-from .camera import Camera, camera_for, extremes, eye_of
-from .legend import LEAST_WIDTH, Pixels, labelled, scale_of, values_of
-from .raster import CLOTH_FRONT, PIN, SPHERE, Ball, Ground, render
+from .camera import Camera, camera_for, extremes, eye_of, is_wide
+from .legend import LEAST_WIDTH, Pixels, deepest, labelled, scale_of, values_of
+from .raster import CLOTH_FRONT, DARK_SPHERE, PIN, SPHERE, Ball, Plane, render
 
 WIDEST = 8192  # pixels; a square picture of this width takes 200 MB
 PIN_SIZE = 0.013  # radius of a drawn pin, as a part of the cloth's longer side
 GROUND_REACH = 1.5  # radius of the ground, as a part of the diagonal of all that is drawn
+GROUND_GAP = 0.02  # of that diagonal, below the lowest place; at 0 a flat sheet lies on its ground
 WIDTH = 640  # pixels; fits beside the text of a page or notebook
 BAND = 1 << 20  # bytes of a PNG that are packed between two checks for Ctrl-C: 30 ms
 
@@ -35,9 +36,7 @@ class Style(NamedTuple):
     color: Any = "faces"
     limits: Any = None
     label: bool = False
-    shadow: bool = False
-    ground: bool | float = False
-    perspective: bool = False
+    ground: bool | float = True
 
 
 class Drawing:
@@ -49,27 +48,23 @@ class Drawing:
     def __init__(self, scene: Any, x: Floats, v: Floats | None, t: Floats, style: Style) -> None:
         self.scene, self.x, self.t = scene, x, t
         self.width = check.integer("width", style.width, minimum=16, maximum=WIDEST)
-        self.label, self.shadow = check.boolean("label", style.label), check.boolean("shadow", style.shadow)
+        self.label = check.boolean("label", style.label)
         if self.label and self.width < LEAST_WIDTH:
             raise ValueError(f"width must be at least {LEAST_WIDTH} with label=True, got {style.width}")
-        self.ground: Ground | None = None
-        if style.ground is not False:
-            low, high = extremes(scene, x, t, np.eye(3))
-            height = float(low[1]) if style.ground is True else check.number("ground", style.ground)
-            middle = (low[0] + high[0]) / 2, height, (low[2] + high[2]) / 2
-            self.ground = Ground(height, middle, GROUND_REACH * float(np.linalg.norm(high - low)))
-        perspective = check.boolean("perspective", style.perspective)
-        self.camera: Camera = camera_for(style.camera, scene, x, t, perspective=perspective)
+        self.shadow, self.planes = style.ground is not False, _ground(style.ground, scene, x, t)
+        self.camera: Camera = camera_for(style.camera, scene, x, t)
         height = self.width * self.camera.height / self.camera.width
         if not height <= WIDEST:
             raise ValueError(
                 f"camera must be at most {WIDEST / self.width:.3g} times as tall as wide with width={self.width}, which are "
                 f"{WIDEST} pixels, got height {self.camera.height:g} m and width {self.camera.width:g} m"
             )
-        self.values = values_of(style.color, scene, x, v, t)
-        if self.values is None and style.limits is not None:
+        self.values = values_of(style.color, scene, x, v)
+        self.by_depth = isinstance(style.color, str) and style.color == "depth"
+        shown = deepest(scene, x, t) if self.by_depth else self.values
+        if shown is None and style.limits is not None:
             raise ValueError(f'limits must be None with color="faces", got {check.shown(style.limits)}')
-        self.scale = None if self.values is None else scale_of(style.color, self.values, style.limits)
+        self.scale = None if shown is None else scale_of(style.color, shown, style.limits)
 
     def pixels(self, k: int) -> Pixels:
         """The picture of frame `k`, shape (height, width, 3)."""
@@ -77,7 +72,7 @@ class Drawing:
         size = PIN_SIZE * max(cloth.size)
         centers, eye = [s.center_at(t) for s in self.scene.spheres], eye_of(self.camera, self.scene)
         balls = [
-            Ball(center, s.radius, SPHERE)
+            Ball(center, s.radius, DARK_SPHERE if self.by_depth else SPHERE)
             for s, center in zip(self.scene.spheres, centers)
             if np.linalg.norm(eye - center) >= s.radius  # else the eye is inside
         ]
@@ -87,14 +82,31 @@ class Drawing:
             shades = np.broadcast_to(CLOTH_FRONT, x.shape) if colors is None else colors
             free = ~cloth.pinned
             balls += [Ball(point, size, shade, solid=False) for point, shade in zip(x[free], shades[free])]
-        threads = available_threads()
         drawn = render(
-            x, balls, self.camera, self.width, colors=colors, ground=self.ground, shadow=self.shadow, threads=threads
+            x,
+            balls,
+            self.camera,
+            self.width,
+            colors=colors,
+            depth=self.scale if self.by_depth else None,
+            planes=self.planes,
+            shadow=self.shadow,
+            threads=available_threads(),
         )
         if not self.label:
             return drawn
         note = "as printed" if any(sphere.as_printed for sphere in self.scene.spheres) else ""
         return labelled(drawn, t, self.width / self.camera.width, self.scale, note)
+
+
+def _ground(asked: Any, scene: Any, x: Floats, t: Floats) -> list[Plane]:
+    """The ground, if any: at the height asked for, or below all that is framed where no wide sphere is ground or wall."""
+    if asked is False or (asked is True and any(is_wide(sphere, scene) for sphere in scene.spheres)):
+        return []
+    low, high = extremes(scene, x, t, np.eye(3))
+    size = float(np.linalg.norm(high - low))
+    height = float(low[1]) - GROUND_GAP * size if asked is True else check.number("ground", asked)
+    return [Plane(((low[0] + high[0]) / 2, height, (low[2] + high[2]) / 2), GROUND_REACH * size)]
 
 
 class Picture:
@@ -218,11 +230,9 @@ def picture(
     color: Any = "faces",
     limits: tuple[float, float] | None = None,
     label: bool = False,
-    shadow: bool = False,
-    ground: bool | float = False,
-    perspective: bool = False,
+    ground: bool | float = True,
 ) -> Picture:
-    """Draw a cloth and its spheres, shaded and with exact depth. Cloth inside a sphere is red.
+    """Draw a cloth and its spheres, with shadows and a ground. Cloth inside a sphere is red.
 
     The cloth's upper face, as it starts, is blue, its lower face sand, a sphere grey. Where cloth lies under the
     surface of a sphere by more than 1e-5 of the picture's width, the surface is red, and stronger with depth up to 10 mm.
@@ -240,30 +250,27 @@ def picture(
         Velocities [m/s], shape (rows, columns, 3), for ``color="speed"``.
     camera : Camera, str or sequence of 3 floats, optional
         A view, or the direction from the scene to the eye: a vector, or one of "corner", "front",
-        "back", "left", "right", "top" and "below". A direction gives a view of the whole cloth, and of each sphere
-        near it that is narrower than the cloth; a wider one is ground or wall. Default: "corner".
+        "back", "left", "right", "top" and "below". A direction gives a view in perspective of the whole cloth, and of each
+        sphere near it that is narrower than the cloth; a wider one is ground or wall. Default: "corner". A `Camera` without
+        a distance is orthographic: lengths can be compared.
     width : int, default 640
         Pixels along the picture, 16 to 8192; its height follows from the view.
     path : path-like, optional
         File to write as well; see `Picture.save`.
     color : str or array_like, default "faces"
         Colours of the cloth: "faces", "stretch", "speed" or "depth", or a number for each mass point. "stretch" is
-        l/L - 1 of the most stretched spring at a point, "depth" that below a sphere's surface. An array has shape (rows,
-        columns).
+        l/L - 1 of the most stretched spring at a point, "depth" that of each place of the cloth below a sphere's surface.
+        An array has shape (rows, columns).
     limits : (float, float), optional
-        Ends of the colour scale, in SI units. Default: 0 and the value that 99 % of the points do not exceed; of an
-        array, its least and greatest number.
+        Ends of the colour scale, in SI units. Default: 0 and the value that 99 % of the points do not exceed; of
+        "depth" the greatest; of an array, its least and greatest number.
     label : bool, default False
-        Add a strip below the picture: the time, a length, and the colour scale. ``>`` at its end says that a value is
-        above. A line above it says "as printed" where a sphere responds so. In perspective the length holds in the
-        plane through the view's target. `width` is at least 320 then.
-    shadow : bool, default False
-        Draw soft shadows of the light from the side.
-    ground : bool or float, default False
-        Draw a horizontal plane: True below all that the view frames, a number at that height [m].
-    perspective : bool, default False
-        Draw nearer parts larger. The default is orthographic: lengths can be compared. A `Camera` has its own
-        ``distance``.
+        Add a strip below the picture: the time, a length, and the colour scale (Pillow, extra "plot"). ``>`` at its end says
+        that a value is above. A line above it says "as printed" where a sphere responds so. In perspective the length holds
+        in the plane through the view's target. `width` is at least 320 then.
+    ground : bool or float, default True
+        Soft shadows, and a horizontal plane: True below all that the view frames, if no sphere is as wide as the cloth; a
+        number at that height [m]. False: neither.
 
     Returns
     -------
@@ -275,7 +282,7 @@ def picture(
     ValueError, TypeError
         If an argument is not as above; the message names it, what came and what is accepted.
     ImportError
-        Without Pillow (extra "plot"), if `path` is no PNG file.
+        Without Pillow (extra "plot"), with `label`, or if `path` is no PNG file.
 
     Examples
     --------
@@ -289,7 +296,7 @@ def picture(
     x = scene.initial_position if x is None else check.points("x", x, scene.cloth.shape)
     v = None if v is None else check.points("v", v, scene.cloth.shape)[None]
     path = None if path is None else file_path("path", path)
-    style = Style(camera, width, color, limits, label, shadow, ground, perspective)
+    style = Style(camera, width, color, limits, label, ground)
     return _drawn(Drawing(scene, x[None], v, np.array([t]), style), 0, path)
 
 

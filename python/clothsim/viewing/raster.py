@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ BACKGROUND = np.array([1.0, 1.0, 1.0])
 CLOTH_FRONT = np.array([0.27, 0.47, 0.72])
 CLOTH_BACK = np.array([0.87, 0.73, 0.45])
 SPHERE = np.array([0.80, 0.81, 0.83])
+DARK_SPHERE = np.array([0.42, 0.44, 0.48])  # beside a cloth coloured by depth, which is pale outside
 PIN = np.array([0.15, 0.15, 0.15])
 PENETRATION = np.array([0.86, 0.08, 0.10])
 FULL_RED_DEPTH = 0.010  # m; cloth this deep under the sphere's surface is painted fully red
@@ -26,27 +27,11 @@ LIGHT = (0.46, 0.10, 0.32, 0.28)  # ambient, from above, from `KEY`, from the ey
 GRID_LINE = 0.05  # half width of a drawn grid line, in cells
 GRID_SHADE = 0.72  # factor of the colour on a grid line
 GROUND = np.array([0.93, 0.93, 0.92])
-SAMPLES = 2  # a pixel, along each axis
-
-_SHADING = _core.Shading(
-    colors={
-        "background": BACKGROUND,
-        "front": CLOTH_FRONT,
-        "back": CLOTH_BACK,
-        "penetration": PENETRATION,
-        "ground": GROUND,
-    },
-    full_red_depth=FULL_RED_DEPTH,
-    least_red=LEAST_RED,
-    key=KEY / np.linalg.norm(KEY),
-    light=LIGHT,
-    grid_line=GRID_LINE,
-    grid_shade=GRID_SHADE,
-)
+SAMPLES = _core.SAMPLES  # of a pixel, along each axis
 
 
 class Ball(NamedTuple):
-    """A sphere to draw; the cloth inside it is painted red where `solid`."""
+    """A sphere to draw; the cloth inside it is shown where `solid`."""
 
     center: npt.ArrayLike
     radius: float
@@ -54,12 +39,14 @@ class Ball(NamedTuple):
     solid: bool = True
 
 
-class Ground(NamedTuple):
-    """A horizontal plane at `height` that fades at `radius` around `middle` [m]."""
+class Plane(NamedTuple):
+    """A plane through `point`, seen from the side of its `normal`; it has faded `radius` [m] away from the point."""
 
-    height: float
-    middle: npt.ArrayLike
+    point: npt.ArrayLike
     radius: float
+    normal: npt.ArrayLike = (0.0, 1.0, 0.0)
+    color: Floats = GROUND
+    solid: bool = False
 
 
 def render(
@@ -69,32 +56,44 @@ def render(
     width: int = 520,
     *,
     colors: Floats | None = None,
-    ground: Ground | None = None,
+    depth: Any = None,
+    planes: Sequence[Plane] = (),
     shadow: bool = False,
     threads: int = 1,
 ) -> npt.NDArray[np.uint8]:
-    """Draw the cloth with mass points at `positions` [m], shape (rows, columns, 3), and the balls.
+    """Draw the cloth with mass points at `positions` [m], shape (rows, columns, 3), balls and planes.
 
     The picture, shape (height, width, 3), has `width` pixels along; its height follows from the camera. `colors` of the
-    mass points, shape (rows, columns, 3), are 0 to 1; without them each face has its own. `shadow`: the light from the side
-    throws shadows.
+    mass points, shape (rows, columns, 3), are 0 to 1; without them each face has its own. `depth`, a `legend.Scale`, colours
+    each place of the cloth by its depth in a solid. `shadow`: the light from the side throws shadows.
     """
     height = max(1, round(width * camera.height / camera.width))
     axes, scale = camera.axes(), SAMPLES * width / camera.width
-    distance = camera.distance or 0.0
     points = np.ascontiguousarray(positions, float)
+    view = _core.View(
+        width=width, height=height, axes=axes, target=camera.target, scale=scale, distance=camera.distance or 0.0
+    )
+    shading = _core.Shading(
+        colors={"background": BACKGROUND, "front": CLOTH_FRONT, "back": CLOTH_BACK, "penetration": PENETRATION},
+        full_red_depth=FULL_RED_DEPTH,
+        least_red=LEAST_RED,
+        key=KEY / np.linalg.norm(KEY),
+        light=LIGHT,
+        grid_line=GRID_LINE,
+        grid_shade=GRID_SHADE,
+        shadow=shadow,
+        depth_colors=[] if depth is None else depth.rgb(),
+        depth_range=(0.0, 1.0) if depth is None else (depth.low, depth.high),
+    )
     return _core.render(
-        view=_core.View(
-            width=width, height=height, samples=SAMPLES, axes=axes, target=camera.target, scale=scale, distance=distance
-        ),
-        shading=_SHADING,
+        view=view,
+        shading=shading,
         points=points,
         screen=_on_screen(points, camera, axes, scale, SAMPLES * width, SAMPLES * height),
         normals=_normals(points),
         colors=None if colors is None else np.ascontiguousarray(colors, float),
-        balls=np.array([[*np.asarray(b.center), b.radius, *b.color, b.solid] for b in balls], float).reshape(-1, 8),
-        ground=None if ground is None else [ground.height, *np.asarray(ground.middle), ground.radius],
-        shadow=shadow,
+        balls=[[*np.asarray(b.center), b.radius, *b.color, b.solid] for b in balls],
+        planes=[[*np.asarray(p.point), *np.asarray(p.normal), p.radius, *p.color, p.solid] for p in planes],
         threads=threads,
     )
 
