@@ -68,7 +68,7 @@ def test_usd(run, tmp_path, suffix, z_up):
     st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
     assert st.GetInterpolation() == mesh.GetNormalsInterpolation() == "vertex"
     close(np.array(st.Get()), texture((5, 7)))
-    grey = UsdGeom.Sphere(stage.GetPrimAtPath("/run/sphere_0")).GetDisplayColorAttr().Get()[0]
+    grey = UsdGeom.Mesh(stage.GetPrimAtPath("/run/sphere_0")).GetDisplayColorAttr().Get()[0]
     close(np.array(grey), linear(SPHERE), 1e-7)
     for k in range(11):
         x = points(run, k, z_up)
@@ -77,13 +77,13 @@ def test_usd(run, tmp_path, suffix, z_up):
         v = points(run, k, z_up, run.v)
         close(np.array(mesh.GetVelocitiesAttr().Get(k)), v)
         close(np.array(mesh.GetExtentAttr().Get(k)), [x.min(axis=0), x.max(axis=0)])
-        for j, sphere in enumerate(run.scene.spheres):
-            prim = UsdGeom.Sphere(stage.GetPrimAtPath(f"/run/sphere_{j}"))
-            assert prim.GetRadiusAttr().Get() == sphere.radius
-            center = sphere.center_at(run.t[k])
-            center = [center[0], -center[2], center[1]] if z_up else center
-            place = prim.ComputeLocalToWorldTransform(k).ExtractTranslation()
-            np.testing.assert_allclose(list(place), center, rtol=1e-15, atol=1e-15)
+        for j in range(2):
+            ball = UsdGeom.Mesh(stage.GetPrimAtPath(f"/run/sphere_{j}"))
+            assert ball.GetNormalsInterpolation() == "vertex" and ball.GetSubdivisionSchemeAttr().Get() == "none"
+            vertices, directions = (np.array(of.Get(), float) for of in (ball.GetPointsAttr(), ball.GetNormalsAttr()))
+            vertices += ball.ComputeLocalToWorldTransform(k).ExtractTranslation()
+            faces = np.array(ball.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+            check_ball(run, j, k, vertices, faces, directions, z_up)
 
 
 def test_usd_with_stored_frames_keeps_their_times(run, tmp_path):

@@ -1,4 +1,4 @@
-"""OpenUSD: one mesh whose points have time samples, and a sphere prim for each sphere."""
+"""OpenUSD: a mesh whose points have time samples, and a mesh that moves for each sphere."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from ...machine.build import build_config
 from ..exports import Clip
 from .gltf import MATERIALS
+from .meshes import unit_ball
 
 CODES_PER_SECOND = 60.0  # time codes where frames stand at their own times; codes need not be whole
 
@@ -49,32 +50,41 @@ def write(clip: Clip, path: Path) -> list[Path]:
     return [path]
 
 
+def _mesh(stage: Any, name: str, corners: Any, material: str) -> Any:
+    """A mesh of triangles with a normal at each vertex, so that it appears smooth."""
+    from pxr import UsdGeom, Vt
+
+    mesh = UsdGeom.Mesh.Define(stage, f"/run/{name}")
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray(len(corners), 3))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(corners.ravel().astype(np.int32)))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
+    mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+    _paint(stage, mesh, material)
+    return mesh
+
+
 def _cloth(stage: Any, clip: Clip) -> Any:
     from pxr import Sdf, UsdGeom, Vt
 
-    mesh = UsdGeom.Mesh.Define(stage, "/run/cloth")
-    mesh.CreateFaceVertexCountsAttr(Vt.IntArray(len(clip.triangles), 3))
-    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(clip.triangles.ravel().astype(np.int32)))
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
+    mesh = _mesh(stage, "cloth", clip.triangles, "cloth")
     mesh.CreateDoubleSidedAttr(True)
-    mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
     coordinates = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
     coordinates.Set(Vt.Vec2fArray.FromNumpy(clip.uv.astype(np.float32)))
-    _paint(stage, mesh, "cloth")
     return mesh
 
 
 def _sphere(stage: Any, clip: Clip, k: int) -> Any:
-    """The translation of a sphere's prim, at the sphere's place in the first frame."""
-    from pxr import Gf, UsdGeom
+    """The translation of a sphere's mesh, at the sphere's place in the first frame. Importers tessellate UsdGeom.Sphere
+    coarsely, each in its own way."""
+    from pxr import Gf, Vt
 
-    radius = clip.spheres[k].radius
-    prim = UsdGeom.Sphere.Define(stage, f"/run/sphere_{k}")
-    prim.CreateRadiusAttr(radius)
-    prim.CreateExtentAttr([Gf.Vec3f(-radius), Gf.Vec3f(radius)])
-    _paint(stage, prim, "sphere")
-    move = prim.AddTranslateOp()
+    radius, (vertices, corners, _) = clip.spheres[k].radius, unit_ball()
+    mesh = _mesh(stage, f"sphere_{k}", corners, "sphere")
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy((radius * vertices).astype(np.float32)))
+    mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(vertices.astype(np.float32)))
+    mesh.CreateExtentAttr([Gf.Vec3f(-radius), Gf.Vec3f(radius)])
+    move = mesh.AddTranslateOp()
     move.Set(Gf.Vec3d(*clip.centers(0)[k].tolist()))
     return move
 
