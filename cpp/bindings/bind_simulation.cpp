@@ -208,27 +208,19 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
         threads, [&](std::size_t i, int team) { simulation->member(i).accelerations(out + i * size, team); });
 }
 
-py::dict advance_adaptive(SharedSimulation& shared, double until, double end, std::int64_t steps,
-                          double tolerance_x, double tolerance_v, double near, StepController& controller,
-                          int threads) {
+py::object advance_adaptive(SharedSimulation& shared, AdaptiveRun& run, double until, std::int64_t steps,
+                            int threads) {
     auto simulation = shared.use();
     if (simulation->size() != 1 || !simulation->member(0).adaptive())
         throw std::invalid_argument("error control needs one cloth and an adaptive integrator");
     threads = granted(threads);
-    Simulation::AdaptiveOutcome outcome;
+    Outcome outcome;
     {
         Unlocked unlocked;
-        outcome = simulation->advance_adaptive({until, end, steps, {tolerance_x, tolerance_v}, near, threads},
-                                               controller, [&] { return unlocked.signal_pending(); });
+        outcome = simulation->advance_adaptive(run, until, steps, threads,
+                                               [&] { return unlocked.signal_pending(); });
     }
-    py::dict result;
-    // Not thrown, so that the caller can count the steps that are done.
-    if (outcome.interrupted) result["interrupted"] = py::error_already_set().value();
-    result["steps"] = outcome.steps;
-    result["rejected"] = outcome.rejected;
-    result["error"] = outcome.error;
-    signal(outcome, result);
-    return result;
+    return reported(outcome);
 }
 
 void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& v, int threads) {
@@ -288,15 +280,28 @@ auto of_members(Get get) {
 void bind_simulation(py::module_& m) {
     using S = SharedSimulation;
     const py::arg any, exact = py::arg().noconvert();  // an array of the very type
-    py::class_<StepController>(m, "StepController")
-        .def(py::init<>())
-        .def_property(
-            "state",
-            [](const StepController& c) { return py::make_tuple(c.h, c.previous_error, c.rejected); },
-            [](StepController& c, const std::tuple<double, double, bool>& state) {
-                std::tie(c.h, c.previous_error, c.rejected) = state;
-            })
-        .def_readwrite("h", &StepController::h);
+    py::class_<AdaptiveRun>(m, "AdaptiveRun")
+        .def(py::init([](double tolerance_x, double tolerance_v, double near, std::vector<double> stops,
+                         std::vector<double> grid, const std::tuple<double, double, bool>& controller) {
+            AdaptiveRun run;
+            run.tolerance = {tolerance_x, tolerance_v};
+            run.near = near;
+            run.stops = std::move(stops);
+            run.grid = std::move(grid);
+            std::tie(run.controller.h, run.controller.previous_error, run.controller.rejected) = controller;
+            return run;
+        }))
+        .def_property_readonly("controller",
+                               [](const AdaptiveRun& r) {
+                                   const StepController& c = r.controller;
+                                   return py::make_tuple(c.h, c.previous_error, c.rejected);
+                               })
+        .def_property_readonly("steps", [](const AdaptiveRun& r) { return r.ends.size(); })
+        .def_readonly("begin", &AdaptiveRun::begin)
+        .def_readonly("ends", &AdaptiveRun::ends)
+        .def_readonly("kinks", &AdaptiveRun::kinks)
+        .def_readonly("rejected", &AdaptiveRun::rejected)
+        .def_readonly("local_error", &AdaptiveRun::local_error);
     // float64 comes first, so that what is not given keeps all its digits.
     py::class_<S>(m, "Simulation")
         .def(py::init<const std::vector<Plan>&, double, int>())

@@ -21,47 +21,61 @@ namespace {
 
 // A step this much smaller than the time span does not move the clock any more.
 constexpr double smallest_part = 1e-14;
+// A stop this near, over the time, is at the end of a step: above what the clock rounds.
+constexpr double rounding_of_stops = 1e-12;
 constexpr std::int64_t steps_between_energies =
     EnergyWatch::steps_between_checks;  // accepted ones, which cost several of others
 
 }  // namespace
 
-Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& request,
-                                                         StepController& controller,
-                                                         const std::function<bool()>& interrupted) {
+double AdaptiveRun::target(double t) {
+    while (next_given < grid.size() && grid[next_given] <= t) ++next_given;
+    const double rounding = rounding_of_stops * std::max(std::abs(t), std::abs(stops.back()));
+    for (; next_stop + 1 < stops.size() && stops[next_stop] <= t + rounding; ++next_stop)
+        kinks.push_back(std::int64_t(ends.size()));
+    const double given = next_given + 1 < grid.size() ? grid[next_given] : stops.back();
+    return std::min(given, stops[next_stop]);
+}
+
+Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps, int threads,
+                                     const std::function<bool()>& interrupted) {
     Engine& engine = *members_[0];
     AdaptiveEngine& adaptive = *engine.adaptive();
-    AdaptiveOutcome outcome;
-    const double end = request.end;
+    StepController& controller = run.controller;
+    Outcome outcome;
     end_block();
     begin_watches();
-    double t = clock.now();
-    const double smallest = smallest_part * std::max(std::abs(request.end), request.end - t);
     Poll poll(interrupted);
-    while (t < request.until && outcome.steps < request.steps) {
+    bool first_trial = true;
+    for (double t = clock.now(), end = t; t < until && outcome.steps < steps;) {
+        if (first_trial) {
+            end = run.target(t);
+            if (!run.grid.empty()) controller.h = end - t;
+        }
+        const double left = end - t, smallest = smallest_part * std::max(std::abs(end), left);
         const double wanted = controller.h;
-        const double left = end - t;
         // Two equal steps rather than a long one and a sliver.
         double h = wanted >= left ? left : wanted > left / 2 ? left / 2 : wanted;
-        h = adaptive.contact_step(t, h, request.near, false);
+        h = adaptive.contact_step(t, h, run.near, false);
         if (!(h > smallest)) {
             if (left <= smallest) break;
             outcome.unstable =
                 Outcome::Unstable{0, watches_[0].fastest_free_point(engine), outcome.steps + 1, t};
             return outcome;
         }
-        const double error = adaptive.try_step(t, h, request.tolerance, request.threads);
+        const double error = adaptive.try_step(t, h, run.tolerance, threads);
         bool accepted = controller.judge(h, error, adaptive.order());
-        const double bounded = accepted ? adaptive.contact_step(t, h, request.near, true) : h;
+        const double bounded = accepted ? adaptive.contact_step(t, h, run.near, true) : h;
         if (bounded < h) {
             // A hair less than allowed, as rounding may ask for the same step again.
             controller.h = std::min(controller.h, 0.99 * bounded);
             accepted = false;
         }
+        first_trial = accepted;
         if (accepted) {
             const double next = h == left ? end : t + h;
-            engine.accept_in_contact(t, next, request.threads);
-            last_begin_ = t;
+            engine.accept_in_contact(t, next, threads);
+            last_begin_ = run.begin = t;
             last_step_ = h;
             const std::int64_t trapped = std::exchange(engine.contact_report.trapped, -1);
             if (trapped >= 0) {
@@ -71,12 +85,12 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             report_contacts(outcome);
             t = next;
             outcome.steps += 1;
-            outcome.error = error;
+            run.ends.push_back(t);
+            run.local_error += error;
             clock = {t, 0, 0};
             sample_accepted(t);
             if (++age_ % steps_between_energies == 0) {
                 const std::int64_t point = watches_[0].runaway_point(engine, true);
-                if (watches_[0].take_growth()) outcome.grown = 0;
                 if (point >= 0) {
                     outcome.unstable = Outcome::Unstable{0, point, outcome.steps, t};
                     return outcome;
@@ -85,9 +99,8 @@ Simulation::AdaptiveOutcome Simulation::advance_adaptive(const AdaptiveRequest& 
             // A step cut short by the end says nothing against longer ones.
             if (h < wanted) controller.h = std::max(controller.h, wanted);
         } else {
-            outcome.rejected += 1;
+            run.rejected += 1;
         }
-        if (outcome.grown) return outcome;
         outcome.interrupted = poll.stopped();
         if (outcome.interrupted) return outcome;
     }

@@ -6,6 +6,7 @@
 
 #include "driver/energy_watch.hpp"
 #include "engines/engine.hpp"
+#include "integrators/adaptive.hpp"
 #include "memory/poll.hpp"
 
 namespace clothsim {
@@ -51,6 +52,25 @@ struct Outcome {
 // Half copies and inspects twice as often; twice repeats more steps of an unstable run.
 inline constexpr std::int64_t most_steps_of_block = 128;
 
+// The steps of one run with error control: what is asked of them, and what they were so far.
+struct AdaptiveRun {
+    Tolerance tolerance;
+    double near = 0;  // longest step in reach of a sphere [s], stable
+    std::vector<double> stops;  // rising times [s] at which a step ends; the last is the end of the run
+    std::vector<double> grid;  // prescribed ends of steps; empty: the controller chooses
+    StepController controller;
+
+    std::vector<double> ends;  // of the accepted steps
+    std::vector<std::int64_t> kinks;  // accepted steps before each stop
+    std::int64_t rejected = 0;  // steps tried in vain
+    double begin = 0;  // of the last step [s]
+    double local_error = 0;  // sum of the method's estimates, in units of the tolerance
+
+    // Where the step from the time t has to end at the latest.
+    double target(double t);
+    std::size_t next_stop = 0, next_given = 0;
+};
+
 class Simulation {
 public:
     // `threads`: that steps, and so copies of the state, may use.
@@ -94,21 +114,10 @@ public:
     // `interrupted` is asked between two steps, about every 50 ms.
     Outcome advance(std::int64_t steps, double dt, int threads, const std::function<bool()>& interrupted);
 
-    // Error control, for one member whose integrator has it. It takes at most `steps` steps until `until` is
-    // reached or passed. The last step ends at `end` at the latest.
-    struct AdaptiveRequest {
-        double until, end;
-        std::int64_t steps;
-        Tolerance tolerance;
-        double near;  // longest step in reach of a sphere [s], stable
-        int threads;
-    };
-    struct AdaptiveOutcome : Outcome {
-        std::int64_t rejected = 0;  // steps tried in vain
-        double error = 0;  // estimate of the last step, in units of the tolerance
-    };
-    AdaptiveOutcome advance_adaptive(const AdaptiveRequest& request, StepController& controller,
-                                     const std::function<bool()>& interrupted);
+    // Error control, for one member whose integrator has it: at most `steps` steps of `run`, until a frame at
+    // the time `until` is reached or passed.
+    Outcome advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps, int threads,
+                             const std::function<bool()>& interrupted);
     // The state at a time within the last step of `advance_adaptive`.
     void dense(double t, double* x, double* v, int threads);
 

@@ -109,10 +109,23 @@ class Plan:
     @property
     def lanes(self) -> int: ...
 
-class StepController:
-    h: float
-    state: tuple[float, float, bool]
-    def __init__(self) -> None: ...
+class AdaptiveRun:
+    controller: tuple[float, float, bool]
+    steps: int
+    begin: float
+    ends: list[float]
+    kinks: list[int]
+    rejected: int
+    local_error: float
+    def __init__(
+        self,
+        tolerance_x: float,
+        tolerance_v: float,
+        near: float,
+        stops: list[float],
+        grid: list[float],
+        controller: tuple[float, float, bool],
+    ) -> None: ...
 
 class Simulation:
     def __init__(self, plans: list[Plan], time: float, threads: int) -> None: ...
@@ -133,17 +146,7 @@ class Simulation:
     def set_frozen(self, i: int, frozen: bool) -> None: ...
     @property
     def frozen(self) -> list[bool]: ...
-    def advance_adaptive(
-        self,
-        until: float,
-        end: float,
-        steps: int,
-        tolerance_x: float,
-        tolerance_v: float,
-        near: float,
-        controller: StepController,
-        threads: int,
-    ) -> dict[str, Any]: ...
+    def advance_adaptive(self, run: AdaptiveRun, until: float, steps: int, threads: int) -> dict[str, Any] | None: ...
     def dense(self, t: float, x: Floats, v: Floats, threads: int) -> None: ...
     @property
     def evaluations(self) -> list[int]: ...

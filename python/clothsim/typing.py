@@ -136,6 +136,7 @@ class Report(TypedDict):
     estimate_wall_time: float
     tolerance: Tolerance
     energy: Energies
+    force_work: float
     penetration: Depths
     stretch: Stretch
     first_contact: FirstContact

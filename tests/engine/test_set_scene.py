@@ -118,4 +118,4 @@ def test_beside_an_advance_of_another_thread_a_call_is_done_or_refused(name, sam
         if not name.startswith("set_"):  # whole steps, none half done
             again = cs.Stepper(SHEET, threads=1)
             again.advance(steps, 1e-4)
-            assert same_bits(stepper._arrays(), again._arrays())
+            assert same_bits((stepper.x, stepper.v), (again.x, again.v))

@@ -75,7 +75,7 @@ def test_a_point_that_is_trapped_ends_its_member_alone(trap):
 
 @pytest.mark.parametrize("options", [{"dt": 1e-3}, {"rtol": 1e-3}], ids=str)
 def test_ctrl_c_returns_the_runs_so_far(monkeypatch, options):
-    from clothsim.run import recording
+    from clothsim.run import trajectory
 
     calls = []
 
@@ -84,7 +84,7 @@ def test_ctrl_c_returns_the_runs_so_far(monkeypatch, options):
         if len(calls) == 3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(recording.Recording, "_passed", interrupt)
+    monkeypatch.setattr(trajectory.Recorder, "_passed", interrupt)
     with pytest.raises(cs.RunInterrupted) as caught:
         cs.simulate(scenes(150.0, 200.0), 0.1, every=0.01, **options)
     assert [run.report["stopped"] for run in caught.value.run][-1] == "interrupted"

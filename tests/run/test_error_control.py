@@ -11,7 +11,7 @@ import warnings
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.run.fixed_steps import RunOptions, integrate
+from clothsim.run.trajectory import Job, Recorder, RunOptions, Watch
 from random_cloths import Model, draw, rms, truth
 
 DURATIONS = {"swing": 0.5, "swing with bend": 0.5, "hanging": 1.0, "oscillator": 1.0, "damped": 1.0}
@@ -156,8 +156,8 @@ def endless(name):
 def plain_evaluations(name):
     """Force evaluations of a run of dop853 at the smallest tolerance of a step."""
     scene, duration = endless(name)
-    options = RunOptions("dop853", "double", 1)
-    return integrate(scene, duration, 1e-14 * max(scene.cloth.size), options).evaluations
+    job = Job([scene], False, duration, RunOptions("dop853", "double", 1), tolerance=1e-14 * max(scene.cloth.size))
+    return Recorder(job, Watch()).run().trajectory().evaluations
 
 
 @pytest.mark.parametrize("options", [{}, {"rtol": 1e-4}, {"rtol": 1e-9}, {"rtol": 1e-15}], ids=str)

@@ -7,7 +7,7 @@ import functools
 
 import clothsim as cs
 import pytest
-from clothsim.run.fixed_steps import RunOptions, integrate
+from clothsim.run.trajectory import Job, Recorder, RunOptions, Watch
 from random_cloths import draw, rms, truth
 
 
@@ -19,8 +19,8 @@ def case_of(number):
 @functools.cache
 def exact(number):
     case = case_of(number)
-    tolerance = 1e-13 * max(case.scene.cloth.size)
-    return integrate(case.scene, case.duration, tolerance, RunOptions("dop853", "double", 1)).x[-1]
+    options, tolerance = RunOptions("dop853", "double", 1), 1e-13 * max(case.scene.cloth.size)
+    return Recorder(Job([case.scene], False, case.duration, options, tolerance=tolerance), Watch()).run().trajectory().x[-1]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from ..base import Floats
 from ..engine.stepper import SilentStepper
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
-from ..run.recording import PAUSE
+from ..run.trajectory import PAUSE
 
 # The first steps are this part of RK4's stable step, well below the stable step of dop853.
 _COARSEST = 0.5

@@ -12,7 +12,7 @@ from ..methods.bound import stable_dt
 from ..methods.data import integrator_name
 from ..methods.integration import integrators
 from ..model.scene import Scene
-from ..run.fixed_steps import size_of
+from ..run.error_control import size_of
 from ..run.simulate import simulate
 from ..typing import Precision
 

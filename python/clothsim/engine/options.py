@@ -61,10 +61,14 @@ class Options:
 
     def kernel_for(self, cloth: Cloth) -> str:
         """The kernel that "auto" stands for: "edge", or "gather" for a family that it lacks."""
-        lacking = [family for family in cloth.families if family not in _core.edge_families]
-        if self.kernel == "edge" and lacking:
-            raise ValueError(f"kernel must be 'gather' or 'auto' for a cloth with {lacking[0]} springs, got 'edge'")
-        return self.kernel if self.kernel != "auto" else "gather" if lacking else "edge"
+        if self.kernel == "gather":
+            return "gather"
+        for family in cloth.families:
+            if family not in _core.edge_families:
+                if self.kernel == "edge":
+                    raise ValueError(f"kernel must be 'gather' or 'auto' for a cloth with {family} springs, got 'edge'")
+                return "gather"
+        return "edge"
 
     def threads_for(self, shape: tuple[int, int], members: int = 1) -> int:
         """`threads`; None: all for large cloths, else one a member."""

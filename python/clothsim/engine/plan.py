@@ -23,6 +23,21 @@ def in_cells(sphere: Sphere) -> bool:
     return sphere.offset == "cell" and sphere.response == "continuous"
 
 
+_MOST_PLANS = 8  # kept for a scene
+
+
+def kept_plan(scene: Scene, options: Options) -> _core.Plan:
+    """The plan of a scene, compiled once: it cannot change."""
+    plans: dict[Any, _core.Plan] = scene.__dict__.setdefault("_plans", {})
+    key = options.precision, options.kernel, options.integrator, _core.choose_instruction_set("")
+    plan = plans.get(key)
+    if plan is None:
+        if len(plans) >= _MOST_PLANS:
+            plans.pop(next(iter(plans)), None)
+        plan = plans[key] = core_plan(scene, options)
+    return plan
+
+
 def core_plan(scene: Scene, options: Options) -> _core.Plan:
     """The scene as the core takes it, with the kernels of the chosen instruction set."""
     return _core.Plan(

@@ -29,6 +29,14 @@ class Start:
     t: float
 
     @classmethod
+    def own(cls, scenes: list[Scene], batched: bool, t: float) -> Start:
+        """The scenes' own states."""
+        if not batched:
+            return cls(scenes, False, scenes[0].initial_position, scenes[0].initial_velocity, t)
+        x, v = np.array([one.initial_position for one in scenes]), np.array([one.initial_velocity for one in scenes])
+        return cls(scenes, True, x, v, t)
+
+    @classmethod
     def checked(
         cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, precision: str, inspect: bool
     ) -> Start:

@@ -21,7 +21,7 @@ from ..model.sphere import Sphere
 from .arrays import FloatArray, check_driven_pins, check_pins, checked_state, put_driven_pins, scenes_of, start_time
 from .judge import Judge
 from .options import Options
-from .plan import core_plan
+from .plan import kept_plan
 from .start import Start, warn_of_start
 
 _ROUNDING = 2.0**-53  # of a float64, as part of it
@@ -42,11 +42,30 @@ class State:
         self, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, options: Options, inspect: bool = True
     ) -> None:
         """`inspect`: warn of continuous spheres that are on the cloth, and refuse driven pins that are elsewhere."""
-        start = Start.checked(scene, x, v, t, options.precision, inspect)
+        self._begin(Start.checked(scene, x, v, t, options.precision, inspect), options, inspect)
+
+    @classmethod
+    def own(cls, scenes: list[Scene], batched: bool, t: float, options: Options) -> State:
+        """The scenes' own states at a time [s], which nobody inspects."""
+        state = cls.__new__(cls)
+        state._begin(Start.own(scenes, batched, t), options, inspect=False)
+        return state
+
+    @staticmethod
+    def inspect(scenes: list[Scene], batched: bool, t: float, options: Options) -> None:
+        """Check the numbers of the scenes' own states, and warn of continuous spheres that are on the cloth."""
+        start = Start.own(scenes, batched, t)
+        if options.precision == "single":
+            checked_state(start.x, start.v, scenes, batched, options.precision)
+        for member, scene in enumerate(scenes):
+            if any(sphere.response == "continuous" for sphere in scene.spheres):
+                warn_of_start(scene, scene.initial_position, t, member if batched else None)
+
+    def _begin(self, start: Start, options: Options, inspect: bool) -> None:
         self.batched, self.options, self.integrator = start.batched, options, options.integrator
         self.shape, self.dtype = start.x.shape, start.x.dtype
         self.threads = 1
-        compiled = self._compiled(start.scenes, isinstance(scene, Scene))
+        compiled = self._compiled(start.scenes)
         if options.backend == "gpu":
             from ..gpu.simulation import Simulation
 
@@ -68,9 +87,8 @@ class State:
         """Replace the scenes, and keep the state. An error leaves everything as it was. Spheres that are put on the
         cloth give a warning.
         """
-        one_scene = isinstance(scene, Scene)
-        scenes = scenes_of(scene) * (len(self.scenes) if one_scene else 1)
-        compiled = self._compiled(scenes, one_scene)
+        scenes = scenes_of(scene) * (len(self.scenes) if isinstance(scene, Scene) else 1)
+        compiled = self._compiled(scenes)
         self.core.set_scene(compiled.plans, compiled.stable_dt)
         known = [one.spheres for one in self.scenes]
         self._adopt(scenes, compiled, inspect=False)
@@ -79,15 +97,13 @@ class State:
             self.store(x, None)
             self._warn_of_start(x, self.core.time, known)
 
-    def _compiled(self, scenes: list[Scene], one_scene: bool) -> _Compiled:
-        """Compile the scenes; if all are `one_scene`, they share a plan."""
-        different = scenes[:1] if one_scene else scenes
-        on_gpu = self.options.backend == "gpu"
-        plans: list[Any] = list(different) if on_gpu else [core_plan(one, self.options) for one in different]
-        cloths = [core_cloth(one.cloth) if on_gpu else one.cloth for one in plans]
-        limits = [guaranteed_dt(cloth, self.integrator) for cloth in cloths]
-        each = len(scenes) // len(different)
-        return _Compiled(plans * each, limits * each)
+    def _compiled(self, scenes: list[Scene]) -> _Compiled:
+        """Compile the scenes."""
+        found, on_gpu = _Compiled([], []), self.options.backend == "gpu"
+        for scene in scenes:
+            found.plans.append(scene if on_gpu else kept_plan(scene, self.options))
+            found.stable_dt.append(guaranteed_dt(core_cloth(scene.cloth), self.integrator))
+        return found
 
     def _adopt(self, scenes: list[Scene], compiled: _Compiled, inspect: bool) -> None:
         self.scenes, self.max_stable_dt = scenes, compiled.stable_dt
@@ -95,10 +111,13 @@ class State:
         self.kernel = "gather" if on_gpu else self.options.kernel_for(scenes[0].cloth)
         self.instruction_set = str(cast("Any", self.core).adapter if on_gpu else compiled.plans[0].instruction_set)
         self.judge = Judge(self.core, scenes, self.batched, self.integrator, compiled.stable_dt)
-        spheres = [sphere for one in scenes for sphere in one.spheres]
-        self._driven = any(one.cloth.driven for one in scenes)
-        self._moves = self._driven or any(sphere.motion is not None for sphere in spheres)
-        self._inspected = inspect and any(sphere.response == "continuous" for sphere in spheres)
+        self._driven = self._moves = self._inspected = False
+        for scene in scenes:
+            self._driven |= bool(scene.cloth.driven)
+            for sphere in scene.spheres:
+                self._moves |= sphere.motion is not None
+                self._inspected |= inspect and sphere.response == "continuous"
+        self._moves |= self._driven
 
     def _warn_of_start(self, x: FloatArray, t: float, but: Sequence[Sequence[Sphere]] = ()) -> None:
         """`but`: for each member, the spheres that give no warning."""

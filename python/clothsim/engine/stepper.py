@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from ..base import check
+from ..base.record import frozen
 from ..model.scene import Scene
+from ..model.wording import cloth_text, counted, spheres_text
 from ..typing import Backend, Integrator, Kernel, Precision
-from .arrays import check_driven_pins, scenes_of, sphere_targets
+from .arrays import FloatArray, check_driven_pins, scenes_of, sphere_targets
 from .options import Options
 from .snapshot import Snapshot, take
 from .state import State
-from .stepper_view import StepperView
 
 
-class Stepper(StepperView):
+class Stepper:
     """A scene whose state stays in the core between calls.
 
     Parameters
@@ -35,20 +36,21 @@ class Stepper(StepperView):
     integrator, precision, threads, kernel, backend
         As for `step`. With the backend "gpu" the state stays on the adapter.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
+    Attributes
+    ----------
+    x, v : numpy.ndarray
+        Positions [m] and velocities [m/s], read-only copies, of the shape and dtype that the state was given in. Other names
+        are `positions` and `velocities`.
+    t : float
+        Time of the state [s], also `time`.
 
     Examples
     --------
     >>> import clothsim as cs
     >>> stepper = cs.Stepper(cs.scenes.paper_static())
     >>> stepper.advance(1000, 5e-6)
-    >>> round(stepper.time, 12)
-    0.005
-    >>> stepper.positions.shape
-    (32, 32, 3)
+    >>> round(stepper.t, 12), stepper.x.shape
+    (0.005, (32, 32, 3))
     """
 
     _announces = True  # gives warnings of the order
@@ -367,6 +369,117 @@ class Stepper(StepperView):
         stepper._state = state
         stepper._announce()
         return stepper
+
+    @property
+    def frozen(self) -> npt.NDArray[np.bool_]:
+        """True for members that take no further steps, shape (B,); see `freeze`."""
+        return np.array(self._state.core.frozen)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        # A new attribute such as `dt` would change nothing, in silence.
+        if not name.startswith("_"):
+            raise AttributeError(
+                f"{name} of a Stepper cannot be set: set_state changes positions, velocities and the time, "
+                "set_scene changes the scene, and advance takes the time step"
+            )
+        super().__setattr__(name, value)
+
+    @property
+    def x(self) -> FloatArray:
+        """Positions [m], a read-only copy, of the shape and dtype that the state was given in; `set_state` changes them."""
+        x = np.empty(self._state.shape, self._state.dtype)
+        self._state.store(x, None)
+        return frozen(x)
+
+    @property
+    def v(self) -> FloatArray:
+        """Velocities [m/s], a read-only copy, of the shape and dtype of the state."""
+        v = np.empty(self._state.shape, self._state.dtype)
+        self._state.store(None, v)
+        return frozen(v)
+
+    @property
+    def t(self) -> float:
+        """Time of the state [s]."""
+        return float(self._state.core.time)
+
+    positions, velocities, time = x, v, t
+
+    @property
+    def scene(self) -> Scene | Sequence[Scene]:
+        """The scene, or the scenes of a batch; `set_scene` changes it."""
+        return self._scene
+
+    @property
+    def threads(self) -> int:
+        """Threads used; 1 with the backend "gpu"."""
+        return self._state.threads
+
+    @property
+    def kernel(self) -> Kernel:
+        """Kernel used, "gather" or "edge"."""
+        return cast("Kernel", self._state.kernel)
+
+    @property
+    def instruction_set(self) -> str:
+        """Instruction set of the kernels used, or the graphics adapter."""
+        return str(self._state.instruction_set)
+
+    @property
+    def backend(self) -> str:
+        """Backend used, "cpu" or "gpu"."""
+        return self._options.backend
+
+    @property
+    def impulses(self) -> npt.NDArray[np.float64]:
+        """Impulse on each sphere since the stepper was made [N s], shape (spheres, 3).
+
+        An impulse is the sum over the steps of minus the momentum that responses of this sphere gave to the cloth. Moves of
+        points without velocity, such as `push_out_speed`, give none. Pinned points take no momentum.
+
+        A batch has one row per member, shape (B, spheres, 3), NaN where a member has fewer spheres. `set_state` and
+        `set_scene` keep the sums, and so do snapshots. With the backend "gpu" all are NaN.
+
+        Examples
+        --------
+        A cloth without gravity gives its momentum to the sphere that it falls on:
+
+        >>> import clothsim as cs
+        >>> cloth = cs.Cloth(mass=2.0, stiffness=100.0, damping=0.1, pins=())
+        >>> scene = cs.Scene(cloth, cs.Sphere((0.5, -0.3, 0.5), 0.25), gravity=(0, 0, 0))
+        >>> stepper = cs.Stepper(scene, scene.initial_position, scene.initial_velocity + (0, -1, 0))
+        >>> stepper.advance(200, 1e-3)
+        >>> lost = -2.0 * (stepper.velocities.mean(axis=(0, 1)) + (0, 1, 0))
+        >>> bool(abs(stepper.impulses[0] - lost).max() < 1e-12)
+        True
+        """
+        members = [np.reshape(one["impulse"], (-1, 3)) for one in self._state.core.watched]
+        if not self._state.batched:
+            return members[0]
+        impulses = np.full((len(members), max(map(len, members)), 3), np.nan)
+        for row, member in zip(impulses, members):
+            row[: len(member)] = member
+        return impulses
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """Lines and a picture of the state, for a notebook. For a batch, the picture shows the first member."""
+        from ..viewing.notebook import stepper_bundle
+
+        return stepper_bundle(self)
+
+    def __repr__(self) -> str:
+        return f"<{'; '.join(self._lines())}>"
+
+    def _lines(self) -> list[str]:
+        """The scene, the time, and how steps are computed."""
+        scenes, shape = self._state.scenes, self._state.shape
+        batch = f"a batch of {shape[0]}, each " if len(shape) == 4 else ""
+        how = f"{self._state.integrator} in {self._options.precision}, kernel {self.kernel}"
+        return [
+            f"Stepper of {batch}{cloth_text(scenes[0])}, {spheres_text(scenes)}",
+            f"t = {self.time:.6g} s",
+            f"{how}, {counted(self.threads, 'thread')}, {self.instruction_set}",
+        ]
 
 
 class SilentStepper(Stepper):

@@ -39,7 +39,7 @@ def scene_lines(scene: Scene) -> list[str]:
 def stepper_state_lines(stepper: Stepper) -> list[str]:
     """Six lines: those of `stepper_lines`, energy and penetration now, and the stable time step."""
     scenes = stepper._state.scenes
-    x, v = (np.asarray(one, np.float64).reshape(-1, *scenes[0].cloth.shape, 3) for one in stepper._arrays())
+    x, v = (np.asarray(one, np.float64).reshape(-1, *scenes[0].cloth.shape, 3) for one in (stepper.x, stepper.v))
     state = _State(scenes, x, v, stepper.time)
     return [*stepper._lines(), state.energy(), state.penetration(), _stable_step(scenes, stepper._state.integrator)]
 

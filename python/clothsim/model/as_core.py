@@ -10,7 +10,14 @@ from .scene import Scene
 
 
 def core_cloth(cloth: Cloth) -> _core.Cloth:
-    """The cloth as the core takes it."""
+    """The cloth as the core takes it, made once."""
+    made: _core.Cloth | None = cloth.__dict__.get("_core")
+    if made is None:
+        made = cloth.__dict__["_core"] = _made(cloth)
+    return made
+
+
+def _made(cloth: Cloth) -> _core.Cloth:
     row_spacing, column_spacing = cloth.spacing
     return _core.Cloth(
         rows=cloth.rows,

@@ -1,4 +1,4 @@
-"""Frames of a run: the moments at which states are stored, and the stored states."""
+"""The moments at which a run stores frames."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from ..base import check
 from ..typing import Every
 
 Moment = tuple[float, float]  # seconds since the start of the run, and the time of the scene [s]
-
-EVERY_STEP = "step"
 
 # A remainder below this part of a step is rounding of the caller's numbers, not a step.
 NEGLIGIBLE = 1e-9
@@ -36,11 +34,9 @@ class Schedule:
         """The schedule for steps (int) or seconds (float) between frames; see `checked_every`."""
         return cls(steps=every) if isinstance(every, int) else cls(seconds=every)
 
-    def in_seconds(self, dt: float) -> Schedule:
+    def in_seconds(self, dt: float | None) -> Schedule:
         """An equal schedule in seconds, for steps of `dt`."""
-        if self.steps is None:
-            return self
-        return replace(self, steps=None, seconds=self.steps * dt)
+        return self if self.steps is None or dt is None else replace(self, steps=None, seconds=self.steps * dt)
 
     def moments(self, start: float, end: float, begin: float = 0.0) -> list[Moment]:
         """Moments from `begin` to `end`, both included.
@@ -48,21 +44,19 @@ class Schedule:
         `begin` and `end` are seconds since the run started, at the time `start`. Frames that are
         counted in steps have no moments here.
         """
-        ends = [(begin, start + begin), (end, start + end)]
-        if self.times:
-            near = NEGLIGIBLE * (end - begin)
-            given = [(t - start, t) for t in self.times]
-            return [ends[0], *(m for m in given if begin + near < m[0] < end - near), ends[1]]
-        if self.seconds is None and self.per_second is None:
-            return ends
-        first = math.floor(self._count(begin) + NEGLIGIBLE) + 1
-        inner = [self._offset(k) for k in range(first, math.ceil(self._count(end) - NEGLIGIBLE))]
-        return [ends[0], *((offset, start + offset) for offset in inner), ends[1]]
+        inner = [(t - start, t) for t in self.times]
+        if self.seconds or self.per_second:
+            first = math.floor(self._count(begin) + NEGLIGIBLE) + 1
+            numbers = range(first, math.ceil(self._count(end) - NEGLIGIBLE))
+            offsets = [k * self.seconds if self.seconds else k / (self.per_second or 1.0) for k in numbers]
+            inner = [(offset, start + offset) for offset in offsets]
+        near = NEGLIGIBLE * (end - begin) if self.times else 0.0
+        inner = [moment for moment in inner if begin + near < moment[0] < end - near]
+        return [(begin, start + begin), *inner, (end, start + end)]
 
     def check_memory(self, duration: float, dt: float | None, points: int) -> None:
         """Raise a ValueError where the frames of so many mass points need more memory than this machine has."""
-        frames = self if dt is None else self.in_seconds(dt)
-        count = frames._count(duration)
+        count = self.in_seconds(dt)._count(duration)
         needed, memory = count * points * _BYTES_PER_POINT, _memory()
         if needed > memory:
             name, advice = ("fps", "a smaller fps") if self.per_second else ("every", "a larger every")
@@ -72,12 +66,7 @@ class Schedule:
             )
 
     def _count(self, offset: float) -> float:
-        if self.seconds is not None:
-            return offset / self.seconds
-        return offset * (self.per_second or 0.0)
-
-    def _offset(self, k: int) -> float:
-        return k * self.seconds if self.seconds is not None else k / (self.per_second or 1.0)
+        return offset / self.seconds if self.seconds else offset * (self.per_second or 0.0)
 
 
 def _memory() -> float:
@@ -90,10 +79,9 @@ def _memory() -> float:
 
 def schedule(every: Any, times: Any, fps: Any, start: float, duration: float) -> Schedule:
     """The schedule for the arguments of `simulate`."""
-    given = {name: value for name, value in (("every", every), ("times", times), ("fps", fps)) if value is not None}
+    given = [name for name, value in (("every", every), ("times", times), ("fps", fps)) if value is not None]
     if len(given) > 1:
-        listed = " and ".join(given)
-        raise ValueError(f"at most one of every, times and fps can be given, got {listed}")
+        raise ValueError(f"at most one of every, times and fps can be given, got {' and '.join(given)}")
     if fps is not None:
         fps = check.number("fps", fps, minimum=0, exclusive=True)
         check.frame_count("fps", fps, duration * fps)
@@ -110,15 +98,13 @@ def checked_every(every: Any) -> int | float | None:
     """Check `every`, and return steps (int; 1 for "step"), seconds (float) or None."""
     if every is None:
         return None
-    if isinstance(every, str):
-        if every == EVERY_STEP:
-            return 1
-        raise TypeError(
-            "every must be steps between frames (an int >= 2), seconds between frames (a float) "
-            f"or 'step' (each step), got {check.shown(every)}"
-        )
+    if isinstance(every, str) and every == "step":
+        return 1
     if isinstance(every, (float, np.floating)):
         return check.number("every", every, minimum=0, exclusive=True)
+    accepted = "steps between frames (an int >= 2), seconds between frames (a float > 0) or 'step' (each step)"
+    if isinstance(every, str):
+        raise TypeError(f"every must be {accepted}, got {check.shown(every)}")
     steps = check.integer("every", every, maximum=check.INT64_MAX)
     if steps == 1:
         raise ValueError(
@@ -126,10 +112,7 @@ def checked_every(every: Any) -> int | float | None:
             "a frame each second; an int >= 2 counts steps"
         )
     if steps < 1:
-        raise ValueError(
-            "every must be steps between frames (an int >= 2), seconds between frames (a float "
-            f"> 0) or 'step' (each step), got {check.shown(every)}"
-        )
+        raise ValueError(f"every must be {accepted}, got {check.shown(every)}")
     return steps
 
 
@@ -147,8 +130,7 @@ def _checked_times(times: Any, start: float, duration: float) -> tuple[float, ..
     if given.ndim != 1 or not given.size:
         raise ValueError(f"times must be {accepted}, in one dimension, got shape {given.shape}")
     found = given.astype(np.float64)
-    check.check_all("times", found, np.isfinite(found), accepted)
     slack = NEGLIGIBLE * duration
-    check.check_all("times", found, (found >= start - slack) & (found <= end + slack), accepted)
-    check.check_all("times", found, np.diff(found, prepend=-math.inf) > 0, accepted)
+    rising = np.append(True, found[1:] > found[:-1])
+    check.check_all("times", found, rising & (found >= start - slack) & (found <= end + slack), accepted)
     return tuple(found.tolist())

@@ -17,16 +17,17 @@ import numpy as np
 
 from ..base import Floats, check
 from ..base.progress import ProgressBar
+from ..engine.state import State
 from ..engine.stepper import SilentStepper
 from ..engine.stepping import acceleration
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
 from ..typing import Report
-from .account import of_nothing, report
-from .fixed_steps import RunOptions
-from .recording import Solution, interrupted
+from .report import report
 from .result import Run
+from .simulate import interrupted
+from .trajectory import Continuation, RunOptions, Trajectory
 
 _INTEGRATOR = "semi_implicit_euler"  # one force evaluation a step, and the longest step for it
 
@@ -254,13 +255,15 @@ class _Relaxation:
         """The run that ends with the best state."""
         still = np.zeros_like(self._start)
         x, v = np.array([self._start, self.best.x]), np.array([still, still])
-        t = [self._options.start, self._options.start + max(self.best.steps, 1) * self._dt]
-        state = self._options.state(self._plain, self.best.x, still, inspect=False)
+        options, rest = self._options, self._plain.replace(position=self.best.x, velocity=None)
+        t = [options.start, options.start + max(self.best.steps, 1) * self._dt]
+        state = State.own([rest], False, options.start, options)
         state.core.set_watch(1, 0.0)
         state.core.sample()
+        cost = self._steps, 0, self._steps, self._seconds, self._dt
         watched = state.core.watched[0]
-        solution = Solution(self._options, t, x, v, self._steps, 0, self._steps, self._seconds, watched, self._dt, state)
-        found: Report = report(self.scene, solution, of_nothing("a run to rest has no error in time"))
+        run = Trajectory(self.scene, options, t, x, v, *cost, watched, 0.0, state, None, Continuation(options.start))
+        found: Report = report(run, unknown="a run to rest has no error in time")
         found["residual"], found["reason"] = self.best.residual, reason
         found["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]
         found["impulse_reason"] = "impulses of a relaxation have no meaning"

@@ -16,8 +16,8 @@ from ..methods.data import integrator_name
 from ..model.as_core import core_cloth
 from ..model.fields import change_scene, split
 from ..model.scene import Scene
-from ..run.fixed_steps import checked_tolerances
 from ..run.frames import checked_every
+from ..run.simulate import checked_tolerances
 from ..stability.limit import max_stable_dt
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given

@@ -12,11 +12,10 @@ from typing import Any
 from ..errors import ContactError, UnstableError
 from ..machine.build import build_config
 from ..model.scene import Scene
-from ..run.fixed_steps import RunOptions
 from ..run.frames import Schedule, as_every
-from ..run.recording import PAUSE
 from ..run.result import Run
-from ..run.simulate import Failure, run_batch, simulate
+from ..run.simulate import run_batch, simulate
+from ..run.trajectory import PAUSE, Failure, Job, RunOptions
 from ..stability.limit import max_stable_dt
 from .member import DONE, FAILED, UNSTABLE, Member, Record, SweepOptions
 from .metrics import incomparable, references
@@ -98,7 +97,8 @@ def _run(members: Sequence[Member], task: Task) -> tuple[Sequence[Run], Mapping[
     frames = Schedule.of_every(every if "frames" in task.options.needs else None)
     options = RunOptions(**first.numerics, threads=task.threads)
     # The results have each member's limit, so nothing warns of it.
-    return run_batch([one.scene for one in members], first.duration, first.dt, options, frames, own_step=True)
+    scenes = [one.scene for one in members]
+    return run_batch(Job(scenes, True, first.duration, options, frames, dt=first.dt, own_step=True))
 
 
 def _record(member: Member, run: Run, error: Failure | None, task: Task) -> Record:

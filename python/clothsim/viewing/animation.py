@@ -47,7 +47,7 @@ class Film:
         return [int(d) for d in np.diff(ends)]
 
 
-def animate(run: Any, path: str | Path, fps: float = 30.0, speed: float = 1.0, *style: Any, progress: bool = False) -> Path:
+def animate(run: Any, path: str | Path, fps: float = 30.0, speed: float = 1.0, progress: bool = False, **style: Any) -> Path:
     """`Run.animate`; with `progress`, a bar counts pictures."""
     path = film_path("path", path)
     suffix = path.suffix.lower()
@@ -58,7 +58,7 @@ def animate(run: Any, path: str | Path, fps: float = 30.0, speed: float = 1.0, *
             f"a film needs at least 3 stored frames, this run has {len(run.t)}: "
             "simulate with every= (seconds or steps between frames)"
         )
-    drawing = Drawing(run.scene, run.x, run.v, run.t, Style(*style))
+    drawing = Drawing(run.scene, run.x, run.v, run.t, Style(**style))
     if suffix == ".mp4":  # H.264 halves the resolution of colour, so it wants even sides
         drawing.width -= drawing.width % 2
     shown = shown_frames(run.t, fps, speed)

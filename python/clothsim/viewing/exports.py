@@ -16,7 +16,7 @@ from ..base.extras import needed
 from ..base.on_demand import module_of
 from ..base.progress import ProgressBar
 from ..model.mesh import triangles
-from ..run.between import interpolated
+from ..run.trajectory import interpolated
 from .picture import file_path
 
 # Suffix -> module of `formats`.

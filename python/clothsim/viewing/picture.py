@@ -300,7 +300,7 @@ def picture(
     return _drawn(Drawing(scene, x[None], v, np.array([t]), style), 0, path)
 
 
-def picture_of_run(run: Any, frame: int | None, t: float | None, path: str | Path | None, *style: Any) -> Picture:
+def picture_of_run(run: Any, frame: int | None, t: float | None, path: str | Path | None, **style: Any) -> Picture:
     """`Run.picture`. One camera and one colour scale hold all frames, so that pictures of a run can be compared."""
     count = len(run.t)
     if t is not None:
@@ -310,7 +310,7 @@ def picture_of_run(run: Any, frame: int | None, t: float | None, path: str | Pat
         frame = int(np.abs(run.t - t).argmin())
     k = count - 1 if frame is None else check.integer("frame", frame, minimum=-count, maximum=count - 1) % count
     path = None if path is None else file_path("path", path)
-    return _drawn(Drawing(run.scene, run.x, run.v, run.t, Style(*style)), k, path)
+    return _drawn(Drawing(run.scene, run.x, run.v, run.t, Style(**style)), k, path)
 
 
 def _drawn(drawing: Drawing, k: int, path: Path | None) -> Picture:

@@ -1,0 +1,466 @@
+"""Error control: from the error that is asked for to a run that has it, and the estimate of it.
+
+The request is for the rms error over the mass points at the end of the run: ``atol + rtol * size``.
+The size is the longer side of the cloth.
+
+The estimate is the distance of the run from a better run of the same scene. The better run takes
+other steps, so it rounds otherwise, and the distance holds what rounding adds.
+
+A search is a function from the trajectories so far to the job of the next run, or to the end: a generator that yields a
+`Job`, is sent its `Trajectory`, and returns the trajectory to hand over and its error. `refined` is the search for dop853 in
+double, which "auto" takes; `compared` serves all other methods. After a contact no error is estimated. Both make `RUNS` runs
+at most; docs/dev/error-control.md says why each run ends.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..base import Floats
+from ..errors import UnstableError
+from ..methods.bound import usable_dt
+from ..methods.integration import integrators
+from ..model.as_core import core_cloth
+from ..model.scene import Scene
+from .frames import Schedule
+from .trajectory import Job, Recorder, RunOptions, Trajectory, Watch
+
+NOT_ASKED = "no estimate was asked for"
+MANY_STEPS = 1_000_000  # a fixed-step method takes no more to reach a tolerance
+
+# Each constant is a ratio, found on the scenes of `benchmarks/error_control.py --stream tune`.
+# docs/dev/error-control.md has the effect of half and twice of each.
+
+# Part of the run from which the number of steps is estimated.
+PILOT = 0.05
+# Estimates are taken times this, and proportional is what differs by less.
+MARGIN = 1.4
+# Local errors of a better run are neglected below this part of an error.
+SMALL = 0.1
+# Runs of one method at most.
+RUNS = 8
+# The smallest tolerance of a step, over the size: some fifty roundings of a position in double. Single
+# precision keeps what a step adds with fewer digits, and compensates the sum.
+SMALLEST = {"double": 1e-14, "single": 1e-8}
+# Below this error over the size, rounding may be a part of a difference, and does not fall with m.
+ROUNDING = 1e-9
+# Tolerance of a step of a short run over the error that is asked for.
+TOLERANCE = 1.5
+# Radians, approximately, of the fastest motion above which tolerances fall with their cube. Each step adds an error, and an
+# error of frequency moves positions apart with the square of time.
+GROWTH = 12.0
+# Steps of a run over those of the run before it, at least.
+REFINEMENT = 1.25
+# Steps below which no error is extrapolated: the sum of few local errors is a poor estimate.
+FEW = 60
+
+ORDER = 8  # of dop853
+# A promise, not a setting: force evaluations of everything over those of a run at the smallest tolerance.
+MOST = 3.0
+# Part of the local errors that a refinement leaves, at most and at least.
+_FALL, _LEAST_FALL = REFINEMENT**-ORDER, SMALL**4
+
+# Why an error is unknown, or larger than what was asked for.
+CONTACT = "a sphere responded: nearby trajectories part, and no error can be told"
+MISSED = "this run misses a sphere that a better run meets: no error can be told"
+LEAST = f"runs with more steps come no closer to each other, or cost more than {MOST:g} runs at the smallest tolerance"
+UNSTABLE = "runs with more steps are unstable"
+NOT_REACHED = f"{RUNS} runs did not reach the error that was asked for"
+NO_FINER = f"neither the smallest tolerance of a step nor {MANY_STEPS:,} steps reach the error that was asked for"
+
+
+def size_of(scene: Scene) -> float:
+    """The longer side of the cloth [m], the size to which a relative tolerance refers."""
+    return max(scene.cloth.size)
+
+
+def rms(difference: Floats) -> float:
+    """Root of the mean over mass points of the squared distance."""
+    return float(np.sqrt((difference**2).sum(axis=-1).mean()))
+
+
+@dataclass
+class Estimate:
+    """An error of the last positions [m], over the mass points; NaN if it is unknown.
+
+    `reason`: why it is unknown, or why it is larger than what was asked for.
+    """
+
+    max: float = math.nan
+    rms: float = math.nan
+    reason: str = ""
+
+    @classmethod
+    def of(cls, x: Floats, better: Floats, factor: float) -> Estimate:
+        """`factor` times the distance of positions from better ones, and half a unit in the last place."""
+        distances = factor * np.linalg.norm(x - better, axis=-1) + np.spacing(np.abs(x).max()) / 2
+        return cls(float(distances.max()), float(np.sqrt((distances**2).mean())))
+
+    def because(self, reason: str) -> Estimate:
+        return Estimate(self.max, self.rms, reason)
+
+
+@dataclass
+class Controlled:
+    """A trajectory, its error, and what the runs that are not returned have cost."""
+
+    trajectory: Trajectory
+    error: Estimate
+    evaluations: int
+    wall_time: float  # [s]
+
+
+Search = Generator[Job, Trajectory, tuple[Trajectory, Estimate]]
+Step = Generator[Job, Trajectory, Trajectory]  # a part of a search, which finds a run
+
+
+def solve(job: Job, asked: float, watch: Watch, plain: RunOptions | None = None) -> Controlled:
+    """The run whose error is at most `asked` [m], rms, or the best one found; see `refined` for `plain`."""
+    done: list[Trajectory] = []
+    if job.options.integrator == "dop853" and job.options.precision == "double":
+        return _conduct(refined(job, asked, done, plain), done, watch)
+    return _conduct(compared(job, asked, done), done, watch)
+
+
+def estimate_of(job: Job, run: Trajectory) -> Controlled:
+    """The error of a run that is done."""
+    done = [run]
+    return _conduct(_estimated(job, run), done, Watch())
+
+
+def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled:
+    """Run the jobs of a search, and note their trajectories."""
+    finished = recorder = watch.recorder
+    try:
+        job = next(search)
+        while True:
+            try:
+                recorder = Recorder(job, watch if job.shown else Watch())
+                done.append(recorder.run().trajectory())
+            except UnstableError as failure:
+                job = search.throw(failure)
+                continue
+            finished = watch.recorder
+            job = search.send(done[-1])
+    except KeyboardInterrupt:  # the last run that came to its end is handed over
+        watch.recorder = finished or watch.recorder or recorder
+        raise
+    except StopIteration as end:
+        best, error = end.value
+    others = [run for run in done if run is not best]
+    return Controlled(best, error, sum(run.evaluations for run in others), sum(run.wall_time for run in others))
+
+
+def _evaluations(done: list[Trajectory]) -> int:
+    return sum(run.evaluations for run in done)
+
+
+def _smallest(job: Job) -> float:
+    """The smallest tolerance of a step [m]."""
+    return SMALLEST[job.options.precision] * size_of(job.scene)
+
+
+def _unseen(job: Job, **changes: object) -> Job:
+    """A run that nobody sees: without frames, unless a force changes at them."""
+    return replace(job, shown=False, frames=job.frames if job.force else Schedule(), **changes)  # type: ignore[arg-type]
+
+
+def _at_tolerance(job: Job, tolerance: float) -> Step:
+    """A run at a tolerance of a step [m].
+
+    If it runs away at the tolerance, because stiff motion is let grow up to it, it is done again at a smaller one.
+    """
+    smallest = _smallest(job)
+    tolerance = max(tolerance, smallest)
+    while True:
+        try:
+            return (yield replace(job, tolerance=tolerance))
+        except UnstableError:
+            if tolerance <= smallest:
+                raise
+        tolerance = max(SMALL**3 * tolerance, smallest)
+
+
+def _longest_dt(job: Job, integrator: str) -> float:
+    """The longest fixed step [s]: the guaranteed stable one, or half of it in a scene with spheres."""
+    stable = usable_dt(core_cloth(job.scene.cloth), integrator)
+    return min(stable / 2 if job.scene.spheres else stable, job.duration / 4)
+
+
+def _fixed(job: Job, dt: float) -> Job:
+    """A run at a time step that is not the caller's."""
+    return replace(job, dt=job.duration / math.ceil(job.duration / dt), own_step=True)
+
+
+# dop853 in double
+#
+# Refined grids (Shampine, Watts: Global error estimation for ordinary differential equations, ACM TOMS 2 (1976) 172). The
+# first run chooses its steps by a tolerance in proportion to what is asked. The second run takes the same grid, refined by
+# `REFINEMENT`. The order is p = 8; let m = (steps of the first / steps of the second)^p. The difference d of both is then
+# 1 - m times the error of the first run. If that is small enough, the first run is returned. Where errors are proportional,
+# the error of the second run is m / (1 - m) d. Each run sums the method's own estimates of its steps' errors. Errors are
+# proportional if the sums of both are as m to 1. If m is no less than `SMALL`, the steps are no fewer than `FEW`, and the
+# error is small enough, the second run is returned. Else the next refinement has as many steps as the errors so far ask for.
+#
+# Tolerances (Stetter: Considerations concerning a theory for ODE-solvers, 1978). Errors are not proportional where springs
+# collapse at a moment that the grid does not resolve. From then on each run chooses its own steps, by a tolerance in
+# proportion to the errors so far. Its distance from the next run, at a tolerance `SMALL`^2 times as large, is its error.
+#
+# Refinement ends at the grid of the smallest tolerance, and where errors fall no more. It also ends before it would cost
+# more than `MOST` runs at the smallest tolerance.
+
+
+def refined(job: Job, asked: float, done: list[Trajectory], plain: RunOptions | None = None) -> Search:
+    """The run of dop853 whose error is at most `asked` [m], rms, or the best one found.
+
+    `plain`: options of a fixed step that will do as well, at the longest that is stable. That costs less than a finer run.
+    """
+    tolerance = yield from _first_tolerance(job, asked)
+    before = first = yield from _at_tolerance(job, tolerance)
+    if first.contacts:
+        return first, Estimate(reason=CONTACT)
+    if plain is not None:
+        with suppress(UnstableError):
+            run = yield _fixed(replace(job, options=plain), _longest_dt(job, plain.integrator))
+            error = Estimate.of(run.x[-1], first.x[-1], MARGIN)
+            if error.rms <= asked and not run.contacts:
+                return run, error
+    best, error, least = first, Estimate(), math.inf
+    finer = _Finer(job, first)
+    most = MOST * finer.evaluations_of_finest
+    for number in range(1, RUNS):
+        if _evaluations(done) + finer.evaluations > most:
+            return best, error.because(LEAST)
+        try:
+            after = yield from finer.run()
+        except UnstableError:
+            if finer.is_finest or number == RUNS - 1:
+                return best, error.because(UNSTABLE)
+            finer.refine(finer.fall * _FALL)
+            continue
+        if after.contacts:
+            return after, Estimate(reason=CONTACT)
+        pair = _Pair(before, after, finer.by_grid)
+        if pair.before.rms <= asked:
+            return before, pair.before
+        if pair.extrapolates and pair.after.rms <= asked and asked >= ROUNDING * size_of(job.scene):
+            return after, pair.after
+        stalled = pair.before.rms > least / 2
+        hopeless = stalled and before.local_error <= SMALL**3 * best.local_error
+        if pair.before.rms < least:
+            best, error, least = before, pair.before, pair.before.rms
+        elif stalled:
+            # The least of several distances may be small by chance.
+            error = max(error, Estimate.of(best.x[-1], after.x[-1], MARGIN), key=lambda one: one.rms)
+        if finer.is_finest or hopeless:
+            return best, error.because(LEAST)
+        finer.choose(pair, asked, SMALL**2 if stalled else _FALL)
+        before = after
+    return best, error.because(NOT_REACHED)
+
+
+def _first_tolerance(job: Job, asked: float) -> Generator[Job, Trajectory, float]:
+    """The tolerance of a step whose run should have about the error that is asked for [m].
+
+    The number of steps times tolerance^(1/p) measures how far the motion goes, at any tolerance. Errors
+    of damped motion are forgotten.
+    """
+    tolerance, steps = TOLERANCE * asked, 0.0
+    with suppress(UnstableError):
+        part = max(tolerance, _smallest(job))
+        steps = (yield _unseen(job, duration=PILOT * job.duration, tolerance=part)).steps / PILOT
+    _, damping = core_cloth(job.scene.cloth).mode_bounds
+    motion = steps * (tolerance / size_of(job.scene)) ** (1 / ORDER)
+    kept = 1 + damping * job.duration / 2
+    return float(tolerance / (1 + (motion / kept / GROWTH) ** 3))
+
+
+class _Pair:
+    """Two runs, the second one with smaller local errors: the errors of both."""
+
+    def __init__(self, before: Trajectory, after: Trajectory, by_grid: bool) -> None:
+        x, better = before.x[-1], after.x[-1]
+        self.left = before.local_error, after.local_error
+        found = self.left[1] / max(self.left[0], 1e-300)
+        m = min((before.steps / after.steps) ** ORDER if by_grid else found, 1 - SMALL)
+        self.proportional = by_grid and 1 / MARGIN <= found / m <= MARGIN
+        self.extrapolates = self.proportional and m >= SMALL and after.steps >= FEW
+        self.before = Estimate.of(x, better, MARGIN / (1 - m))
+        m = min(max(found, m), 1 - SMALL)
+        self.after = Estimate.of(x, better, MARGIN * m / (1 - m))
+
+
+class _Finer:
+    """The next run: on the grid of the first run, refined, or by a tolerance."""
+
+    def __init__(self, job: Job, first: Trajectory) -> None:
+        self._job, self._first = job, first
+        self._smallest = _smallest(job) / first.tolerance
+        self.by_grid = True
+        self.fall = _FALL  # local errors of the run over those of the first
+        self.evaluations_of_finest = float(first.evaluations * self._smallest ** (-1 / ORDER))
+
+    @property
+    def evaluations(self) -> float:
+        """Force evaluations that the run should take."""
+        return float(self._first.evaluations * self.fall ** (-1 / ORDER))
+
+    @property
+    def _finest(self) -> float:
+        return self._smallest * (_FALL if self.by_grid else 1.0)
+
+    @property
+    def is_finest(self) -> bool:
+        """Whether no run is finer."""
+        return self.fall <= self._finest
+
+    def run(self) -> Step:
+        first = self._first
+        if not self.by_grid:
+            return (yield from _at_tolerance(self._job, self.fall * first.tolerance))
+        return (yield replace(self._job, tolerance=first.tolerance, grid=first.refined(self.fall ** (-1 / ORDER))))
+
+    def refine(self, fall: float) -> None:
+        self.fall = max(fall, self.fall * _LEAST_FALL, self._finest)
+
+    def choose(self, pair: _Pair, asked: float, least: float) -> None:
+        """Choose the run that should have the error asked for; local errors fall by `least` at least."""
+        if pair.proportional:
+            self.refine(self.fall * min(asked / pair.after.rms, least))
+            return
+        self.by_grid = False
+        before, after = (error / self._first.local_error for error in pair.left)
+        self.refine(min(min(after, 1.0) * min(SMALL**2, least), before * asked / pair.before.rms))
+
+
+# Other methods
+#
+# Runs are compared with a better run of dop853. The tolerance of the better run is tightened until its own error is at most
+# `SMALL` times the distance of both. Its own error is the sum of its local errors times their growth. The growth is known
+# once it has been tightened: it is the distance of two better runs over the local errors of the looser run. The first run
+# of a fixed step takes the guaranteed stable step. Its error and the order of the method then give the step that is needed.
+
+
+def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
+    """The run of the method whose error is at most `asked` [m], rms, or the best one found."""
+    size, method = size_of(job.scene), integrators()[job.options.integrator]
+    if method.adaptive:
+        least, order = _smallest(job), 1.0
+        setting = first = max(asked, least)
+    else:
+        setting = first = _longest_dt(job, method.name)
+        least, order = min(job.duration / MANY_STEPS, first / 4), method.order_of(job.scene)
+    better = _Better(job, SMALL**2 * asked)
+    best, error = None, Estimate()
+    best_setting, stalls = setting, 0
+    for number in range(RUNS):
+        try:
+            run = yield from _at_tolerance(job, setting) if method.adaptive else _one(_fixed(job, setting))
+            if best is None:
+                best = run
+            if contact := (yield from better.contact(run)):
+                return run, Estimate(reason=contact)
+            found = yield from better.error_of(run)
+            if found.rms >= error.rms / 2 and better.tighten(min(asked / found.rms, 1.0)):
+                found = yield from better.error_of(run)
+        except UnstableError:
+            if setting <= least or number == RUNS - 1:
+                if best is None:
+                    raise
+                return best, error.because(UNSTABLE)
+            setting = max(setting / 2, least)
+            continue
+        stalls = stalls + 1 if found.rms > error.rms / 2 else 0
+        tiny, lost = found.rms < ROUNDING * size, found.rms > SMALL**2 * size
+        # A phase that is lost takes more than one smaller setting to come back. It does come back
+        # where better runs agree.
+        known = lost and better.agreement <= SMALL * found.rms
+        fewest, fall = (1, SMALL) if tiny else (2, SMALL**3)
+        hopeless = stalls >= fewest and (setting / best_setting) ** order <= fall
+        if not found.rms >= error.rms:
+            best, error, best_setting = run, found, setting
+        if found.rms <= asked:
+            return run, found
+        if hopeless and not known:
+            return best, error.because(LEAST)
+        if setting <= least:
+            return best, error.because(NO_FINER)
+        # The order predicts an error only where the phase of the motion is not lost.
+        wanted = max((asked / (MARGIN * found.rms)) ** (1 / order), SMALL if lost else SMALL**4)
+        finer = max(setting * min(wanted, 1 - SMALL), least)
+        if stalls >= 2 and not known and _evaluations(done) + run.evaluations * setting / finer > better.most:
+            return best, error.because(LEAST)
+        setting = finer
+    assert best is not None
+    return best, error.because(NOT_REACHED)
+
+
+def _one(job: Job) -> Step:
+    return (yield job)
+
+
+def _estimated(job: Job, run: Trajectory) -> Search:
+    """The error of a run that is done."""
+    better = _Better(job, SMALL**6 * size_of(job.scene))
+    if contact := (yield from better.contact(run)):
+        return run, Estimate(reason=contact)
+    return run, (yield from better.error_of(run))
+
+
+class _Better:
+    """The better run, which others are compared with."""
+
+    def __init__(self, job: Job, tolerance: float) -> None:
+        options = job.options.replace(integrator="dop853", precision="double", backend="cpu")
+        self._job = _unseen(job, options=options, dt=None)
+        self._smallest = _smallest(self._job)
+        self._tolerance = tolerance
+        self._run: Trajectory | None = None
+        self._looser: Trajectory | None = None
+
+    def run(self) -> Step:
+        if self._run is None:
+            self._run = yield from _at_tolerance(self._job, self._tolerance)
+        return self._run
+
+    @property
+    def agreement(self) -> float:
+        """The distance of the better run from the one before it [m], rms; infinite without one."""
+        return rms(self._run.x[-1] - self._looser.x[-1]) if self._run and self._looser else math.inf
+
+    @property
+    def most(self) -> float:
+        """Force evaluations that are affordable where errors do not fall."""
+        assert self._run is not None
+        return float(MOST * self._run.evaluations * (self._tolerance / self._smallest) ** (1 / ORDER))
+
+    def contact(self, run: Trajectory) -> Generator[Job, Trajectory, str]:
+        """Why a sphere that responded in one of the two runs leaves no estimate; "" without contact."""
+        if run.contacts:
+            return CONTACT
+        return MISSED if (yield from self.run()).contacts else ""
+
+    def error_of(self, run: Trajectory) -> Generator[Job, Trajectory, Estimate]:
+        """The distance from a better run whose own error does not matter."""
+        while True:
+            better = yield from self.run()
+            error = Estimate.of(run.x[-1], better.x[-1], MARGIN)
+            growth = 1.0  # of errors: that of the looser of two better runs over the sum of its local errors
+            if self._looser is not None:
+                growth = max(self.agreement / max(self._looser.local_error, 1e-300), 1.0)
+            part = SMALL * error.rms / max(growth * better.local_error, 1e-300)
+            if part >= 1 or error.rms <= self._smallest or not self.tighten(part):
+                return error
+
+    def tighten(self, part: float) -> bool:
+        """Let the better run have a smaller tolerance, well below this part of the present one; False at the end."""
+        if self._tolerance <= self._smallest:
+            return False
+        self._tolerance = max(SMALL * part * self._tolerance, self._smallest)
+        self._looser, self._run = self._run, None
+        return True

@@ -1,0 +1,125 @@
+"""`Run.report`: what a run says about its cost, its error and its extremes. Every report has the same keys."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, cast
+
+from .. import _core
+from ..base import Floats
+from ..measure.measures import energy
+from ..model.as_core import core_cloth
+from ..model.scene import Scene
+from ..typing import Report
+from .error_control import NOT_ASKED, Controlled
+from .trajectory import Trajectory
+
+_VERSION = _core.build_facts()["version"]
+RESUMED = "the error of a resumed run is not estimated"
+_SUMS = {
+    *("steps", "rejected_steps", "force_evaluations", "solution_evaluations", "estimate_evaluations"),
+    *("wall_time", "estimate_wall_time", "force_work"),
+}
+_PARTS = ("kinetic", "elastic", "gravity", "force", "total")
+
+
+def report(
+    run: Trajectory,
+    stopped: str = "",
+    controlled: Controlled | None = None,
+    asked: float = math.nan,
+    unknown: str = NOT_ASKED,
+) -> Report:
+    """The report of a run, which ended early because of `stopped`, or was `controlled` with a tolerance or without one.
+
+    `unknown`: why the error of a whole run is not known.
+    """
+    scene, options, state, watched = run.scene, run.options, run.state, run.watched
+    reason = f"the run ended early: {stopped}" if stopped else unknown
+    estimate: dict[str, Any] = (
+        vars(controlled.error).copy() if controlled else {"max": math.nan, "rms": math.nan, "reason": reason}
+    )
+    others = controlled.evaluations if controlled else 0
+    missing, time = watched.get("reason", ""), watched["first_contact"]
+    untouched = "" if watched["in_contact"] else "no sphere responded"
+    found = {
+        "steps": run.steps,
+        "rejected_steps": run.rejected,
+        "force_evaluations": run.evaluations + others,
+        "solution_evaluations": run.evaluations,
+        "wall_time": run.wall_time,
+        "steps_per_second": run.steps / run.wall_time if run.wall_time > 0 else math.inf,
+        "dt": run.step,
+        "stopped": stopped,
+        "residual": math.nan,
+        "reason": "not a run to rest: settle finds the rest state",
+        "error_estimate": estimate,
+        "estimate_evaluations": others,
+        "estimate_wall_time": controlled.wall_time if controlled else 0.0,
+        "tolerance": {"asked": asked, "reached": bool(estimate["rms"] <= asked)},
+        "energy": {**_gained(scene, watched), **_energies(scene, run.x, run.v)},
+        "force_work": run.force_work,
+        "penetration": {"points": watched["point_depth"], "triangles": watched["triangle_depth"], "reason": missing},
+        "stretch": {"largest": watched["stretch"], "reason": missing},
+        "first_contact": {"time": time, "reason": (untouched or missing) if math.isnan(time) else ""},
+        "impulse": watched["impulse"],
+        "impulse_reason": missing,
+        "kernel": state.kernel,
+        "integrator": options.integrator,
+        "as_printed": any(sphere.as_printed for sphere in scene.spheres),
+        "precision": options.precision,
+        "threads": state.threads,
+        "instruction_set": state.instruction_set,
+        "backend": options.backend,
+        "version": _VERSION,
+    }
+    return cast(Report, found)
+
+
+def _energies(scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
+    """The energies at the start and at the end; NaN with a reason where they are not finite."""
+    cloth, found = core_cloth(scene.cloth), dict[str, Any]()
+    for moment, k in (("start", 0), ("end", -1)):
+        parts = _core.energy(cloth, scene.gravity, scene.force, x[k], v[k])
+        values = [*parts, sum(parts)]
+        if not math.isfinite(values[-1]):
+            values = [math.nan] * 5
+            try:
+                energy(scene, x[k], v[k])
+            except ValueError as error:
+                found["reason"] = str(error)
+        found[moment] = dict(zip(_PARTS, values, strict=True))
+    return found
+
+
+def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
+    gained, reason = watched["energy_gained"], ""
+    if math.isnan(gained):
+        pins = "driven pins do work on the cloth" if scene.cloth.driven else ""
+        contact = "a sphere responded, and responses change the energy" if watched["in_contact"] else "no step was taken"
+        reason = watched.get("reason", "") or pins or contact
+    return {"gained": gained, "reason": reason}
+
+
+def joined(a: Report, b: Report) -> Report:
+    """The report of a run and of the run that continues it."""
+    one, two = cast("dict[str, Any]", a), cast("dict[str, Any]", b)
+    sums = {name: value + two[name] for name, value in one.items() if name in _SUMS}
+    energies = {**two["energy"], "start": one["energy"]["start"]}
+    highest = two["energy"]["start"]["total"] + two["energy"]["gained"] - energies["start"]["total"]
+    energies["gained"] = max(one["energy"]["gained"], highest) if highest == highest else math.nan
+    energies["reason"] = one["energy"]["reason"] or two["energy"]["reason"]
+    found = {
+        **two,
+        **sums,
+        "steps_per_second": sums["steps"] / sums["wall_time"] if sums["wall_time"] > 0 else math.inf,
+        "error_estimate": {"max": math.nan, "rms": math.nan, "reason": RESUMED},
+        "tolerance": {"asked": one["tolerance"]["asked"], "reached": False},
+        "energy": energies,
+        "first_contact": two["first_contact"] if math.isnan(one["first_contact"]["time"]) else one["first_contact"],
+        "impulse": [[p + q for p, q in zip(*both)] for both in zip(one["impulse"], two["impulse"])],
+    }
+    for name in ("penetration", "stretch"):
+        found[name] = {key: max(value, two[name][key]) for key, value in one[name].items()}  # reasons are "" or equal
+    return cast(Report, found)

@@ -1,0 +1,579 @@
+"""One run of a scene, or of the scenes of a batch side by side: a `Job` becomes a `Trajectory` for each scene.
+
+One loop serves fixed steps and error control. It goes from frame to frame; the core takes the steps between two frames by
+itself. Frames never change a run: a frame between two steps is interpolated.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _core
+from ..base import Floats, check
+from ..engine.arrays import put_driven_pins
+from ..engine.options import Options
+from ..engine.plan import in_cells, point_radius
+from ..engine.snapshot import Snapshot, of_members
+from ..engine.state import State
+from ..errors import ContactError, UnstableError
+from ..methods.bound import guaranteed_dt, stable_dt
+from ..methods.data import METHODS
+from ..model.as_core import core_cloth
+from ..model.cells import point_radii2
+from ..model.scene import Scene
+from ..model.sphere import Sphere
+from .frames import NEGLIGIBLE, Moment, Schedule
+
+Callback = Callable[[float, Floats, Floats], Any]
+Force = Callable[[float, Floats, Floats], npt.ArrayLike]
+Failure = UnstableError | ContactError
+Pair = tuple[Floats, Floats]  # positions and velocities
+# The tolerance of a step [m], the weight of velocities in it [1/s] and the state of the core's controller.
+ControlValues = tuple[float, float, tuple[float, float, bool]]
+
+# Called between steps; may raise to end a run, as for a sweep whose runs are on threads that Ctrl-C does not reach.
+PAUSE: ContextVar[Callable[[], None] | None] = ContextVar("PAUSE", default=None)
+
+_SECONDS_BETWEEN_SHOWS = 0.1  # of the progress bar, and between two pauses
+# Velocities are weighed against positions by a frequency above all of the cloth: this many times
+# the bound on its frequencies. Errors of x then decide, and those of v are held to the same scale.
+_VELOCITY_WEIGHT = 3.0
+_ROUNDING = 4e-16  # of a time over the step size, as part of it
+_ANY_ERROR = 1e12  # Times the tolerance of a step: errors up to here are taken as they are.
+_NEW_CONTROLLER = 1e-4, False  # its previous error, and whether it has just rejected a step
+# States at which triangles and stretches are sampled, at least, and most steps between two of them. An adaptive method's
+# steps are several times as long.
+_SAMPLES = 32
+_MOST_STEPS_BETWEEN_SAMPLES = 128
+_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES = 16
+
+
+@dataclass(frozen=True)
+class RunOptions(Options):
+    """The options of the steps of a run, and its start."""
+
+    start: float = 0.0  # time of the initial state [s]
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """The settings of a run, for its continuation."""
+
+    start: float  # time of the start [s]
+    seconds: float = 0.0  # duration of the run so far
+    steps: int = 0  # since the start
+    dt: float | None = None  # time step [s]; None with error control
+    frames: Schedule = Schedule()
+    control: ControlValues | None = None  # with error control
+    forced: bool = False  # by a function, which is no data
+
+    def to_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Continuation:
+        """Of plain data, whose values are converted: a file may hold any."""
+        frames = {**data["frames"], "times": tuple(data["frames"]["times"])}
+        dt, control = data["dt"], data["control"]
+        if control is not None:
+            control = (*map(float, control[:2]), (float(control[2][0]), float(control[2][1]), bool(control[2][2])))
+        numbers = {"start": float(data["start"]), "seconds": float(data["seconds"]), "steps": int(data["steps"])}
+        dt = None if dt is None else float(dt)
+        return cls(**{**data, **numbers, "dt": dt, "frames": Schedule(**frames), "control": control})
+
+
+@dataclass(frozen=True)
+class Job:
+    """What one run computes: with fixed steps of `dt`, or else with error control.
+
+    `own_step`: the step is not the caller's, so no warning names it, and no snapshot of a batch is kept. `shown`: the
+    callback and the progress bar follow the run.
+    """
+
+    scenes: list[Scene]
+    batched: bool  # whether a sequence of scenes was given
+    duration: float  # [s]
+    options: RunOptions
+    frames: Schedule = Schedule()
+    force: Force | None = None
+    dt: float | None = None  # [s]
+    own_step: bool = False
+    shown: bool = True
+    tolerance: float = math.nan  # of a step [m]
+    grid: tuple[float, ...] = ()  # prescribed ends of steps
+    resumed: tuple[Snapshot, Continuation] | None = None  # the end of the run to continue
+
+    @property
+    def scene(self) -> Scene:
+        """The only scene."""
+        return self.scenes[0]
+
+
+@dataclass
+class Trajectory:
+    """A run of one scene, or its part so far: its frames, cost, extremes over all states, and local error."""
+
+    scene: Scene
+    options: RunOptions
+    t: list[float]
+    x: Floats
+    v: Floats
+    steps: int
+    rejected: int
+    evaluations: int
+    wall_time: float  # of stepping [s]
+    step: float  # fixed: the time step, adaptive: the mean one [s]
+    watched: Mapping[str, Any]  # extremes over the states, see Watched in the core
+    force_work: float  # of the force of a function [J]
+    state: State
+    saved: dict[str, Any] | None  # the fields of the core for a member of a batch, which `state` steps
+    continuation: Continuation
+    tolerance: float = math.nan  # of a step [m], with error control
+    ends: list[float] = field(default_factory=list)  # of its steps
+    kinks: list[int] = field(default_factory=list)  # steps before each kink of a motion
+    local_error: float = 0.0  # sum of the method's own estimates of the steps' errors [m]
+
+    @property
+    def contacts(self) -> bool:
+        """Whether a sphere has responded."""
+        return bool(self.watched["in_contact"])
+
+    def refined(self, ratio: float) -> tuple[float, ...]:
+        """Ends of a grid with `ratio` times as many steps between two kinks. Time is interpolated over the step number."""
+        ends, finer = [self.options.start, *self.ends], []
+        for first, last in pairwise([0, *self.kinks, len(self.ends)]):
+            count = last - first
+            numbers = np.linspace(0, count, max(count + 1, math.ceil(ratio * count - NEGLIGIBLE)) + 1)[1:]
+            finer += np.interp(numbers, np.arange(count + 1), ends[first : last + 1]).tolist()
+        return tuple(finer)
+
+
+class StopRun(Exception):
+    """Raised to end a run that the callback stops."""
+
+
+class Watch:
+    """Follows the runs of one call of `simulate`.
+
+    `callback` is called with (t, x, v) at each frame, and stops the run by returning True. `bar` is a bar of tqdm that
+    counts simulated seconds. `recorder` has the present run, or the last run that ended. `failed`: the callback has ended
+    with an exception, or is at work.
+    """
+
+    def __init__(self, callback: Callback | None = None, bar: Any = None) -> None:
+        self._callback, self.bar = callback, bar
+        self._here = 0.0
+        self.recorder: Recorder | None = None
+        self.failed = False
+
+    def begin(self, recorder: Recorder, seconds: float) -> None:
+        """Follow a run from `seconds` after its start."""
+        self.recorder, self._here = recorder, seconds
+        if self.bar is not None:
+            self.bar.reset()
+
+    def passed(self, seconds: float) -> None:
+        """Show the first `seconds` of the run as done."""
+        if self.bar is not None:
+            self.bar.update(seconds - self._here)
+            self._here = seconds
+
+    def frame(self, t: float, x: Floats, v: Floats) -> None:
+        """Call the callback; StopRun if it returns True."""
+        if self._callback is None:
+            return
+        self.failed = True
+        stop = self._callback(t, *map(_constant, (x, v)))
+        if stop is not None and not isinstance(stop, (bool, np.bool_)):
+            raise TypeError(f"callback must return True to stop the run, or False or None to go on, got {check.shown(stop)}")
+        self.failed = False
+        if stop:
+            raise StopRun
+
+
+def _constant(values: Floats) -> Floats:
+    """A copy that nobody can change."""
+    return np.frombuffer(values.tobytes()).reshape(values.shape)
+
+
+class _Frames:
+    """Frames of a cloth, stacked as they come: to stack thousands of them at the end would hold back Ctrl-C."""
+
+    def __init__(self, shape: tuple[int, ...], count: int) -> None:
+        self.t: list[float] = []
+        self.seconds = 0.0  # of the last frame, since the start of the run
+        self.x: Floats = np.empty((count, *shape))
+        self.v: Floats = np.empty((count, *shape))
+
+    def put(self, seconds: float, t: float, x: Floats, v: Floats) -> None:
+        """Add a frame."""
+        k = len(self.t)
+        if k == min(len(self.x), len(self.v)):
+            self.resize(k + 1 + k // 8)
+        self.x[k], self.v[k] = x, v
+        self.seconds = seconds
+        self.t.append(t)  # last: a frame counts from here on
+
+    def resize(self, count: int) -> None:
+        """Make room for so many frames."""
+        for stack in (self.x, self.v):
+            if count != len(stack):
+                stack.resize((count, *stack.shape[1:]), refcheck=False)
+
+
+def _begun(job: Job) -> State:
+    """A new state at the start of a run."""
+    state = State.own(job.scenes, job.batched, job.options.start, job.options)
+    if job.resumed:
+        core = job.resumed[0].core
+        # A report has the impulses of its own run.
+        state.core.restore({**core, "impulses": np.zeros_like(core["impulses"])} if "impulses" in core else core)
+    return state
+
+
+class Recorder:
+    """A job at work: advances `state`, and keeps the frames and the counts of its runs.
+
+    `steps` counts accepted steps. `live` has the members of a batch that go on, and `failed` each other's error, with its
+    run so far.
+    """
+
+    def __init__(self, job: Job, watch: Watch) -> None:
+        self.job, self.state, self._watch = job, _begun(job), watch
+        self._earlier = earlier = job.resumed[1] if job.resumed else Continuation(job.options.start)
+        self._start, begin = earlier.start, earlier.seconds
+        self.moments = job.frames.in_seconds(job.dt).moments(earlier.start, begin + job.duration, begin)
+        self.steps = 0
+        self._wall_time = 0.0  # of stepping and dense output [s]; of a batch, the share of a member
+        self._frames = [_Frames(shape, len(self.moments)) for shape in [self.state.shape[-3:]] * len(job.scenes)]
+        self.live = list(range(len(job.scenes)))
+        self.failed: dict[int, tuple[Failure, Trajectory]] = {}
+        self._steps_at_frame = 0
+        self._ahead = False  # the present state comes after the last frame, which is interpolated
+        self._watched: Sequence[Mapping[str, Any]] = ()
+        self._force = _Forcing(job.force, job.scene.force, self.state) if job.force else None
+        self._path = self._new_path() if job.dt is None else None
+        if job.dt is not None:
+            self.state.judge.warned_of_dt = self.state.judge.warned_of_growth = job.own_step
+            every = min(_MOST_STEPS_BETWEEN_SAMPLES, job.duration / job.dt // _SAMPLES)
+            self.state.core.set_watch(int(max(1, every)), 0.0)
+        self._chunk, self._pause = 1, PAUSE.get()
+        self.store(*self.moments[0])
+
+    def run(self) -> Recorder:
+        """Take the steps, and store the frames."""
+        if self._path:
+            self._control(self._path)
+        elif self.job.dt is not None:
+            # A step ends where the force changes.
+            for part in pairwise(self.moments) if self._force else [self.moments]:
+                self._pass_frames(part, self.job.dt)
+        return self
+
+    # Fixed steps
+
+    def _pass_frames(self, moments: Sequence[Moment], dt: float) -> None:
+        """Take steps of `dt` from the first moment to the last, and store a frame at each of the others. The last step is
+        shorter where the step does not divide the time.
+        """
+        begin, origin = moments[0]
+        length = moments[-1][0] - begin
+        whole = math.floor(length / dt + NEGLIGIBLE)
+        rest = length - whole * dt
+        last = rest > NEGLIGIBLE * dt  # there is a shorter last step
+        done = 0
+
+        def advance(steps: int) -> None:
+            """To the end of so many steps."""
+            nonlocal done
+            if min(steps, whole) > done:
+                self.advance(min(steps, whole) - done, dt)
+            if steps > whole >= done:
+                self.advance(1, rest)
+            done = max(done, steps)
+
+        between: tuple[float, float, Pair, Pair] | None = None
+        for seconds, t in moments[1:-1]:
+            passed = (seconds - begin) / dt
+            steps = math.floor(passed + NEGLIGIBLE + passed * _ROUNDING)
+            if passed - steps <= NEGLIGIBLE + passed * _ROUNDING:
+                advance(steps)
+                self.store(seconds, t)
+                continue
+            if between is None or done <= steps:
+                advance(steps)
+                before = self.arrays()
+                advance(steps + 1)
+                between = origin + steps * dt, dt if steps < whole else rest, before, self.arrays()
+            self._keep(seconds, t, *interpolated(t, self.state.scenes, *between), ahead=True)
+        advance(whole + last)
+        self.store(*moments[-1])
+
+    def advance(self, steps: int, dt: float) -> None:
+        """Take `steps` steps of `dt`. A member of a batch that fails is left behind."""
+        while steps > 0 and self.live:
+            steps -= self._advance(min(steps, self._limit), dt)
+            self._passed(self.state.core.time)
+
+    def _advance(self, steps: int, dt: float) -> int:
+        """Take at most so many steps; the number taken."""
+        core = self.state.core
+        before, begin = core.time, time.perf_counter()
+        self.state.judge.steps_before = self.steps
+        done, failure = steps, None
+        try:
+            self.state.advance(steps, dt)
+        except BaseException as error:
+            done = round((core.time - before) / dt)
+            if not isinstance(error, (UnstableError, ContactError)) or error.member is None:
+                raise
+            failure = error
+        finally:
+            self._count(done, begin)
+        if failure is not None:
+            self._leave(failure)
+        return done
+
+    def _leave(self, error: Any) -> None:
+        """Leave the member behind that failed; its run ends with its present state."""
+        member = error.member
+        if self.steps > self._steps_at_frame or self._ahead:
+            t = self.state.core.time
+            self._frames[member].put(t - self._start, t, error.x, error.v)
+        self.failed[member] = error, self._trajectories([member])[member]
+        self.live.remove(member)
+        self.state.core.set_frozen(member, True)
+
+    # Error control
+
+    def _control(self, path: _core.AdaptiveRun) -> None:
+        """Take steps at the tolerance of the job.
+
+        Steps end where a piece of a motion ends. In reach of a sphere they are at most half as long as is guaranteed to be
+        stable for this method and for rk4. Frames that are counted in steps are ends of accepted steps. Dense output gives
+        other frames until a sphere responds, and from then on the polynomial of `interpolated`.
+        """
+        core, count = self.state.core, self.job.frames.steps
+        for seconds, until in self.moments[1:]:
+            while core.time < until:
+                before = path.steps
+                self._advance_path(path, until, count - (self._earlier.steps + self.steps) % count if count else 1 << 60)
+                if path.steps == before:
+                    break  # what is left is rounding of the clock
+                if count and core.time < until and (self._earlier.steps + self.steps) % count == 0:
+                    self.store(core.time - self._start, core.time)
+            if core.time <= until:
+                self.store(seconds, until)
+            elif not core.watched[0]["in_contact"]:
+                self._keep(seconds, until, *self._dense(until), ahead=True)
+            else:
+                step = path.begin, core.time - path.begin, self._dense(path.begin), self.arrays()
+                self._keep(seconds, until, *interpolated(until, self.state.scenes, *step), ahead=True)
+
+    def _new_path(self) -> _core.AdaptiveRun:
+        job, state, before = self.job, self.state, self._earlier
+        cloth = core_cloth(job.scene.cloth)
+        stable = guaranteed_dt(cloth, job.options.integrator)
+        # The law of contact is of order 1 in the step, so a method that takes long steps is no better there.
+        near = min(stable, stable_dt(job.scene)) / 2
+        if before.control is None:
+            rate = _VELOCITY_WEIGHT * max(math.sqrt(cloth.mode_bounds[0]), 1.0 / job.duration)
+            tolerance, controller = job.tolerance, (min(job.duration, 0.9 * stable), *_NEW_CONTROLLER)
+        else:
+            tolerance, rate, controller = before.control
+        self._control_values = tolerance, rate
+        state.judge.warned_of_growth = True  # the steps are the method's own
+        state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, job.duration / _SAMPLES)
+        (_, begin), *inner, (_, end) = self.moments
+        stops = {*job.scene.stops(begin, end), end}
+        if self._force:
+            stops.update(t for _, t in inner)
+        # Steps that are given are accepted at any finite error.
+        self._unit = unit = _ANY_ERROR * tolerance if job.grid else tolerance
+        return _core.AdaptiveRun(unit, unit * rate, near, sorted(stops), list(job.grid), controller)
+
+    def _advance_path(self, path: _core.AdaptiveRun, until: float, steps: int) -> None:
+        """Steps of error control towards a time, at most so many."""
+        core, end = self.state.core, path.steps + steps
+        while core.time < until and path.steps < end:
+            before, begin = path.steps, time.perf_counter()
+            self.state.judge.steps_before = self.steps
+            try:
+                outcome = core.advance_adaptive(path, until, min(end - before, self._limit), self.state.threads)
+            finally:
+                self._count(path.steps - before, begin)
+            self._passed(min(core.time, until))
+            if outcome:
+                self.state.judge.outcome(outcome, path.controller[0])
+            if path.steps == before:
+                break
+
+    def _dense(self, t: float) -> Pair:
+        """Positions and velocities at a time `t` within the last step, without responses at its end."""
+        begin = time.perf_counter()
+        x, v = np.empty(self.state.shape), np.empty(self.state.shape)
+        self.state.core.dense(t, x, v, self.state.threads)
+        self._wall_time += time.perf_counter() - begin
+        return x, v
+
+    # Both
+
+    @property
+    def _limit(self) -> int:
+        """Steps of one call of the core: all, unless somebody waits for them."""
+        return self._chunk if self._watch.bar is not None or self._pause else 1 << 60
+
+    def _passed(self, t: float) -> None:
+        self._watch.passed(t - self._start)
+        if self._pause:
+            self._pause()
+
+    def _count(self, steps: int, begin: float) -> None:
+        seconds = time.perf_counter() - begin
+        self.steps += steps
+        self._wall_time += seconds / len(self.live)
+        wanted = _SECONDS_BETWEEN_SHOWS * steps / max(seconds, 1e-9)
+        self._chunk = int(min(max(1.0, wanted), 2.0 * self._chunk))
+
+    def arrays(self) -> Pair:
+        """Positions and velocities of the present state."""
+        x, v = np.empty(self.state.shape), np.empty(self.state.shape)
+        self.state.core.store(x, v)
+        return x, v
+
+    def store(self, seconds: float, t: float) -> None:
+        """Store the state at the time `t`; `seconds` counts from the start of the run."""
+        x, v = self.arrays()
+        self.state.core.sample()
+        self._keep(seconds, t, x, v, ahead=False)
+
+    def _keep(self, seconds: float, t: float, x: Floats, v: Floats, ahead: bool) -> None:
+        self._put(seconds, t, x, v)
+        if self._watch.recorder is not self:  # until then the recorder before has the frames
+            self._watch.begin(self, seconds)
+        self._steps_at_frame, self._ahead = self.steps, ahead
+        self._watch.frame(t, x, v)
+        if self._force:
+            self._force.change(t, x, v)
+
+    def _put(self, seconds: float, t: float, x: Floats, v: Floats) -> None:
+        x, v = (x, v) if self.state.batched else (x[None], v[None])
+        for k in self.live:
+            self._frames[k].put(seconds, t, x[k], v[k])
+
+    def end_here(self) -> None:
+        """End the run with its present state as the last frame."""
+        if self.steps > self._steps_at_frame or self._ahead:
+            t = self.state.core.time
+            self._put(t - self._start, t, *self.arrays())
+
+    def end_at_frame(self) -> None:
+        """End the run with the last frame. With fixed steps the present state follows an interpolated frame."""
+        if self.job.dt is not None:
+            self.end_here()
+        elif self._ahead:
+            self._watched = self.state.core.watched  # a state that is loaded is watched anew
+            frames, last = self._frames[0], len(self._frames[0].t) - 1
+            self.state.core.load(frames.x[last], frames.v[last])
+            self.state.core.time = frames.t[-1]
+
+    def trajectory(self) -> Trajectory:
+        """The run of the only scene so far."""
+        return self._trajectories([0])[0]
+
+    def trajectories(self) -> list[Trajectory]:
+        """The runs so far; that of a member that failed ends with its last good state."""
+        found = self._trajectories(self.live) | {k: run for k, (_, run) in self.failed.items()}
+        return [found[k] for k in range(len(self._frames))]
+
+    def _trajectories(self, members: Sequence[int]) -> dict[int, Trajectory]:
+        job, state, path, earlier = self.job, self.state, self._path, self._earlier
+        watched, counted = self._watched or state.core.watched, state.core.evaluations
+        saves = state.batched and not job.own_step
+        saved = of_members(state.core.snapshot(), state.scenes) if saves else [None] * len(watched)
+        control = (*self._control_values, path.controller) if path else earlier.control
+        method, work = METHODS[job.options.integrator], self._force.work if self._force else 0.0
+        found = {}
+        for k in members:
+            frames = self._frames[k]
+            frames.resize(len(frames.t))
+            length = frames.t[-1] - frames.t[0]
+            step = length / max(self.steps, 1) if job.dt is None else min(job.dt, length or job.dt)
+            # The core does not count for kernels that take whole steps.
+            evaluations = method.stages * self.steps if method.in_kernels else counted[k]
+            settings = Continuation(
+                self._start, frames.seconds, earlier.steps + self.steps, job.dt, job.frames, control, job.force is not None
+            )
+            cost = self.steps, path.rejected if path else 0, evaluations, self._wall_time, step
+            rest = watched[k], work, state, saved[k], settings
+            found[k] = Trajectory(job.scenes[k], job.options, frames.t, frames.x, frames.v, *cost, *rest)
+        if path:
+            one = found[0]
+            one.tolerance, one.ends, one.kinks = job.tolerance, path.ends, path.kinks
+            one.local_error = self._unit * path.local_error
+        return found
+
+
+class _Forcing:
+    """The force of a function on each mass point, held from frame to frame, and its work [J]."""
+
+    def __init__(self, function: Force, constant: Floats | None, state: State) -> None:
+        self._function, self._state = function, state
+        self._constant = 0.0 if constant is None else constant
+        self._held: Pair | None = None  # the force, and positions where it was set
+        self.work = 0.0
+
+    def change(self, t: float, x: Floats, v: Floats) -> None:
+        """Ask the function for the force from this state on."""
+        force = check.array("the result of force(t, x, v)", self._function(t, *map(_constant, (x, v))), x.shape)
+        if self._held is not None:
+            held, place = self._held
+            self.work += float((held * (x - place)).sum())
+        self._held = force, x
+        self._state.core.set_force(force + self._constant)
+
+
+def interpolated(t: float, scenes: Sequence[Scene], begin: float, h: float, before: Pair, after: Pair) -> Pair:
+    """The state of a cloth or a batch at a time `t` within a step.
+
+    Positions are the cubic Hermite polynomial of positions and velocities, of order 4 in the time step where no sphere
+    responds. Velocities are its derivative, of order 3. Driven pins are where their motion has them. Points go no deeper
+    into a sphere than the states at both ends do.
+    """
+    (x0, v0), (x1, v1) = before, after
+    s = (t - begin) / h
+    x = x0 + s * (h * v0 + s * (3 * (x1 - x0) - h * (2 * v0 + v1) + s * (2 * (x0 - x1) + h * (v0 + v1))))
+    v = v0 + s * (6 * (x1 - x0) / h - 2 * (2 * v0 + v1) + 3 * s * (2 * (x0 - x1) / h + v0 + v1))
+    put_driven_pins(scenes, x, v, t)
+    for k, scene in enumerate(scenes):
+        member = k if x.ndim == 4 else ...
+        for sphere in scene.spheres:
+            ends = ((begin, x0[member]), (begin + h, x1[member]))
+            _lift(x[member], ends, ~scene.cloth.pinned, sphere, point_radius(sphere, scene.cloth), t)
+    return x, v
+
+
+def _lift(x: Floats, ends: Any, free: npt.NDArray[np.bool_], sphere: Sphere, radius: float, t: float) -> None:
+    """Lift free points to the lesser of their distances at both ends, where that is below the contact radius."""
+    distances = [np.linalg.norm(places - sphere.center_at(time), axis=-1) for time, places in ends]
+    center = sphere.center_at(t)
+    away = x - center
+    distance = np.linalg.norm(away, axis=-1)
+    least = np.minimum(*distances)
+    highest = np.full(distance.shape, radius)
+    near = free & (distance < np.minimum(least, math.sqrt(2) * radius))
+    if in_cells(sphere) and near.any():
+        part = tuple(slice(max(k.min() - 1, 0), k.max() + 2) for k in np.nonzero(near))
+        highest[part] *= np.sqrt(1 + np.minimum(point_radii2(x[part]) / radius**2, 1))
+    allowed = np.minimum(least, highest)
+    inside = free & (distance < allowed) & (distance > 0)
+    x[inside] = center + away[inside] * (allowed[inside] / distance[inside])[:, None]

@@ -1,0 +1,45 @@
+"""Python calls between a user's call and the core's work: a call that grows checks or layers is seen here."""
+
+import inspect
+import pydoc
+import sys
+
+import clothsim as cs
+import pytest
+
+FREE = cs.scenes.paper_swing()
+BALL = FREE.replace(spheres=cs.Sphere((0.5, -0.6, 0.5), 0.2, response="ray", offset="edge"))
+
+
+def calls(function):
+    """Python functions that run within a second call, as the first may build what is kept."""
+    function()
+    found = []
+    sys.setprofile(lambda frame, event, argument: event == "call" and found.append(frame.f_code.co_name))
+    try:
+        function()
+    finally:
+        sys.setprofile(None)
+    return found[1:]
+
+
+@pytest.mark.parametrize("scene", [FREE, BALL], ids=["free", "sphere"])
+def test_a_warm_step(scene):
+    x, v = scene.initial_position, scene.initial_velocity
+    assert len(calls(lambda: cs.step(scene, x, v, 1e-4))) <= 12
+    out = x.copy(), v.copy()
+    assert len(calls(lambda: cs.step(scene, x, v, 1e-4, 2, out=out))) <= 12
+
+
+@pytest.mark.parametrize("scene", [FREE, BALL, cs.scenes.hanging()], ids=["swing", "sphere", "hanging"])
+def test_a_run(scene):
+    assert len(calls(lambda: cs.simulate(scene, 0.2, rtol=1e-6))) <= 400
+    few = len(calls(lambda: cs.simulate(scene, 0.2, dt=1e-3)))
+    assert few <= 160
+    assert len(calls(lambda: cs.simulate(scene, 2.0, dt=1e-3))) <= few + 2  # whatever the number of steps
+
+
+def test_help():
+    assert len(pydoc.render_doc(cs.simulate, renderer=pydoc.plaintext).splitlines()) <= 75
+    keys = cs.simulate(FREE, 0.01, dt=1e-3).report
+    assert [key for key in keys if f'"{key}"' not in inspect.getdoc(cs.Run)] == []
