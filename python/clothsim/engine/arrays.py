@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -122,6 +123,8 @@ def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any
 
 def start_time(t: Any, scenes: Sequence[Scene]) -> float:
     """`t` checked. None means 0, and is refused where a sphere or a pin moves."""
+    if type(t) is float and math.isfinite(t):
+        return t
     if t is not None:
         return check.number("t", t)
     for scene in scenes:

@@ -1,11 +1,9 @@
-"""The checked input of a stepping call: scenes, state and time, and a warning where a sphere starts on the cloth."""
+"""A warning where a continuous sphere starts on the cloth."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -14,49 +12,8 @@ from ..errors import ContactWarning, warn_caller
 from ..model.cells import point_radii2
 from ..model.scene import Scene
 from ..model.sphere import Sphere
-from .arrays import FloatArray, check_driven_pins, checked_state, scenes_of, start_time
+from .arrays import FloatArray
 from .plan import in_cells, point_radius
-
-
-@dataclass(frozen=True)
-class Start:
-    """The state from which a call steps."""
-
-    scenes: list[Scene]  # one for each state
-    batched: bool  # whether the state has a first axis of members
-    x: FloatArray
-    v: FloatArray
-    t: float
-
-    @classmethod
-    def own(cls, scenes: list[Scene], batched: bool, t: float) -> Start:
-        """The scenes' own states."""
-        if not batched:
-            return cls(scenes, False, scenes[0].initial_position, scenes[0].initial_velocity, t)
-        x, v = np.array([one.initial_position for one in scenes]), np.array([one.initial_velocity for one in scenes])
-        return cls(scenes, True, x, v, t)
-
-    @classmethod
-    def checked(
-        cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, precision: str, inspect: bool
-    ) -> Start:
-        """The arguments of a call. The state or time that a call leaves out is the scenes' own. `inspect`: refuse
-        positions in which driven pins are elsewhere.
-        """
-        scenes, given = scenes_of(scene), x is not None
-        batched = not isinstance(scene, Scene)
-        time = 0.0 if t is None and x is None else start_time(t, scenes)
-        if x is None:
-            x = np.stack([s.initial_position for s in scenes]) if batched else scenes[0].initial_position
-        if v is None:
-            v = np.stack([s.initial_velocity for s in scenes]) if batched else scenes[0].initial_velocity
-            v = np.broadcast_to(v, np.shape(x))
-        x, v = checked_state(x, v, scenes, batched, precision)
-        if inspect and given:
-            check_driven_pins(scenes * len(x) if x.ndim == 4 and not batched else scenes, x, time)
-        members = x.ndim == 4
-        return cls(scenes if batched or not members else scenes * len(x), members, x, v, time)
-
 
 # Rounding of float32 positions, as part of the radius and the distance of the centre. With half of it float32 states on
 # the surface give false warnings; twice as much hides 2e-6 of the radius.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any, cast
 
 import numpy as np
@@ -18,11 +17,21 @@ from ..model.as_core import core_cloth
 from ..model.motion import Linear
 from ..model.scene import Scene
 from ..model.sphere import Sphere
-from .arrays import FloatArray, check_driven_pins, check_pins, checked_state, put_driven_pins, scenes_of, start_time
+from .arrays import (
+    FloatArray,
+    check_driven_pins,
+    check_pins,
+    checked_state,
+    out_array,
+    out_arrays,
+    put_driven_pins,
+    scenes_of,
+    start_time,
+)
 from .judge import Judge
 from .options import Options
 from .plan import kept_plan
-from .start import Start, warn_of_start
+from .start import warn_of_start
 
 _ROUNDING = 2.0**-53  # of a float64, as part of it
 
@@ -35,53 +44,76 @@ class _Compiled:
     stable_dt: list[float]
 
 
+def _own(scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
+    """The scenes' own states."""
+    if not batched:
+        return scenes[0].initial_position, scenes[0].initial_velocity
+    return np.array([one.initial_position for one in scenes]), np.array([one.initial_velocity for one in scenes])
+
+
+def inspect(scenes: list[Scene], batched: bool, t: float, precision: str) -> None:
+    """Check the numbers of the scenes' own states, and warn of continuous spheres that are on the cloth."""
+    if precision == "single":
+        checked_state(*_own(scenes, batched), scenes, batched, precision)
+    for member, scene in enumerate(scenes):
+        for sphere in scene.spheres:
+            if sphere.response == "continuous":
+                warn_of_start(scene, scene.initial_position, t, member if batched else None)
+                break
+
+
 class State:
-    """A simulation of the core. Its `judge` turns outcomes into warnings and errors."""
+    """A simulation of the core for checked input. Its `judge` turns outcomes into warnings and errors."""
 
     def __init__(
-        self, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, options: Options, inspect: bool = True
+        self, scenes: list[Scene], batched: bool, shape: tuple[int, ...], dtype: npt.DTypeLike, t: float, options: Options
     ) -> None:
-        """`inspect`: warn of continuous spheres that are on the cloth, and refuse driven pins that are elsewhere."""
-        self._begin(Start.checked(scene, x, v, t, options.precision, inspect), options, inspect)
-
-    @classmethod
-    def own(cls, scenes: list[Scene], batched: bool, t: float, options: Options) -> State:
-        """The scenes' own states at a time [s], which nobody inspects."""
-        state = cls.__new__(cls)
-        state._begin(Start.own(scenes, batched, t), options, inspect=False)
-        return state
-
-    @staticmethod
-    def inspect(scenes: list[Scene], batched: bool, t: float, options: Options) -> None:
-        """Check the numbers of the scenes' own states, and warn of continuous spheres that are on the cloth."""
-        start = Start.own(scenes, batched, t)
-        if options.precision == "single":
-            checked_state(start.x, start.v, scenes, batched, options.precision)
-        for member, scene in enumerate(scenes):
-            if any(sphere.response == "continuous" for sphere in scene.spheres):
-                warn_of_start(scene, scene.initial_position, t, member if batched else None)
-
-    def _begin(self, start: Start, options: Options, inspect: bool) -> None:
-        self.batched, self.options, self.integrator = start.batched, options, options.integrator
-        self.shape, self.dtype = start.x.shape, start.x.dtype
+        """A state without values, with one scene for each member; `batched`: its arrays have a first axis of members."""
+        self.batched, self.options, self.integrator = batched, options, options.integrator
+        self.shape, self.dtype = shape, np.dtype(dtype)
         self.threads = 1
-        compiled = self._compiled(start.scenes)
+        compiled = self._compiled(scenes)
         if options.backend == "gpu":
             from ..gpu.simulation import Simulation
 
-            simulation = Simulation(start.scenes, start.t, options.precision)
+            simulation = Simulation(scenes, t, options.precision)
             self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
         else:
-            wanted = options.threads_for(start.scenes[0].cloth.shape, len(start.scenes))
-            self.threads = _core.granted_threads(wanted)
-            self.core = _core.Simulation(compiled.plans, start.t, self.threads)
+            self.threads = _core.granted_threads(options.threads_for(scenes[0].cloth.shape, len(scenes)))
+            self.core = _core.Simulation(compiled.plans, t, self.threads)
         self.core.set_stable_dt(compiled.stable_dt)
-        self._adopt(start.scenes, compiled, inspect)
         method = integrators()[self.integrator]
         self._may_lose_order = method.order_damped < method.order
-        self.core.load(start.x, start.v)
-        if self._inspected:
-            self._warn_of_start(start.x, start.t)
+        self._adopt(scenes, compiled)
+
+    @classmethod
+    def checked(cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, options: Options) -> State:
+        """The state of the arguments of a call. The state or time that a call leaves out is the scenes' own.
+
+        Driven pins that are elsewhere are refused, and continuous spheres that are on the cloth give a warning.
+        """
+        scenes, batched, own = scenes_of(scene), not isinstance(scene, Scene), x is None
+        time = 0.0 if t is None and own else start_time(t, scenes)
+        own_x, own_v = _own(scenes, batched)
+        x = own_x if own else x
+        v = np.broadcast_to(own_v, np.shape(x)) if v is None else v
+        x, v = checked_state(x, v, scenes, batched, options.precision)
+        if x.ndim == 4 and not batched:
+            scenes = scenes * len(x)
+        if not own:
+            check_driven_pins(scenes, x, time)
+        state = cls(scenes, x.ndim == 4, x.shape, x.dtype, time, options)
+        state.core.load(x, v)
+        state.warn_of_start(x, time)
+        return state
+
+    @classmethod
+    def own(cls, scenes: list[Scene], batched: bool, t: float, options: Options) -> State:
+        """The scenes' own states at a time [s], which nobody checks."""
+        x, v = _own(scenes, batched)
+        state = cls(scenes, batched, x.shape, x.dtype, t, options)
+        state.core.load(x, v)
+        return state
 
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
         """Replace the scenes, and keep the state. An error leaves everything as it was. Spheres that are put on the
@@ -91,11 +123,11 @@ class State:
         compiled = self._compiled(scenes)
         self.core.set_scene(compiled.plans, compiled.stable_dt)
         known = [one.spheres for one in self.scenes]
-        self._adopt(scenes, compiled, inspect=False)
-        if any(sphere.response == "continuous" for one in scenes for sphere in one.spheres):
+        self._adopt(scenes, compiled)
+        if self._continuous:
             x = np.empty(self.shape)
-            self.store(x, None)
-            self._warn_of_start(x, self.core.time, known)
+            self.core.store(x, None)
+            self.warn_of_start(x, self.core.time, known)
 
     def _compiled(self, scenes: list[Scene]) -> _Compiled:
         """Compile the scenes."""
@@ -105,70 +137,70 @@ class State:
             found.stable_dt.append(guaranteed_dt(core_cloth(scene.cloth), self.integrator))
         return found
 
-    def _adopt(self, scenes: list[Scene], compiled: _Compiled, inspect: bool) -> None:
+    def _adopt(self, scenes: list[Scene], compiled: _Compiled) -> None:
         self.scenes, self.max_stable_dt = scenes, compiled.stable_dt
         on_gpu = self.options.backend == "gpu"
         self.kernel = "gather" if on_gpu else self.options.kernel_for(scenes[0].cloth)
         self.instruction_set = str(cast("Any", self.core).adapter if on_gpu else compiled.plans[0].instruction_set)
         self.judge = Judge(self.core, scenes, self.batched, self.integrator, compiled.stable_dt)
-        self._driven = self._moves = self._inspected = False
+        self._driven = self._moves = self._continuous = False
         for scene in scenes:
             self._driven |= bool(scene.cloth.driven)
             for sphere in scene.spheres:
                 self._moves |= sphere.motion is not None
-                self._inspected |= inspect and sphere.response == "continuous"
+                self._continuous |= sphere.response == "continuous"
         self._moves |= self._driven
 
-    def _warn_of_start(self, x: FloatArray, t: float, but: Sequence[Sequence[Sphere]] = ()) -> None:
-        """`but`: for each member, the spheres that give no warning."""
+    def warn_of_start(self, x: FloatArray, t: float, but: Sequence[Sequence[Sphere]] = ()) -> None:
+        """Warn of continuous spheres that are on the cloth; `but`: for each member, those that give no warning."""
+        if not self._continuous:
+            return
         for member, one in enumerate(x if self.batched else x[None]):
             warn_of_start(self.scenes[member], one, t, member if self.batched else None, but[member] if but else ())
 
-    def call(
+    def step(
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """One call of `step` with arrays of known shape. Returns None, and does nothing, where the arguments need full
-        checks.
-        """
-        if out is None:
-            out = np.empty(self.shape, self.dtype), np.empty(self.shape, self.dtype)
-        elif not (type(out) is tuple and len(out) == 2 and type(out[0]) is type(out[1]) is np.ndarray):
-            return None
+    ) -> tuple[FloatArray, FloatArray]:
+        """A call of `step`, with float arrays of the shape and type of this state."""
         self.judge.forget_warnings()
         if t is not None or self._moves:
             t = start_time(t, self.scenes)
-        steps, dt = self._checked(steps, dt, t or 0.0)
+        time = t or 0.0
+        steps, dt = self._checked(steps, dt, time)
+        results = out_arrays(out, self.shape, self.dtype)
         if self._driven:
-            check_driven_pins(self.scenes, x, t or 0.0)
-        if self._inspected:
-            self._warn_of_start(x, t or 0.0)
+            check_driven_pins(self.scenes, x, time)
+        if self._continuous:
+            self.warn_of_start(x, time)
         if self._may_lose_order:
             self.warn_of_order()
-        try:
-            outcome = self.core.step(t or 0.0, x, v, steps, dt, self.threads, *out)
-        except TypeError:  # of another dtype, or not contiguous
-            return None
+        outcome = self.core.step(time, x, v, steps, dt, self.threads, *results)
         if outcome is False:
-            return None
+            self._refuse(x, v)
         if outcome:
             self._go_on(outcome, steps, dt)
-            self.store(*out)
-        return out[0], out[1]
+            self.core.store(*results)
+        return results
 
-    def accelerate(self, x: FloatArray, v: FloatArray, t: float, out: Any) -> FloatArray | None:
-        """One call of `acceleration`, see `call`."""
-        if out is None:
-            out = np.empty(self.shape)
-        elif type(out) is not np.ndarray:
-            return None
-        if type(t) is not float or not isfinite(t) or self._driven:
-            return None
-        if self._inspected:
-            self._warn_of_start(x, t)
-        try:
-            return out if self.core.accelerations(x, v, out, self.threads) else None
-        except TypeError:
-            return None
+    def accelerate(self, x: FloatArray, v: FloatArray, t: Any, out: Any) -> FloatArray:
+        """A call of `acceleration`, with float arrays of the shape and type of this state."""
+        time = start_time(t, self.scenes)
+        result: FloatArray = np.empty(self.shape) if out is None else out
+        out_array("out", result, self.shape, np.dtype(np.float64))
+        if self._driven:
+            check_driven_pins(self.scenes, x, time)
+        if self._continuous:
+            self.warn_of_start(x, time)
+        if self._driven or not self.core.accelerations(x, v, result, self.threads):
+            # Pins have the velocity of their motion, and `out` may lie over a part of `x` or `v`.
+            self._refuse(x, v)
+            self.core.load(x, v, time)
+            self.core.accelerations(result, self.threads)
+        return result
+
+    def _refuse(self, x: FloatArray, v: FloatArray) -> None:
+        """Raise a ValueError for numbers that are not finite, or too large for the precision."""
+        checked_state(x, v, self.scenes, self.batched, self.options.precision)
 
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""
@@ -220,7 +252,7 @@ class State:
         """See `Stepper.set_state`. `pins_stay`: refuse another place or velocity of a pin."""
         time = None if t is None else check.number("t", t)
         own_x, own_v = np.empty(self.shape), np.empty(self.shape)
-        self.store(own_x, own_v)
+        self.core.store(own_x, own_v)
         put_driven_pins(self.scenes, own_x, own_v, self.core.time if time is None else time, self.core.frozen)
         # With float64 for what is not given, the core's own is of float64: the whole state of "single".
         given_x, given_v = own_x if x is None else x, own_v if v is None else v
@@ -261,7 +293,3 @@ class State:
         self.core.set_force(force)
         members = force if self.batched else force[None]
         self.scenes = [scene.replace(force=one) for scene, one in zip(self.scenes, members)]
-
-    def store(self, x: FloatArray | None, v: FloatArray | None) -> None:
-        """Write positions and velocities into the arrays that are not None."""
-        self.core.store(x, v)

@@ -36,6 +36,8 @@ class Stepper:
     integrator, precision, threads, kernel, backend
         As for `step`. With the backend "gpu" the state stays on the adapter.
 
+    Wrong arguments of a method change nothing. One thread at a time may advance a stepper: others get a RuntimeError.
+
     Attributes
     ----------
     x, v : numpy.ndarray
@@ -73,7 +75,7 @@ class Stepper:
             check.no_argument(unknown)
         self._options = Options(integrator, precision, threads, kernel, backend)
         self._scene = scene
-        self._state = State(scene, x, v, t, self._options)
+        self._state = State.checked(scene, x, v, t, self._options)
         self._announce()
 
     def _announce(self) -> None:
@@ -155,11 +157,6 @@ class Stepper:
         member : int
             Index into the batch, >= 0.
 
-        Raises
-        ------
-        ValueError, TypeError
-            If there is no such member.
-
         Examples
         --------
         >>> import clothsim as cs
@@ -191,13 +188,6 @@ class Stepper:
         t : float, optional
             Time of the state [s]. Default: the present time.
 
-        Raises
-        ------
-        ValueError, TypeError
-            If an argument is not as above; nothing has changed then.
-        RuntimeError
-            If another thread is advancing this stepper.
-
         Examples
         --------
         Stop all motion:
@@ -223,13 +213,6 @@ class Stepper:
         ----------
         scene : Scene or sequence of Scene
             A scene of the present shape. For a batch, a sequence of as many scenes as members.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If an argument is not as above; nothing has changed then.
-        RuntimeError
-            If another thread is advancing this stepper.
 
         Examples
         --------
@@ -267,13 +250,6 @@ class Stepper:
         force : array_like
             Force on each mass point [N], of the shape of `positions`, or (rows, columns, 3) for all members of a batch.
 
-        Raises
-        ------
-        ValueError, TypeError
-            If `force` is not as above, or with the backend "gpu"; nothing has changed then.
-        RuntimeError
-            If another thread is advancing this stepper.
-
         Examples
         --------
         Lift a cloth without gravity by 2 N at each point of 0.5 kg:
@@ -300,11 +276,6 @@ class Stepper:
         -------
         Snapshot
             ``snapshot.save(path)`` writes the snapshot to a file, and ``Snapshot.load(path)`` reads it.
-
-        Raises
-        ------
-        RuntimeError
-            If another thread is advancing this stepper.
 
         Examples
         --------
@@ -342,11 +313,6 @@ class Stepper:
         -------
         Stepper
 
-        Raises
-        ------
-        TypeError
-            If `snapshot` is no Snapshot.
-
         Examples
         --------
         >>> import clothsim as cs
@@ -363,8 +329,9 @@ class Stepper:
         scene = snapshot.scene
         stepper = cls.__new__(cls)
         stepper._scene, stepper._options = scene, snapshot.options
-        zeros = np.zeros(snapshot.shape, snapshot.dtype)
-        state = State(scene, zeros, zeros, snapshot.time, stepper._options, inspect=False)
+        shape = snapshot.shape
+        scenes = scenes_of(scene) * (shape[0] if isinstance(scene, Scene) and len(shape) == 4 else 1)
+        state = State(scenes, len(shape) == 4, shape, snapshot.dtype, snapshot.time, stepper._options)
         state.core.restore(snapshot.core)
         stepper._state = state
         stepper._announce()
@@ -388,14 +355,14 @@ class Stepper:
     def x(self) -> FloatArray:
         """Positions [m], a read-only copy, of the shape and dtype that the state was given in; `set_state` changes them."""
         x = np.empty(self._state.shape, self._state.dtype)
-        self._state.store(x, None)
+        self._state.core.store(x, None)
         return frozen(x)
 
     @property
     def v(self) -> FloatArray:
         """Velocities [m/s], a read-only copy, of the shape and dtype of the state."""
         v = np.empty(self._state.shape, self._state.dtype)
-        self._state.store(None, v)
+        self._state.core.store(None, v)
         return frozen(v)
 
     @property

@@ -16,7 +16,7 @@ from .. import _core
 from ..base import check
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
-from .arrays import FloatArray, check_driven_pins, out_array, out_arrays, refuse_none, start_time, state_arrays
+from .arrays import FloatArray, check_driven_pins, checked_state, refuse_none, scenes_of, start_time, state_arrays
 from .options import Options
 from .plan import core_plan, in_cells
 from .state import State
@@ -27,53 +27,59 @@ _MOST_BYTES = 1 << 22
 _MOST_WAITING, _MOST_KINDS = 2, 8
 
 _THREADS = (int, type(None))
+_DTYPES = (np.dtype(np.float64), np.dtype(np.float32))
 
-Waiting = list[State]
 
-
-def waiting_engines(
+def _engine(
     scene: Any, x: Any, v: Any, integrator: Any, precision: Any, threads: Any, kernel: Any, backend: Any = "cpu"
-) -> Waiting | None:
-    """The list of engines that can serve this call; None if the call needs a new engine or full checks."""
-    if not type(x) is type(v) is np.ndarray:
-        return None
-    shape, dtype = x.shape, x.dtype
-    if v.shape != shape or v.dtype is not dtype or x.nbytes > _MOST_BYTES:
-        return None
-    if type(threads) not in _THREADS or type(backend) is not str or backend != "cpu":
-        return None
-    if type(scene) is Scene:
-        first, others = scene, None
-    elif type(scene) in (list, tuple) and scene and all(type(one) is Scene for one in scene):
-        # An engine that waits keeps its scenes, so that no other object has their identity.
-        first, others = scene[0], tuple(map(id, scene))
-    else:
-        return None
-    key = (shape, dtype, integrator, precision, threads, kernel, others)
-    try:
-        waiting: Waiting | None = first.engines.get(key)
-    except TypeError:  # an option that is no name
-        return None
-    if waiting is None:
-        if len(first.engines) >= _MOST_KINDS:
-            first.engines.pop(next(iter(first.engines)), None)
-        waiting = first.engines[key] = []
-    return waiting
+) -> tuple[State, dict[Any, list[State]], Any, FloatArray, FloatArray]:
+    """An engine for a call, which no other call can have meanwhile, where it is kept, and the arrays as it takes them.
 
-
-def take(waiting: Waiting | None) -> State | None:
-    """Take an engine from the list; None if the list is empty. Other callers cannot use it until `give_back` returns
-    it.
+    Arrays are checked here where they are no plain float arrays, or of a new shape; `State.step` finds numbers that are not
+    finite.
     """
-    try:
-        return waiting.pop() if waiting else None
-    except IndexError:  # another thread was quicker
-        return None
+    if not (
+        type(x) is type(v) is np.ndarray
+        and x.dtype is v.dtype
+        and x.dtype in _DTYPES
+        and x.shape == v.shape
+        and x.flags.c_contiguous
+        and v.flags.c_contiguous
+        and x.flags.aligned
+        and v.flags.aligned
+    ):
+        refuse_none(x=x, v=v)
+        x, v = state_arrays(x, v, scenes_of(scene), not isinstance(scene, Scene))
+    kept: dict[Any, list[State]] = {}
+    key: Any = None
+    if x.nbytes <= _MOST_BYTES and type(threads) in _THREADS and type(backend) is str and backend == "cpu":
+        # An engine that waits keeps its scenes, so that no other object has their identity.
+        many = type(scene) in (list, tuple) and set(map(type, scene)) == {Scene}
+        if many or type(scene) is Scene:
+            kept = (scene[0] if many else scene).engines
+            others = tuple(map(id, scene)) if many else None
+            key = (x.shape, x.dtype, integrator, precision, threads, kernel, _core.choose_instruction_set(""), others)
+            try:
+                return kept[key].pop(), kept, key, x, v
+            except (KeyError, IndexError, TypeError):  # TypeError: an option that is no name
+                pass
+    options = Options(integrator, precision, threads, kernel, backend)
+    scenes, batched = scenes_of(scene), not isinstance(scene, Scene)
+    x, v = checked_state(x, v, scenes, batched, precision)
+    members = len(x) if x.ndim == 4 and not batched else 1
+    return State(scenes * members, x.ndim == 4, x.shape, x.dtype, 0.0, options), kept, key, x, v
 
 
-def give_back(waiting: Waiting | None, state: State) -> None:
-    """Put the engine back for the next call of its kind. Callers do not put it back after an error."""
-    if waiting is not None and len(waiting) < _MOST_WAITING:
+def _keep(kept: dict[Any, list[State]], key: Any, state: State) -> None:
+    """Keep an engine for the next call of its kind. Callers do not keep it after an error."""
+    if key is None:
+        return
+    waiting = kept.get(key)
+    if waiting is None:
+        if len(kept) >= _MOST_KINDS:
+            kept.pop(next(iter(kept)), None)
+        waiting = kept[key] = []
+    if len(waiting) < _MOST_WAITING:
         waiting.append(state)
 
 
@@ -171,17 +177,9 @@ def step(
     """
     if unknown:
         check.no_argument(unknown)
-    waiting = waiting_engines(scene, x, v, integrator, precision, threads, kernel, backend)
-    state = take(waiting)
-    results = state.call(x, v, t, steps, dt, out) if state else None  # type: ignore[arg-type]
-    if not state or not results:
-        refuse_none(x=x, v=v)
-        state = State(scene, x, v, t, Options(integrator, precision, threads, kernel, backend))
-        results = out_arrays(out, state.shape, state.dtype)
-        state.warn_of_order()
-        state.advance(steps, dt)
-        state.store(*results)
-    give_back(waiting, state)
+    state, kept, key, x, v = _engine(scene, x, v, integrator, precision, threads, kernel, backend)
+    results = state.step(x, v, t, steps, dt, out)
+    _keep(kept, key, state)
     return results
 
 
@@ -228,18 +226,9 @@ def acceleration(
     """
     if unknown:
         check.no_argument(unknown)
-    waiting = waiting_engines(scene, x, v, "rk4", precision, threads, kernel)
-    state = take(waiting)
-    result = state.accelerate(x, v, t, out) if state else None  # type: ignore[arg-type]
-    if not state or result is None:
-        refuse_none(x=x, v=v)
-        state = State(scene, x, v, t, Options("rk4", precision, threads, kernel))
-        if out is None:
-            out = np.empty(state.shape)
-        out_array("out", out, state.shape, np.dtype(np.float64))
-        state.core.accelerations(out, state.threads)
-        result = out
-    give_back(waiting, state)
+    state, kept, key, x, v = _engine(scene, x, v, "rk4", precision, threads, kernel)
+    result = state.accelerate(x, v, t, out)
+    _keep(kept, key, state)
     return result
 
 

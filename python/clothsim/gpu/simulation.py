@@ -109,6 +109,11 @@ class Simulation:
                 planes[:, :3] -= self._origins[:, :, None]
             self._take(split(planes, self._single))
 
+    def step(self, time: float, x: Any, v: Any, steps: int, dt: float, threads: int, x_out: Any, v_out: Any) -> Any:
+        """A whole call: a state in, steps, and the state out if no event has to be reported."""
+        self.load(x, v, time)
+        return self.advance(steps, dt, threads)  # an outcome, after which the caller stores the state
+
     def set_scene(self, scenes: Sequence[Scene], stable_dt: Sequence[float]) -> None:
         """Replace the scenes and the guaranteed time steps [s]; the state stays, and pinned points stop."""
         with self._used():

@@ -16,7 +16,7 @@ from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
 from ..engine.arrays import scenes_of
 from ..engine.snapshot import take
-from ..engine.state import State
+from ..engine.state import inspect
 from ..errors import ContactError, RunInterrupted, UnstableError
 from ..methods.data import integrator_name
 from ..methods.integration import warn_of_order
@@ -183,7 +183,7 @@ def simulate(
         )
     if integrator == "auto":
         options = options.replace(integrator="dop853", precision="double")
-    State.inspect(scenes, batched, t, options)
+    inspect(scenes, batched, t, options.precision)
     job = Job(scenes, batched, duration, options, frames, force, dt)
     error = _DEFAULT_RTOL * size_of(scenes[0]) if asked is None else asked
 
