@@ -94,7 +94,7 @@ def out_arrays(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[
     """`out` checked to be two arrays that can hold the results; new arrays if it is None."""
     if out is None:
         return np.empty(shape, dtype), np.empty(shape, dtype)
-    x, v = check.items("out", out, 2, "arrays (x, v)")
+    x, v = out if type(out) is tuple and len(out) == 2 else check.items("out", out, 2, "arrays (x, v)")
     out_array("out[0]", x, shape, dtype)
     out_array("out[1]", v, shape, dtype)
     if x is v or (np.may_share_memory(x, v) and np.shares_memory(x, v)):

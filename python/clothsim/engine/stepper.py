@@ -101,8 +101,6 @@ class Stepper:
 
         Raises
         ------
-        ValueError, TypeError
-            If an argument is not as above.
         UnstableError
             If the state stops being finite; if nine tenths of the kinetic and elastic energy come out of
             nothing (docs/stability.md); or, with a time step above `max_stable_dt`, if a point

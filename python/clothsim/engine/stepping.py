@@ -119,7 +119,7 @@ def step(
     t : float, optional
         Time of the state given [s]. Required where a sphere moves, because its place depends on the time. Default: 0.
     integrator : str, default "rk4"
-        Time integration method, a name of `integrators`. Adaptive methods also run at the fixed step `dt`.
+        A name of `integrators`. Adaptive methods also run at the fixed step `dt`.
     precision : {"double", "single"}, default "double"
         Arithmetic. "single" computes in float32. A second float32 of each number keeps the rounding
         of x and v (compensated summation), so small steps do not stall.
@@ -144,15 +144,9 @@ def step(
 
     Raises
     ------
-    ValueError, TypeError
-        If an argument is not as above; nothing has changed then.
     UnstableError, ContactError
-        If the state stops being finite or runs away, or spheres trap a mass point; nothing is written to `out` then.
-    KeyboardInterrupt
-        On Ctrl-C, between two steps. Nothing is written to `out` then.
-    ImportError, MemoryError, RuntimeError
-        With the backend "gpu" only: without wgpu; if the adapter's memory does not suffice; if it
-        stops responding; if there is none.
+        If the state stops being finite or runs away, or spheres trap a mass point. After any error, and after Ctrl-C, which
+        acts between two steps, nothing is written to `out`.
 
     Warns
     -----
@@ -165,10 +159,9 @@ def step(
 
     Examples
     --------
-    One oscillation of a spring (`clothsim.model.ready.oscillator`) ends where it began:
+    One oscillation of a spring ends where it began:
 
-    >>> import math
-    >>> import clothsim as cs
+    >>> import math, clothsim as cs
     >>> scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
     >>> period = 2 * math.pi / 10
     >>> x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, period / 1000, 1000)
@@ -210,11 +203,6 @@ def acceleration(
     -------
     numpy.ndarray
         Accelerations [m/s^2], float64, of the shape of `x`; 0 for pinned points.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
 
     Examples
     --------

@@ -109,8 +109,6 @@ def settle(
 
     Raises
     ------
-    ValueError, TypeError
-        If an argument is not as above.
     RunInterrupted
         On Ctrl-C; its `run` ends with the best state found.
 
