@@ -248,7 +248,7 @@ def test_set_scene_keeps_the_state(precision, same_bits):
     there.advance(100, 1e-3)
     # float64 arrays hold the compensation, so `step` does the same from the state in float64.
     state = np.empty(x.shape), np.empty(x.shape)
-    stepper._state.store(*state)
+    stepper._state.core.store(*state)
     expected = cs.step(soft, *state, 1e-3, 100, t=0.15, precision=precision, threads=1)
     assert same_bits([there.positions], [expected[0].astype(np.float32)])
     there.set_scene(SMALL)

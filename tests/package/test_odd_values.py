@@ -5,6 +5,7 @@ the argument, what came and what is accepted.
 import contextlib
 import decimal
 import fractions
+import functools
 import inspect
 import re
 import warnings
@@ -110,10 +111,10 @@ CALLS = {
     cs.simulate: {"scene": SCENE, "duration": 0.02, "dt": 0.01},
     cs.settle: {"scene": SCENE},
     cs.picture: {"scene": SCENE, "width": 32},
-    RUN.picture: {"width": 32},
+    functools.partial(RUN.picture, width=32): {},
     RUN.plot: {},
     RUN.export: {"path": "run.ply"},
-    FILM.animate: {"path": "run.gif", "width": 32},
+    functools.partial(FILM.animate, width=32): {"path": "run.gif"},
     RUN.to_html: {"path": "run.html"},
     SCENE.to_live_html: {"path": "live.html"},
     cs.compare: {"runs": {"a": RUN}},
@@ -208,7 +209,7 @@ def name_of(function):
 
 def is_passed_over(function, argument, odd):
     """A good number for which a call takes long, or a callable, whose errors are its own."""
-    if argument == "callback" and callable(odd):
+    if argument in ("callback", "force") and callable(odd):
         return True
     if (name_of(function), argument) not in SLOW:
         return False

@@ -15,9 +15,10 @@ at most; docs/dev/error-control.md says why each run ends.
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -136,22 +137,24 @@ def estimate_of(job: Job, run: Trajectory) -> Controlled:
 def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled:
     """Run the jobs of a search, and note their trajectories."""
     finished = recorder = watch.recorder
+    go_on: Callable[[Any], Job] = search.send
+    answer: Any = None
     try:
-        job = next(search)
         while True:
+            try:
+                job = go_on(answer)
+            except StopIteration as end:
+                best, error = end.value
+                break
             try:
                 recorder = Recorder(job, watch if job.shown else Watch())
                 done.append(recorder.run().trajectory())
+                go_on, answer, finished = search.send, done[-1], watch.recorder
             except UnstableError as failure:
-                job = search.throw(failure)
-                continue
-            finished = watch.recorder
-            job = search.send(done[-1])
+                go_on, answer = search.throw, failure
     except KeyboardInterrupt:  # the last run that came to its end is handed over
         watch.recorder = finished or watch.recorder or recorder
         raise
-    except StopIteration as end:
-        best, error = end.value
     others = [run for run in done if run is not best]
     return Controlled(best, error, sum(run.evaluations for run in others), sum(run.wall_time for run in others))
 
