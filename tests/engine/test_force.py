@@ -22,14 +22,6 @@ def test_steps_agree_with_the_reference(variant, crumpled, relative):
         assert relative(expected, cs.reference_step(scene, x, v, dt, 50), x) > 1e-3
 
 
-def test_the_acceleration_is_the_force_over_the_mass(double_variant, crumpled):
-    scene, x, v, _ = crumpled()
-    forced = scene.replace(force=forces(scene))
-    added = cs.acceleration(forced, x, v, **double_variant.options) - cs.acceleration(scene, x, v, **double_variant.options)
-    expected = np.where(scene.cloth.pinned[..., None], 0.0, forced.force / scene.cloth.mass_per_point[..., None])
-    assert np.abs(added - expected).max() < 1e-12 * np.abs(expected).max()
-
-
 @pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 @pytest.mark.parametrize("integrator", cs.integrators())

@@ -112,11 +112,12 @@ def test_a_snapshot_from_a_file_goes_on_with_the_same_bits(batch, precision, tmp
     if batch:
         stepper.freeze(1)
     snapshot = cs.Snapshot.load(stepper.snapshot().save(tmp_path / "state"))
-    other = cs.Stepper.restore(snapshot)
-    for one in (stepper, other):
-        one.advance(steps=200, dt=1e-3)
-    assert same_bits((other.positions, other.velocities), (stepper.positions, stepper.velocities))
-    assert other.time == stepper.time and other.scene == scenes
+    stepper.advance(200, 1e-3)
+    for again in (snapshot, pickle.loads(pickle.dumps(snapshot)), snapshot):  # a snapshot is not used up
+        other = cs.Stepper.restore(again)
+        other.advance(steps=200, dt=1e-3)
+        assert same_bits((other.x, other.v), (stepper.positions, stepper.velocities))
+    assert other.time == other.t == stepper.time and other.scene == scenes
     np.testing.assert_array_equal(other.impulses, stepper.impulses)
     assert np.all(stepper.impulses.any(axis=-1))
     np.testing.assert_array_equal(other.frozen, stepper.frozen)
@@ -180,13 +181,6 @@ def test_a_file_of_another_schema_is_refused(tmp_path):
 
 
 # Steppers
-
-
-def test_arrays_of_a_stepper_are_read_only():
-    stepper = cs.Stepper(SMALL)
-    for array in (stepper.positions, stepper.velocities):
-        with pytest.raises(ValueError, match="read-only"):
-            array[:] = 0.0
 
 
 def test_set_state(precision, same_bits):

@@ -33,13 +33,6 @@ def test_the_scene_as_it_is_changes_no_bit_of_a_sheet_in_contact(scenes, precisi
     assert same_bits(continued(there), continued(stepper))
 
 
-def test_a_batch_whose_members_touch_in_different_places_is_saved(tmp_path, same_bits):
-    stepper = resting([SCENE, SCENE.replace(spheres=BALL.replace(center=(0.5, -9.0, 0.5)))])
-    path = stepper.snapshot().save(tmp_path / "two")
-    again = cs.Stepper.restore(cs.Snapshot.load(path))
-    assert same_bits(continued(again), continued(stepper))
-
-
 def test_a_snapshot_of_another_shape_or_precision_is_refused():
     snapshot = cs.Stepper(SCENE).snapshot()
     with pytest.raises(ValueError, match="precision 'double', and the simulation of the other"):

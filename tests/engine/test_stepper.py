@@ -1,12 +1,8 @@
 """The state that stays in the core: snapshots, and what an unstable run leaves."""
 
-import pickle
-
 import clothsim as cs
 import numpy as np
 import pytest
-from pairwise import pairwise
-from tables import each
 
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
 
@@ -41,53 +37,8 @@ def test_returned_arrays_are_copies(crumpled, same_bits):
     x_given = x.copy()
     x[:] = 9.0
     assert same_bits([stepper.positions, kept], [x_given, x_given])
-
-
-@each("dtype, batch", pairwise([np.float64, np.float32], [None, 1, 3]))
-def test_a_restored_snapshot_continues_with_the_same_bits(variant, crumpled, same_bits, dtype, batch):
-    scene, x, v, dt = crumpled(spheres=BALL)
-    if batch:
-        x, v = np.stack([x] * batch), np.stack([v * (1 + k) for k in range(batch)])
-    stepper = cs.Stepper(scene, x.astype(dtype), v.astype(dtype), t=0.25, **variant.options)
-    stepper.advance(40, dt)
-    snapshot = pickle.loads(pickle.dumps(stepper.snapshot()))
-    stepper.advance(60, dt)
-    for _ in range(2):  # a snapshot is not used up
-        other = cs.Stepper.restore(snapshot)
-        other.advance(60, dt)
-        assert other.positions.shape == x.shape
-        assert same_bits(arrays(other), arrays(stepper))
-        assert other.time == stepper.time
-        np.testing.assert_array_equal(other.impulses, stepper.impulses)
-    assert np.all(stepper.impulses != 0)
-
-
-def test_a_snapshot_of_a_batch_of_scenes(crumpled, same_bits):
-    one, two = crumpled(seed=1), crumpled(seed=2, spheres=BALL)
-    for states in ([one, two], [one]):
-        stepper = cs.Stepper(
-            [s.scene for s in states],
-            np.stack([s.x for s in states]),
-            np.stack([s.v for s in states]),
-            t=0.0,
-            precision="single",
-        )
-        stepper.advance(30, one.dt)
-        other = cs.Stepper.restore(stepper.snapshot())
-        stepper.advance(30, one.dt)
-        other.advance(30, one.dt)
-        assert same_bits(arrays(other), arrays(stepper))
-
-
-def test_single_would_not_continue_from_float32_arrays(crumpled, same_bits):
-    """So what a snapshot keeps beside the arrays, the compensation, is needed."""
-    scene, x, v, dt = crumpled()
-    stepper = cs.Stepper(scene, x.astype(np.float32), v.astype(np.float32), precision="single")
-    stepper.advance(40, dt)
-    other = cs.Stepper(scene, *arrays(stepper), precision="single")
-    stepper.advance(60, dt)
-    other.advance(60, dt)
-    assert not same_bits(arrays(other), arrays(stepper))
+    with pytest.raises(ValueError, match="read-only"):
+        kept[:] = 0.0
 
 
 def test_restore_refuses_values_that_are_no_snapshot():
@@ -180,10 +131,3 @@ def test_growth_above_the_stability_limit_is_an_error_before_it_is_absurd(kernel
             x, v = cs.step(scene, x, v, dt, kernel=kernel)
             assert np.abs(x).max() < 1e6
     assert np.abs(raised.value.x).max() < 1e6
-
-
-def test_a_stable_run_right_below_the_limit(kernel):
-    scene = stiff()
-    x = disturbed(scene)
-    x, v = cs.step(scene, x, 0 * x, cs.max_stable_dt(scene), 5000, kernel=kernel)
-    assert np.abs(x).max() < 5
