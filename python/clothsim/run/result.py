@@ -404,7 +404,7 @@ class Run:
         >>> import clothsim as cs
         >>> run = cs.simulate(cs.scenes.paper_static(), 0.02, dt=1e-3, every=10)
         >>> run.picture(t=0.01, width=200)
-        <Picture of 200 x 141 pixels>
+        <Picture of 200 x 129 pixels>
         """
         from ..viewing.picture import picture_of_run
 
