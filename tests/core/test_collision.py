@@ -214,6 +214,21 @@ def test_the_core_moves_spheres_as_python_does(motion):
         np.testing.assert_allclose(v[0, 0], kick, atol=1e-11)
 
 
+def test_contact_with_a_sphere_that_swings_is_of_first_order():
+    cloth = cs.Cloth((2, 2), (0.2, 0.2), mass=0.04, stiffness=50.0, damping=0.0, pins=((0, 0), (1, 0)))
+    ball = cs.Sphere((0.2, -0.51, 0.1), 0.5, cs.Sinusoid((0, 0.05, 0), 2.0), offset="none")
+
+    def end(steps):
+        stepper = cs.Stepper(cs.Scene(cloth, ball), t=0.0)
+        stepper.advance(steps, 0.2 / steps)
+        return stepper.positions
+
+    counts, exact = 2 ** np.arange(8, 12), end(2**16)
+    errors = [np.abs(end(int(n)) - exact).max() for n in counts]
+    assert 0.9 < -np.polyfit(np.log(counts), np.log(errors), 1)[0] < 1.3
+    assert np.abs(end(2**16) - cs.simulate(cs.Scene(cloth), 0.2, dt=1e-4).x[-1]).max() > 0.02
+
+
 @cases(response=["reflect", "ray"])
 def test_the_offset_is_where_contact_begins(variant, response):
     """On the paper's cloth eq 13 gives 0.52 mm."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..base import check, files
 from ..base.extras import how_to_install
+from .fields import units
 from .scene import Scene
 
 _END = "file"  # the last table; its only entry shows that the file has not been cut
@@ -35,15 +36,9 @@ _COMMENTS = {
     "cloth.pins.points": "row, column",
     "cloth.pins.motion.offsets": "m, from the start",
     **{
-        f"{of}.motion.{name}": unit
+        f"{of}.motion.{name}": units(name)
         for of in ("spheres", "cloth.pins")
-        for unit, names in (
-            ("m/s", "velocity"),
-            ("m", "distance amplitude centers"),
-            ("s", "period times"),
-            ("Hz", "frequency"),
-        )
-        for name in names.split()
+        for name in ("velocity", "distance", "amplitude", "period", "frequency", "times", "centers")
     },
 }
 
