@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from clothsim.model.motion import Keyframes, Linear, Reciprocate, Sinusoid, motion_from_dict
+from clothsim.model.motion import Keyframes, Linear, Reciprocate, Sinusoid
 from scipy.interpolate import CubicSpline
 
 CENTER = (0.5, -0.5, 0.25)
@@ -25,21 +25,13 @@ def test_velocity_is_the_derivative_of_the_center(motion):
     np.testing.assert_allclose(motion.velocity_at(t), slope, rtol=0, atol=1e-8)
 
 
-def test_a_kind_names_the_motion():
-    for motion in MOTIONS:
-        assert motion_from_dict(motion.to_dict()) == motion
-        assert all(motion != other for other in MOTIONS if other is not motion)
-
-
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_one_time_and_many_agree(motion):
+def test_times_may_have_any_shape(motion):
     t = np.linspace(-1.0, 3.0, 12).reshape(3, 4)
     centers, velocities = motion.center_at(t, CENTER), motion.velocity_at(t)
     assert centers.shape == velocities.shape == (3, 4, 3)
-    assert motion.center_at(0.5, CENTER).shape == motion.velocity_at(0.5).shape == (3,)
-    for at in np.ndindex(t.shape):
-        assert (motion.center_at(float(t[at]), CENTER) == centers[at]).all()
-        assert (motion.velocity_at(float(t[at])) == velocities[at]).all()
+    assert motion.center_at(t[2, 1], CENTER).tolist() == centers[2, 1].tolist()
+    assert motion.velocity_at(t[2, 1]).tolist() == velocities[2, 1].tolist()
 
 
 def test_reciprocate_follows_its_formulas():

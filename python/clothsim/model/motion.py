@@ -18,7 +18,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,6 @@ from ..base.record import Record, frozen
 from ..typing import Numbers
 
 Vectors = npt.NDArray[np.float64]
-Self = TypeVar("Self", bound="BaseMotion")
 
 # As MotionPiece in cpp/model/motion.hpp, with polynomial = (p0, p1, p2, p3). Units: s (or parts of the period), m, rad, 1.
 PIECE = np.dtype(
@@ -126,34 +125,13 @@ class BaseMotion(Record):
         return self.core.states(t.ravel()).reshape(*t.shape, 6)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data as JSON and TOML can hold them, with the motion's name under "kind".
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Linear(velocity=(0, 1, 0)).to_dict()
-        {'kind': 'linear', 'velocity': [0.0, 1.0, 0.0]}
-        """
         return {"kind": self.kind, **super().to_dict()}
 
     @classmethod
-    def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
-        """The motion that `data` (as from ``to_dict``) describes.
-
-        Parameters
-        ----------
-        data : mapping
-            "kind", the name of this motion, and its arguments.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Linear.from_dict({"kind": "linear", "velocity": [0, 1, 0]}).velocity
-        (0.0, 1.0, 0.0)
-        """
-        arguments = cls._arguments(data, "kind")
+    def _arguments(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
+        arguments = super()._arguments(data, "kind", *more)
         check.choice(f"{cls.__name__} kind", arguments.pop("kind"), (cls.kind,))
-        return cls(**arguments)
+        return arguments
 
 
 def _times(t: npt.ArrayLike) -> Vectors:

@@ -185,12 +185,17 @@ class Sphere(Record):
         return cls(**arguments)
 
     def center_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
-        """Centre at the time `t` [m], the shape of `t` with 3 appended.
+        """Centre at the time `t`.
 
         Parameters
         ----------
         t : float or array_like, default 0.0
             Time [s].
+
+        Returns
+        -------
+        numpy.ndarray
+            Positions [m], the shape of `t` with 3 appended.
 
         Examples
         --------
@@ -202,12 +207,17 @@ class Sphere(Record):
         return (self.motion or _STILL).center_at(t, self.center)
 
     def velocity_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
-        """Velocity of the centre at the time `t` [m/s], the shape of `t` with 3 appended.
+        """Velocity of the centre at the time `t`.
 
         Parameters
         ----------
         t : float or array_like, default 0.0
             Time [s].
+
+        Returns
+        -------
+        numpy.ndarray
+            Velocities [m/s], the shape of `t` with 3 appended.
 
         Examples
         --------
