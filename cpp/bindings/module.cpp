@@ -13,7 +13,6 @@
 #include "driver/energy_watch.hpp"
 #include "driver/simulation.hpp"
 #include "kernels/dispatch.hpp"
-#include "kernels/edge/edge_legs.hpp"
 #include "memory/threads.hpp"
 
 namespace clothsim {
@@ -115,12 +114,6 @@ void bind_build(py::module_& m) {
     for (const MirroredNeighbour& n : neighbours)
         ends.append(py::make_tuple(n.row, n.column, family_names[n.family], int(n.kind)));
     m.attr("neighbours") = py::tuple(ends);
-    py::list families;
-    for (int family = 0; family < family_count; ++family)
-        if (std::any_of(kind_of_leg.begin(), kind_of_leg.end(),
-                        [family](SpringKind kind) { return spring_kinds[kind].family == family; }))
-            families.append(family_names[family]);
-    m.attr("edge_families") = py::tuple(families);
     m.attr("extents_that_are_far") = extents_that_are_far;
     m.attr("outer_epsilons") = outer_epsilons;
     m.attr("slop_epsilons") = slop_epsilons;

@@ -49,6 +49,9 @@ void EdgeEngine<Real>::build_coefficients() {
         for (const int columns : {1, 2})
             for (const int follow : reach) reach_.push_back(follow >= columns ? all_bits : Real(0));
     }
+    whole_vectors_ = int(std::find_if(coefficient_class_.begin(), coefficient_class_.end(),
+                                      [](std::uint8_t of_vector) { return of_vector != 0; }) -
+                         coefficient_class_.begin());
 }
 
 // The kernel adds forces where it divides by masses, so that a cloth without either pays for neither.

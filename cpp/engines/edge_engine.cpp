@@ -102,7 +102,7 @@ EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* sc
     e.coefficients = coefficients_.data();
     e.coefficient_class = coefficient_class_.data();
     e.reach = reach_.data();
-    e.complete = !layout_.padded();
+    e.whole_vectors = whole_vectors_;
     e.received[0] = scratch;
     e.received[1] = scratch + handed_size();
     e.received_2 = scratch + 2 * handed_size();

@@ -79,6 +79,7 @@ private:
     std::vector<std::ptrdiff_t> acceleration_place_;  // of (x, y, z) of each vector in a row of work
     double unit_ = 1;  // of the accelerations the kernel sums
     bool damped_alike_ = false;
+    int whole_vectors_ = 0;
     std::map<int, std::vector<std::unique_ptr<Band>>> bands_;  // by the size of the team
     StripHalos<Real> halos_;
     std::int64_t step_ = 0;  // of the state in memory

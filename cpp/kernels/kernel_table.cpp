@@ -19,11 +19,11 @@ RestLength<Real> fused_rest_length(Real along_columns, Real along_rows) {
 }
 
 template <class Real>
-constexpr std::array<const EdgeKernels<Real>*, edge_part_count> edge_parts() {
+constexpr std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts() {
 #if defined(CLOTHSIM_EDGE_IN_VERSIONS)
     return []<int... part>(std::integer_sequence<int, part...>) {
-        return std::array<const EdgeKernels<Real>*, edge_part_count>{
-            &EdgePartOf<this_instruction_set, Real, part>::kernels...};
+        return std::array<const EdgeRowsKernel<Real>*, edge_part_count>{
+            &EdgePartOf<this_instruction_set, Real, part>::rows...};
     }(std::make_integer_sequence<int, edge_part_count>{});
 #else
     return {};

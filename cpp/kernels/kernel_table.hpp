@@ -50,14 +50,14 @@ struct EdgeKernels {
     EdgeHaloKernel<Real> halo;
 };
 
-// Kernels of cloths with structural and shear springs: a part each without and with bend springs and damping.
-// Versions for other cloths would take 0.7 to 0.8 of their time, and a fifth of the whole compilation; no
-// ready scene has such a cloth. Each part is an object file of its own, as one file would take gigabytes to
-// compile.
+// The rows of cloths with structural and shear springs: a part each without and with bend springs and
+// damping. Versions for other cloths would take 0.7 to 0.8 of their time, and a fifth of the whole
+// compilation; no ready scene has such a cloth. Each part is an object file of its own, as one file would
+// take gigabytes to compile.
 inline constexpr int edge_part_count = 4;
 template <InstructionSet set, class Real, int part>
 struct EdgePartOf {
-    static const EdgeKernels<Real> kernels;
+    static const EdgeRowsKernel<Real> rows;
 };
 
 template <class Real>
@@ -66,7 +66,7 @@ struct RealKernels {
     SphereKernel<Real> sphere;
     EdgeKernels<Real> edge_of_any;
     EdgeFinishKernel<Real> edge_finish;
-    std::array<const EdgeKernels<Real>*, edge_part_count> edge_parts;  // null: not compiled in versions
+    std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts;  // null: not compiled in versions
     BeyondKernel<Real> beyond;
     ExtentKernel<Real> extent;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
@@ -74,10 +74,12 @@ struct RealKernels {
     int lanes;
 
     // `damped_alike`: all families, or none of them.
-    const EdgeKernels<Real>& edge(const Features& features, bool damped_alike) const {
+    EdgeKernels<Real> edge(const Features& features, bool damped_alike) const {
         const int part = features.family[bend] | features.spring_damping << 1;
         const bool in_versions = features.family[structural] && features.family[shear] && damped_alike;
-        return in_versions && edge_parts[std::size_t(part)] ? *edge_parts[std::size_t(part)] : edge_of_any;
+        EdgeKernels<Real> kernels = edge_of_any;
+        if (in_versions && edge_parts[std::size_t(part)]) kernels.rows = *edge_parts[std::size_t(part)];
+        return kernels;
     }
 };
 

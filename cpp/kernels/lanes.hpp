@@ -138,7 +138,6 @@ CLOTHSIM_INLINE typename V::batch_bool_type lanes_of(std::uint64_t bits) {
 
 // Some of the lanes: in memory a vector that has all bits in them and none in the others.
 #if defined(__AVX512F__)
-inline constexpr bool masks_in_registers = true;
 template <class V>
 struct SomeLanes {
     typename V::batch_bool_type::register_type bits{};
@@ -154,7 +153,6 @@ CLOTHSIM_INLINE V zero_elsewhere(SomeLanes<V> lanes, V a) {
     else return V(_mm512_maskz_mov_pd(lanes.bits, a));
 }
 #else
-inline constexpr bool masks_in_registers = false;
 template <class V>
 struct SomeLanes {
     const typename V::value_type* bits = nullptr;

@@ -10,7 +10,7 @@
 
 namespace clothsim {
 
-// Where the elements of a row are in lane-transposed records (see cpp/kernels/edge/edge_impl.hpp). Component
+// Where the elements of a row are in lane-transposed records (see cpp/kernels/edge/edge_row.hpp). Component
 // c of column l vectors + k is lane l of the vector at place[3 k + c].
 struct TransposedRow {
     int columns, lanes, vectors;

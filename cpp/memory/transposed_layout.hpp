@@ -1,4 +1,4 @@
-// The layout that cpp/kernels/edge/edge_impl.hpp draws: column l m + k is lane l of vector k. A row is its
+// The layout that cpp/kernels/edge/edge_row.hpp draws: column l m + k is lane l of vector k. A row is its
 // vectors' records one after the other; in single the records of their compensation follow.
 //
 // A wide cloth is cut into strips of columns, each with all its rows laid out like that. A strip's window

@@ -15,7 +15,6 @@ cell_roundings: tuple[float, float]
 cell_excess: float
 most_threads: int
 spring_kinds: tuple[tuple[Family, int, int], ...]
-edge_families: tuple[Family, ...]
 neighbours: tuple[tuple[int, int, Family, int], ...]
 extents_that_are_far: float
 

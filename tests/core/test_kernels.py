@@ -10,7 +10,6 @@ import itertools
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.engine import plan
 from clothsim.model.cloth import FAMILIES
 from tables import each
 from variants import INSTRUCTION_SETS, cases
@@ -26,11 +25,6 @@ MASKS = {
     "random": np.random.default_rng(3).random((7, 21)) < 0.3,
 }
 STEPS = 100
-
-
-def has(variant, springs):
-    """Whether the variant's kernel computes these families."""
-    return variant.kernel != "edge" or set(springs) <= set(plan._core.edge_families)
 
 
 # In single each stage's force is rounded to float32, whatever is done for the state.
@@ -67,8 +61,6 @@ def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(variant, c
 def test_every_feature_agrees_with_the_reference(variant, crumpled, relative, springs, damping):
     # A sheet without bend springs magnifies rounding: in single to 1.5e-5 in 40 steps, to 6e-5 in 100.
     steps = 40
-    if not has(variant, springs):
-        return
     # Rows that end within a vector, and the paper's, whose kernel is compiled apart.
     for shape, mass in itertools.product([(6, 19), (9, 32)], MASS):
         features = {"shape": shape, "springs": springs, "mass": mass, "damped_by": damping}
@@ -98,8 +90,6 @@ def _shared_damping(crumpled, shape, mass, damping):
 @cases()
 @each("springs, damping, mass", itertools.product(SUBSETS, DAMPING, MASS))
 def test_accelerations_are_those_of_newton(variant, crumpled, oracle, springs, damping, mass):
-    if not has(variant, springs):
-        return
     scene, x, v, _ = crumpled(shape=(5, 18), springs=springs, mass=mass, damped_by=damping)
     expected = oracle.acceleration(scene, x, v)
     result = cs.acceleration(scene, x, v, **variant.options)
@@ -211,13 +201,3 @@ def test_the_reference_is_newton_integrated(crumpled, oracle):
     expected = [start + dt * sum(w * slope[i] for w, slope in zip(weights, k)) for i, start in enumerate((x, v))]
     for result, wanted in zip(cs.reference_step(scene, x, v, dt), expected):
         np.testing.assert_allclose(result, wanted, rtol=0, atol=1e-14 * np.abs(wanted).max())
-
-
-def test_a_family_that_the_edge_kernel_lacks_is_left_to_the_gather_kernel(monkeypatch):
-    scene = cs.Scene(cs.Cloth((4, 5), springs=("structural", "bend")))
-    assert cs.Stepper(scene).kernel == "edge"
-    monkeypatch.setattr(plan._core, "edge_families", ("structural", "shear"))
-    assert cs.Stepper(scene).kernel == scene.explain()["kernel"] == "gather"
-    with pytest.raises(ValueError, match="kernel must be 'gather' or 'auto' for a cloth with bend springs, got 'edge'"):
-        cs.Stepper(scene, kernel="edge")
-    assert cs.Stepper(scene.replace(cloth=scene.cloth.replace(springs=("shear",)))).kernel == "edge"

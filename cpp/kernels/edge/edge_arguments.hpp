@@ -60,7 +60,7 @@ struct EdgeArguments : StepConstants<Real> {
     const Real* coefficients;  // [class][SpringKind][EdgeCoefficientIndex][lane]
     const std::uint8_t* coefficient_class;  // per vector of a row
     const Real* reach;  // [vector][columns - 1][lane]: all bits where so many columns follow, else none
-    bool complete;  // rows end with a whole vector
+    int whole_vectors;  // the first of a row, in which each lane has every spring
     // Scratch, three vectors for each vector of mass points and one more for forces past the row's end.
     // The rows take turns: forces received by the current row, by the next row, and by the row after
     // that.

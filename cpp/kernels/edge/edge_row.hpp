@@ -1,4 +1,35 @@
-// The edge kernel: all springs of a row, in one pass over its vectors.
+// The edge kernel: every spring once, for speed.
+//
+// Layout ("lane-transposed"). With m vectors of W lanes a row, vector k, lane l holds column l m + k:
+//
+//     lane          0      1      2             the right-hand neighbour of a whole vector is the next
+//     vector 0    0      m     2m     ...       vector, an aligned load without a shuffle; only behind
+//     vector 1    1     m+1   2m+1    ...       the last vector stands vector 0 again, one lane further.
+//     ...
+//
+// A row is stored vector by vector, all components of vector 0, then all of vector 1: one stream of memory.
+// The compensation is another, behind it.
+//
+// A sweep goes from row to row. A row adds the force of each of its springs to its own points and passes
+// the opposite force on. Within the row it stays in registers. `received` holds forces for the next row,
+// `received_2` for the row after it. Forces past the row's end belong to its first vectors, a lane
+// further, and reach them last. A row's forces are complete at its end. Its Runge-Kutta stage is finished
+// vector by vector while the next row's springs are summed, between operations that wait for each other.
+// The row's old stage state is not needed any more: the new state replaces it.
+//
+// Sweeps may start anywhere and go up or down: the force on a point is summed as
+//
+//     within the row + ((vertical + 2nd vertical) + (diagonal + other diagonal) of the rows before
+//                      -  the same of the rows behind)
+//
+// (forces past the row's end likewise, in a sum of their own). That gives the same bits either way, and
+// `edge_halo` repeats the forces of the two rows before a band. So do any number of threads.
+//
+// Two loops do so. This one is compiled in versions for sets of families and stages, for cloths with
+// structural and shear springs. The other, edge_general.hpp, serves all other cloths, rows at the borders,
+// and instruction sets without versions.
+//
+// All springs of a row, in one pass over its vectors.
 //
 // Legs are the springs that start in a vector of mass points P. Their other ends lie in the vectors beside
 // and below it:
@@ -36,8 +67,8 @@
 namespace clothsim {
 namespace {
 
-// Where a vector stands among those of its row: how many of its springs along the row lead past the last
-// vector.
+// Where a vector stands in its row: from how many columns on springs lead past the last vector, or are
+// missing in some lanes.
 enum class Place { inner, second_last, last, any };
 
 // A spring takes some sixty cycles from its first operation to the last, and each operation waits for the one
@@ -88,29 +119,16 @@ struct EdgeSet {
     bool bend, damped;
 };
 
-// A row with two rows behind it, the last two rows of a cloth, and a row before a band. Of the last only
-// springs to rows below count.
-enum class Row {
-    inner,
-    second_last,
-    last,
-    halo,
-};
-
-// All springs that start in a row. `fixed` is the number of vectors of a row, 0 if it is not known here.
-// `along`: springs from column to column are those of a whole row (all), or where `reach` has them (some).
-template <class Arch, class Real, EdgeSet set, Stage stage, int fixed, Springs along, Row which>
+// All springs that start in a row with two more behind it. `fixed` is the number of vectors of a row, 0 if it
+// is not known here.
+template <class Arch, class Real, EdgeSet set, Stage stage, int fixed>
 class RowPass {
     using V = Lanes<Real, Arch>;
     static constexpr int W = int(V::size);
-    static constexpr bool own = which != Row::halo, has_below = which != Row::last,
-                          has_below_2 = has_below && which != Row::second_last;
-    static constexpr bool damped = set.damped, shear = has_below, bend_down = set.bend && has_below_2,
-                          bend_aside = set.bend && own;
-    static constexpr Legs only(Leg leg, bool there) { return Legs(there) << leg; }
-    static constexpr Legs diagonals = only(rising, shear) | only(falling, shear),
-                          downs = only(down, has_below) | only(down_2, bend_down),
-                          sides = only(side, own) | only(side_2, bend_aside);
+    static constexpr bool damped = set.damped;
+    static constexpr Legs diagonals = 1u << rising | 1u << falling,
+                          downs = 1u << down | Legs(set.bend) << down_2,
+                          sides = 1u << side | Legs(set.bend) << side_2;
     using Order = Turns<Real, diagonals | downs | sides>;
 
     const EdgeArguments<Real>& e_;
@@ -182,7 +200,7 @@ class RowPass {
         constexpr SpringKind kind = kind_of_leg[leg];
         constexpr int columns = spring_kinds[kind].column;
         // The force between padding and padding is 0.
-        constexpr bool all = columns == 0 || (columns <= following(place) && along == Springs::all);
+        constexpr bool all = columns <= following(place);
         SomeLanes<V> lanes;
         if constexpr (!all) lanes = reach_(c.k, columns);
         c.f[leg] = force<damped, all ? Springs::all : Springs::some>(
@@ -193,38 +211,33 @@ class RowPass {
     template <int turn, bool first>
     CLOTHSIM_INLINE void send_down(Column& c) {
         constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
-        if constexpr (has_below && complete(only(down, true))) {
-            if constexpr (set.bend) c.straight = load3<V>(received_2_ + c.vector, W);
-            c.straight = set.bend ? c.f[down] + c.straight : c.f[down];
+        if constexpr (complete(1u << down)) {
+            c.straight = c.f[down];
+            if constexpr (set.bend) c.straight = c.straight + load3<V>(received_2_ + c.vector, W);
         }
-        if constexpr (shear && complete(only(rising, true)))
-            c.diagonal = first ? c.f[rising] : fell_ + c.f[rising];
-        if constexpr (has_below && complete(only(rising, shear) | only(down, true)))
-            store3(sent_down_ + c.vector, W, shear ? c.straight + c.diagonal : c.straight);
-        if constexpr (shear && complete(diagonals)) {
+        if constexpr (complete(1u << rising)) c.diagonal = first ? c.f[rising] : fell_ + c.f[rising];
+        if constexpr (complete(1u << rising | 1u << down))
+            store3(sent_down_ + c.vector, W, c.straight + c.diagonal);
+        if constexpr (complete(diagonals)) {
             c.pair = first ? c.f[falling] : rose_ + c.f[falling];
             fell_ = c.f[falling];
             rose_ = c.f[rising];
         }
-        if constexpr (bend_down && complete(downs)) store3(received_2_ + c.vector, W, c.f[down_2]);
+        if constexpr (set.bend && complete(downs)) store3(received_2_ + c.vector, W, c.f[down_2]);
     }
 
     // Sums for the points of the row that a turn completes.
     template <int turn, bool first>
     CLOTHSIM_INLINE void sum_own(Column& c) {
         constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
-        if constexpr (has_below && complete(downs))
-            c.behind = bend_down ? c.f[down] + c.f[down_2] : c.f[down];
-        if constexpr (complete(downs | diagonals)) {
-            c.before = load3<V>(received_ + c.vector, W);
-            if constexpr (shear) c.behind = c.behind + c.pair;
-            if constexpr (has_below) c.before = c.before - c.behind;
-        }
-        if constexpr (complete(only(side, true))) {
+        if constexpr (complete(downs)) c.behind = set.bend ? c.f[down] + c.f[down_2] : c.f[down];
+        if constexpr (complete(downs | diagonals))
+            c.before = load3<V>(received_ + c.vector, W) - (c.behind + c.pair);
+        if constexpr (complete(1u << side)) {
             c.within = first ? c.f[side] : to_next_ - c.f[side];
-            to_next_ = bend_aside && !first ? to_next_2_ + c.f[side] : c.f[side];
+            to_next_ = set.bend && !first ? to_next_2_ + c.f[side] : c.f[side];
         }
-        if constexpr (bend_aside && complete(sides)) {
+        if constexpr (set.bend && complete(sides)) {
             c.within = first ? c.within + c.f[side_2] : c.within - c.f[side_2];
             to_next_2_ = c.f[side_2];
         }
@@ -234,20 +247,19 @@ class RowPass {
     CLOTHSIM_INLINE void take_turn(Column& c) {
         constexpr int of_root = turn - Order::all.to_root, of_force = turn - Order::all.to_force;
         if constexpr (turn < Order::legs) begin<Order::order[turn]>(c, turn == Order::first_of_point);
-        // Finishing any stage is a call, before which what is in registers would be stored.
-        if constexpr (own && turn == (stage == any_stage ? 0 : Order::finishing))
-            if (__builtin_expect(pending_.there, 1)) finish<V, Real, stage, fixed>(e_, pending_, c.k);
+        if constexpr (turn == Order::finishing)
+            if (__builtin_expect(pending_.there, 1)) finish_vector<V, Real, stage, fixed>(e_, pending_, c.k);
         if constexpr (of_root >= 0 && of_root < Order::legs)
             root(c.springs[Order::order[of_root]], constants_);
         if constexpr (of_force >= 0) end<Order::order[of_force], place>(c);
         send_down<turn, first>(c);
-        if constexpr (own) sum_own<turn, first>(c);
+        sum_own<turn, first>(c);
     }
 
     // `first`: the row's first vector, which is passed nothing.
     template <Place place, bool first>
     CLOTHSIM_INLINE void column(int k) {
-        if constexpr (!fixed && which == Row::inner)
+        if constexpr (!fixed)
             if (ahead_) fetch<V>(e_, ahead_, k);
         Column c;
         c.k = k;
@@ -258,11 +270,9 @@ class RowPass {
         [&]<int... turn>(std::integer_sequence<int, turn...>) __attribute__((always_inline)) {
             (take_turn<turn, place, first>(c), ...);
         }(std::make_integer_sequence<int, Order::count>{});
-        if constexpr (own) {
-            const Vector3<V> sum = first ? c.before - c.within : c.within + c.before;
-            if (fixed && k < 2) kept_[k] = sum;
-            else store3(force_ + c.vector, W, sum);
-        }
+        const Vector3<V> sum = first ? c.before - c.within : c.within + c.before;
+        if (fixed && k < 2) kept_[k] = sum;
+        else store3(force_ + c.vector, W, sum);
     }
 
     CLOTHSIM_INLINE void all_columns() {
@@ -271,31 +281,20 @@ class RowPass {
             column<Place::second_last, fixed == 2>(fixed - 2);
             column<Place::last, false>(fixed - 1);
         } else {
-            // Where masks cost something, rows that need them at every vector are rare: one copy of the code
-            // is enough.
             int k = 0;
-            if constexpr (which == Row::inner && (along == Springs::all || masks_in_registers))
-                for (; k < m_ - 2; ++k) column<Place::inner, false>(k);
-            if constexpr (along == Springs::all) {
-                column<Place::second_last, false>(k++);
-                column<Place::last, false>(k++);
-            } else {
-                for (; k < m_; ++k) column<Place::any, false>(k);
-            }
+            for (; k < e_.whole_vectors; ++k) column<Place::inner, false>(k);
+            for (; k < m_; ++k) column<Place::any, false>(k);
         }
     }
 
     // Forces past the last vector belong to the first vectors, a lane further.
     CLOTHSIM_INLINE void pass_beyond_end() {
         const std::ptrdiff_t past = std::ptrdiff_t(m_) * 3 * W;
-        if constexpr (shear) store3(sent_down_ + past, W, fell_);
-        if constexpr (!own) return;
-        Vector3<V> past_last = to_next_;
-        const Vector3<V> before = load3<V>(received_ + past, W);
-        past_last = (shear ? before - rose_ : before) + past_last;
+        store3(sent_down_ + past, W, fell_);
+        const Vector3<V> past_last = (load3<V>(received_ + past, W) - rose_) + to_next_;
         const auto sum = [&](int k) { return fixed ? kept_[k] : load3<V>(force_ + k * 3 * W, W); };
         store3(force_, W, sum(0) + shifted_lanes(past_last));
-        if constexpr (bend_aside) store3(force_ + 3 * W, W, sum(1) + shifted_lanes(to_next_2_));
+        if constexpr (set.bend) store3(force_ + 3 * W, W, sum(1) + shifted_lanes(to_next_2_));
         else if constexpr (fixed > 0) store3(force_ + 3 * W, W, kept_[1]);
     }
 
@@ -314,7 +313,7 @@ public:
           pending_(pending),
           reach_(reach),
           ahead_(ahead),
-          stride_(source_stride<V>(stage == any_stage ? e.stage : stage)),
+          stride_(source_stride<V>(stage)),
           m_(fixed ? fixed : e.vectors) {}
     CLOTHSIM_INLINE void run() {
         all_columns();
@@ -322,13 +321,56 @@ public:
     }
 };
 
-template <class Arch, class Real, EdgeSet set, Stage stage, int fixed, Springs along, Row which = Row::inner>
-CLOTHSIM_INLINE void edge_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source,
-                              const Real* received, Real* sent_down, const PendingRow<Real>& pending,
-                              const Reach<Lanes<Real, Arch>, fixed>& reach, const Real* ahead = nullptr) {
-    RowPass<Arch, Real, set, stage, fixed, along, which>(e, source, received, sent_down, pending, reach,
-                                                         ahead)
-        .run();
+// Rows [begin, end) in one stage, with one number of vectors; 0: that of `e`.
+template <class Arch, class Real, EdgeSet set, Stage stage, int fixed>
+__attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, int end) {
+    const auto source = [&](int row) -> const Real* {
+        return source_is_state(stage) ? e.rows[row].state : e.rows[row].work;
+    };
+    const Reach<Lanes<Real, Arch>, fixed> reach(e.reach);
+    Real* received = e.received[0];
+    Real* sent_down = e.received[1];
+    const int first_finished = e.pending < 0 ? begin : e.pending;
+    for (int row = begin; row < end; ++row) {
+        const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
+        RowPass<Arch, Real, set, stage, fixed>(e, sources, received, sent_down, pending_row(e), reach,
+                                               row_ahead(e, row))
+            .run();
+        std::swap(received, sent_down);
+        e.pending = row;
+        e.pending_source = sources.here;
+    }
+    e.received[0] = received;
+    e.received[1] = sent_down;
+    end_rows<Lanes<Real, Arch>>(e, first_finished, end - 1);
+}
+
+// Damped rows of the paper's 32 columns are written out vector by vector where four vectors hold them: 8 to
+// 20 % of their time. Without damping it was 5 to 12 %, and no ready scene has so many columns.
+template <class Arch, class Real, EdgeSet set>
+inline constexpr int vectors_written_out =
+    set.damped && 32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(Lanes<Real, Arch>::size) : 0;
+
+template <class Arch, class Real, EdgeSet set, Stage stage>
+CLOTHSIM_INLINE void edge_rows_in(EdgeArguments<Real>& e, int begin, int end) {
+    constexpr int fixed = vectors_written_out<Arch, Real, set>;
+    if constexpr (fixed > 0 && stage != Stage::evaluate)
+        if (e.ahead == 0 && e.vectors == fixed && e.whole_vectors == fixed - 2)
+            return edge_rows_of<Arch, Real, set, stage, fixed>(e, begin, end);
+    edge_rows_of<Arch, Real, set, stage, 0>(e, begin, end);
+}
+
+// One stage of rows [begin, end), of which all have two more behind them in `e.rows`. Code that knows its
+// stage takes nine tenths of the time of code that asks.
+template <class Arch, class Real, EdgeSet set>
+void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
+    switch (e.stage) {
+        case Stage::first: return edge_rows_in<Arch, Real, set, Stage::first>(e, begin, end);
+        case Stage::second: return edge_rows_in<Arch, Real, set, Stage::second>(e, begin, end);
+        case Stage::third: return edge_rows_in<Arch, Real, set, Stage::third>(e, begin, end);
+        case Stage::fourth: return edge_rows_in<Arch, Real, set, Stage::fourth>(e, begin, end);
+        case Stage::evaluate: return edge_rows_in<Arch, Real, set, Stage::evaluate>(e, begin, end);
+    }
 }
 
 }  // namespace

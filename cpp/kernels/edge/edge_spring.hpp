@@ -1,12 +1,35 @@
 // The edge kernel: a vector of springs, from points to forces.
 #pragma once
 
+#include <array>
+
 #include "kernels/edge/edge_arguments.hpp"
-#include "kernels/edge/edge_legs.hpp"
 #include "kernels/vector3.hpp"
 
 namespace clothsim {
 namespace {
+
+// Springs that start in a vector of points, and the spring that rises from the row below to the next vector.
+enum Leg : int {
+    rising,
+    down,
+    falling,
+    down_2,
+    side,
+    side_2,
+    leg_count,
+};
+using Legs = unsigned;  // a set of them
+inline constexpr std::array<SpringKind, leg_count> kind_of_leg{to_diagonal, to_below, to_diagonal,
+                                                               to_below_2,  to_right, to_right_2};
+
+constexpr int legs_needed() {
+    int legs = 0;  // two of a diagonal kind
+    for (const MirroredNeighbour& n : neighbours) legs += leads_on(n);
+    return legs;
+}
+static_assert(legs_needed() == leg_count,
+              "a spring without a leg here lacks a place in the sums of edge_row.hpp and edge_general.hpp");
 
 template <class V>
 CLOTHSIM_INLINE Vector3<V> shifted_lanes(const Vector3<V>& a) {
@@ -99,9 +122,6 @@ private:
     const Real* table_;
     SomeLanes<V> known_[fixed ? 2 * fixed : 1];
 };
-
-// Of code that serves all stages and asks which one it is.
-constexpr Stage any_stage = Stage(-1);
 
 // Whether a stage reads x_n and v_n in state records, or the result of the stage before in work records.
 constexpr bool source_is_state(Stage stage) { return stage == Stage::first || stage == Stage::evaluate; }

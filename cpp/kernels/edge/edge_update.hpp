@@ -106,12 +106,6 @@ __attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const Pe
         case Stage::evaluate: return finish_vector<V, Real, Stage::evaluate>(e, row, k);
     }
 }
-template <class V, class Real, Stage stage, int fixed>
-CLOTHSIM_INLINE void finish(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
-    if constexpr (stage == any_stage) return finish_any<V, Real>(e, row, k);
-    else finish_vector<V, Real, stage, fixed>(e, row, k);
-}
-
 // Whether all points of a row are beyond the sphere's plane; padding is above every plane.
 template <class V, class Real>
 CLOTHSIM_INLINE bool beyond_plane(const EdgeArguments<Real>& e, const Real* row, std::ptrdiff_t stride,

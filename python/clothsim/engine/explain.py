@@ -105,7 +105,7 @@ def explain(
     options = Options(integrator, precision, threads, kernel)
     integrator = options.integrator
     cloth, method = scene.cloth, integrators()[integrator]
-    kernel = options.kernel_for(cloth)
+    kernel = options.chosen_kernel
     plan = core_plan(scene, options)
     compensated = precision == "single"
     everything = {

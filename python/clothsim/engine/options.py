@@ -14,7 +14,6 @@ from ..typing import Backend, Kernel, Precision
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-    from ..model.cloth import Cloth
 
 PRECISIONS: tuple[Precision, ...] = ("double", "single")
 KERNELS: tuple[Kernel, ...] = get_args(Kernel)
@@ -59,16 +58,10 @@ class Options:
         """A copy with other values."""
         return replace(self, **changes)
 
-    def kernel_for(self, cloth: Cloth) -> str:
-        """The kernel that "auto" stands for: "edge", or "gather" for a family that it lacks."""
-        if self.kernel == "gather":
-            return "gather"
-        for family in cloth.families:
-            if family not in _core.edge_families:
-                if self.kernel == "edge":
-                    raise ValueError(f"kernel must be 'gather' or 'auto' for a cloth with {family} springs, got 'edge'")
-                return "gather"
-        return "edge"
+    @property
+    def chosen_kernel(self) -> str:
+        """The kernel that "auto" stands for."""
+        return "edge" if self.kernel == "auto" else self.kernel
 
     def threads_for(self, shape: tuple[int, int], members: int = 1) -> int:
         """`threads`; None: all for large cloths, else one a member."""

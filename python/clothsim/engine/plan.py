@@ -61,7 +61,7 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
             for sphere in scene.spheres
         ],
         precision=options.precision,
-        kernel=options.kernel_for(scene.cloth),
+        kernel=options.chosen_kernel,
         instruction_set="",
         integrator=options.integrator,
     )

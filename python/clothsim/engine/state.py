@@ -140,7 +140,7 @@ class State:
     def _adopt(self, scenes: list[Scene], compiled: _Compiled) -> None:
         self.scenes, self.max_stable_dt = scenes, compiled.stable_dt
         on_gpu = self.options.backend == "gpu"
-        self.kernel = "gather" if on_gpu else self.options.kernel_for(scenes[0].cloth)
+        self.kernel = "gather" if on_gpu else self.options.chosen_kernel
         self.instruction_set = str(cast("Any", self.core).adapter if on_gpu else compiled.plans[0].instruction_set)
         self.judge = Judge(self.core, scenes, self.batched, self.integrator, compiled.stable_dt)
         self._driven = self._moves = self._continuous = False
