@@ -109,24 +109,6 @@ Array<double> sphere_states(const Plan& plan, const std::vector<double>& times) 
     return states;
 }
 
-// Vectors times a number, added to a vector, in a step of an explicit method.
-std::ptrdiff_t updates(const ExplicitMethod& method) {
-    const auto terms = [](const std::vector<double>& row) {
-        return std::ptrdiff_t(row.size()) - std::count(row.begin(), row.end(), 0.0);
-    };
-    const auto of = [&](const Weights& w) { return (w.drift != 0) + terms(w.x) + terms(w.v); };
-    std::ptrdiff_t sum = of(method.result);
-    for (const Weights& weights : method.stage) sum += of(weights);
-    return sum;
-}
-
-std::ptrdiff_t updates(const Splitting& method) {
-    const auto terms = [](const std::vector<double>& parts) {
-        return std::ptrdiff_t(parts.size()) - std::count(parts.begin(), parts.end(), 0.0);
-    };
-    return terms(method.drifts) + terms(method.kicks);
-}
-
 py::tuple rows_of(const ExplicitMethod& method) {
     py::list rows;
     for (const Weights& w : method.stage) rows.append(py::make_tuple(w.drift, w.x, w.v));
@@ -134,7 +116,7 @@ py::tuple rows_of(const ExplicitMethod& method) {
     return py::tuple(rows);
 }
 
-// Families and coefficients of all methods, for Python's theory of stability and its count of operations.
+// Families and coefficients of all methods, for Python's theory of stability.
 py::dict methods() {
     py::dict all;
     for (const Method& method : all_methods()) {
@@ -143,21 +125,17 @@ py::dict methods() {
         facts["in_kernels"] = method.in_kernels;
         facts["adaptive"] = method.runge_kutta && !method.runge_kutta->errors.empty();
         std::size_t stages = 1;
-        py::object once = py::none();
         if (const ExplicitMethod* const rk = method.runge_kutta) {
             stages = std::size_t(rk->stages);
             facts["order"] = rk->order;
             facts["tableau"] = rk->a;
-            once = py::int_(updates(*rk));
         } else if (const Splitting* const parts = method.splitting) {
             stages = parts->kicks.size() - parts->first_same_as_last();
             facts["splitting"] = py::make_tuple(parts->drifts, parts->kicks);
-            once = py::int_(updates(*parts));
         }
         facts["stages"] = stages;
         facts["stages_damped"] = method.damped ? std::size_t(method.damped->stages) : stages;
         if (method.damped) facts["damped"] = rows_of(*method.damped);
-        facts["updates"] = py::make_tuple(once, method.damped ? py::int_(updates(*method.damped)) : once);
         all[py::str(std::string(method.name))] = facts;
     }
     return all;

@@ -11,20 +11,23 @@ def free_cloth(shape=(16, 16)):
     return cs.Cloth(shape=shape, mass=25.6, stiffness=100.0, damping=0.0, pins=())
 
 
-@pytest.mark.parametrize("offset", ["none", "cell"])
+@pytest.mark.parametrize("response, offset", [("continuous", "none"), ("continuous", "cell"), ("ray", "edge")])
 @pytest.mark.parametrize("integrator", ADAPTIVE)
-def test_no_contact_is_skipped_at_100_metres_a_second(integrator, offset):
+def test_no_contact_is_skipped_at_100_metres_a_second(integrator, response, offset):
     """A sphere through a free cloth: what it meets leaves at twice its speed, at whatever tolerance."""
-    sphere = cs.Sphere((0.5, -1.0, 0.5), 0.2, cs.Linear((0.0, 100.0, 0.0)), "continuous", offset, restitution=1.0)
+    sphere = cs.Sphere((0.5, -1.0, 0.5), 0.2, cs.Linear((0.0, 100.0, 0.0)), response, offset, restitution=1.0)
     scene = cs.Scene(free_cloth(), sphere, gravity=(0.0, 0.0, 0.0))
     run = cs.simulate(scene, 0.02, rtol=1e-2, integrator=integrator, every=1e-3)
     small = cs.simulate(scene, 0.02, dt=1e-5)
     met, expected = (np.linalg.norm(r.v[-1], axis=-1) > 50 for r in (run, small))
     assert expected.sum() >= 28
-    if offset == "none":  # the radius grows with the cells, by how much depends on the step
+    if offset != "cell":  # whose radius grows with the cells, by how much depends on the step
         assert (met == expected).all()
     assert met.sum() >= 28
-    assert run.report["penetration"]["points"] < 1e-12
+    # No step near the sphere was longer than a tenth of its contact radius at its speed.
+    assert 20 <= run.report["steps"] < 250
+    if response == "continuous":
+        assert run.report["penetration"]["points"] < 1e-12
     if offset == "cell":
         assert run.report["penetration"]["triangles"] < 1e-6
     first = run.report["first_contact"]["time"]
@@ -59,18 +62,6 @@ def test_a_point_bounces_as_it_does_at_fixed_steps():
     # Within a step the way is taken as straight: a step of a tenth of the radius falls 2e-4 m short.
     assert abs(run.x[-1][0, 0, 1] - height) < 5e-4
     assert run.report["energy"]["end"]["total"] == pytest.approx(run.report["energy"]["start"]["total"], rel=1e-6)
-
-
-def test_frames_within_steps():
-    scene = cs.scenes.paper_static("continuous", bend=True)
-    run = cs.simulate(scene, 0.4, rtol=1e-4, integrator="dop853", every=0.01)
-    np.testing.assert_allclose(run.t, 0.01 * np.arange(41), rtol=0, atol=1e-12)
-    assert run.report["penetration"]["points"] < 1e-12
-    assert run.report["penetration"]["triangles"] < 2e-3
-    fixed = cs.simulate(scene, 0.4, dt=1e-4)
-    a, b = (r.report["energy"]["end"]["total"] for r in (run, fixed))
-    scale = run.report["energy"]["start"]["total"] - fixed.report["energy"]["end"]["total"]
-    assert abs(a - b) < 0.05 * abs(scale)
 
 
 def test_a_point_trapped_is_an_error_at_the_step_before(trap):

@@ -127,19 +127,6 @@ def test_adaptive_steps(name, integrator):
     assert time == pytest.approx(small["first_contact"]["time"], abs=np.diff(frames.t).max())
 
 
-@pytest.mark.parametrize("offset", ["edge", "cell"])
-def test_a_continuous_sphere_that_is_never_touched_leaves_a_plain_error_estimate(offset):
-    near = ball(response="continuous", offset=offset, center=(0.5, -0.35, 0.5))
-    for options in ({"dt": 1e-3, "estimate_error": True}, {"rtol": 1e-6}):
-        report = cs.simulate(cs.Scene(CLOTH, near), 0.1, **options).report
-        assert 0 < report["error_estimate"]["rms"] < 1e-4
-        assert np.isnan(report["first_contact"]["time"])
-        assert report["first_contact"]["reason"] == "no sphere responded"
-        longer = cs.simulate(cs.Scene(CLOTH, near), 0.4, **options).report
-        assert longer["first_contact"]["reason"] == ""
-        assert longer["error_estimate"]["reason"].startswith("a sphere responded")
-
-
 def test_the_watch_changes_no_bit_and_a_stepper_has_none():
     scene = SCENES["three of them"]
     run = cs.simulate(scene, STEPS * DT, DT, threads=1)

@@ -1,8 +1,7 @@
-"""An account of a scene's work per step: kernels, threads, operations, and the stable step."""
+"""An account of a scene's work per step: kernels, threads, and the stable step."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,25 +9,13 @@ from .. import _core
 from ..base.record import ReadOnly
 from ..base.table import aligned
 from ..methods.data import METHODS
-from ..methods.integration import Integrator, integrators
+from ..methods.integration import integrators
 from ..methods.limiting import limiting_term
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
 from ..model.sphere import CONTACT_COSTS, Sphere
 from .options import Options
 from .plan import core_plan, in_cells, point_radius
-
-# Floating-point operations, a root and a division counted as one each.
-_FLOPS_SPRING = 19
-_FLOPS_SPRING_DAMPING = 11
-_FLOPS_DRAG = 6
-_FLOPS_POINT_MASS = 3
-_FLOPS_FORCE = 3
-_FLOPS_ACCELERATION = 6
-_FLOPS_RK4_POINT = 81  # of a whole step of the fused kernel
-_FLOPS_UPDATE = 6  # a vector times a number, added to a vector
-_FLOPS_COMPENSATION = 18
-_FLOPS_SPHERE_TEST = 9
 
 
 class Explanation(ReadOnly[Any]):
@@ -74,30 +61,6 @@ def _contact_cost(sphere: Sphere, precision: str) -> dict[str, float]:
     return {"untouched": cost.untouched, "all points touched": touched, **drapes}
 
 
-def _flops(scene: Scene, method: Integrator, kernel: str, compensated: bool) -> dict[str, int]:
-    """Floating-point operations per step, part by part; of an explicit method."""
-    cloth = scene.cloth
-    points = cloth.rows * cloth.columns
-    evaluations = method.evaluations_per_step(cloth.damped)
-    data = METHODS[method.name]
-    updates = data.updates[cloth.damped] or 0
-    state = _FLOPS_RK4_POINT if data.in_kernels else _FLOPS_UPDATE * updates + _FLOPS_ACCELERATION * evaluations
-    per_point = {
-        "state": state,
-        "drag": evaluations * _FLOPS_DRAG * (cloth.drag > 0),
-        "mass per point": evaluations * _FLOPS_POINT_MASS * (not cloth.uniform_mass),
-        "forces on points": evaluations * _FLOPS_FORCE * (scene.force is not None),
-        "compensation": _FLOPS_COMPENSATION * compensated,
-        "spheres": _FLOPS_SPHERE_TEST * len(scene.spheres),
-    }
-    # In the gather kernel each of a spring's two ends evaluates it, as the shader's threads do.
-    times = evaluations * (2 if kernel == "gather" else 1)
-    flops = {f"{f} springs": times * _FLOPS_SPRING * cloth.spring_count(f) for f in cloth.families}
-    if any(cloth.family_damping.values()):
-        flops["spring damping"] = times * _FLOPS_SPRING_DAMPING * cloth.spring_count()
-    return flops | {name: points * count for name, count in per_point.items() if count}
-
-
 def explain(
     scene: Scene, precision: str = "double", kernel: str = "auto", threads: int | None = None, integrator: str = "rk4"
 ) -> Explanation:
@@ -118,8 +81,6 @@ def explain(
         "spheres": bool(scene.spheres),
         "compensation": compensated,
     }
-    # The implicit method solves each step by Newton's method: as often as that takes.
-    flops = _flops(scene, method, kernel, compensated) if method.explicit else {}
     term = limiting_term(scene, integrator)
     return Explanation(
         {
@@ -152,7 +113,5 @@ def explain(
             "instruction_set": plan.instruction_set,
             "lanes": plan.lanes,
             "threads": options.threads_for(cloth.shape),
-            "flops_per_step": sum(flops.values()) if flops else math.nan,
-            "flops": flops,
         }
     )

@@ -23,9 +23,6 @@ class MethodData:
     adaptive: bool
     stages: int  # force evaluations per step without damping
     stages_damped: int  # and with damping
-    # Vectors times a number, added to a vector, in a step without and with damping. The velocity in x counts one, and each
-    # weight that is not 0 counts one. None for an implicit method.
-    updates: tuple[int | None, int | None]
     terms: tuple[float, ...]  # Runge-Kutta: factors of the powers of z, from 1 on, by which a step multiplies exp(z)
     splitting: tuple[list[float], list[float]]  # as many drifts and kicks, in turn, as parts of the step
     # The explicit method that replaces a splitting where there is damping. For each stage and for the result: factors of
@@ -53,7 +50,7 @@ def method_data(facts: dict[str, Any]) -> MethodData:
     drifts, kicks = facts.get("splitting", ((), ()))
     tableau = facts.get("tableau")
     terms = _terms(tableau, facts["order"], facts["stages"]) if tableau else ()
-    same = {name: facts[name] for name in ("family", "in_kernels", "adaptive", "stages", "stages_damped", "updates")}
+    same = {name: facts[name] for name in ("family", "in_kernels", "adaptive", "stages", "stages_damped")}
     return MethodData(**same, terms=terms, splitting=(list(drifts), [*kicks, 0.0]), damped=tuple(facts.get("damped", ())))
 
 

@@ -229,7 +229,7 @@ def integrators() -> Mapping[str, Integrator]:
 def warn_of_order(integrator: str, scene: Scene) -> bool:
     """Give an `OrderWarning` where damping lowers the order of this integrator; return True if it was given."""
     method = _INTEGRATORS[integrator]
-    lower = method.order_of(scene) < method.order
+    lower = method.order_damped < method.order and method.order_of(scene) < method.order
     if lower:
         warn_caller(
             f"{integrator} is of order {method.order_damped} for a scene with damping, not of order "

@@ -212,9 +212,8 @@ class Scene(Record):
         -------
         mapping
             Families, damping, collision passes, kernel, instruction set and precision; of the
-            integrator "order" (for this scene), "force_evaluations_per_step" and "flops_per_step"
-            (NaN for an implicit method); "max_stable_dt", the step that is guaranteed to be stable
-            [s], and "limited_by", the term that limits it, with its springs. "limited_by" also has the value below
+            integrator "order" (for this scene) and "force_evaluations_per_step"; "max_stable_dt", the step that is
+            guaranteed to be stable [s], and "limited_by", the term that limits it, with its springs and the value below
             which the other term limits the step. Printed, it is a readable table.
 
         Raises

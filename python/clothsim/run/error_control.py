@@ -200,22 +200,9 @@ def _fixed(job: Job, dt: float) -> Job:
     return replace(job, dt=job.duration / math.ceil(job.duration / dt), own_step=True)
 
 
-# dop853 in double
-#
-# Refined grids (Shampine, Watts: Global error estimation for ordinary differential equations, ACM TOMS 2 (1976) 172). The
-# first run chooses its steps by a tolerance in proportion to what is asked. The second run takes the same grid, refined by
-# `REFINEMENT`. The order is p = 8; let m = (steps of the first / steps of the second)^p. The difference d of both is then
-# 1 - m times the error of the first run. If that is small enough, the first run is returned. Where errors are proportional,
-# the error of the second run is m / (1 - m) d. Each run sums the method's own estimates of its steps' errors. Errors are
-# proportional if the sums of both are as m to 1. If m is no less than `SMALL`, the steps are no fewer than `FEW`, and the
-# error is small enough, the second run is returned. Else the next refinement has as many steps as the errors so far ask for.
-#
-# Tolerances (Stetter: Considerations concerning a theory for ODE-solvers, 1978). Errors are not proportional where springs
-# collapse at a moment that the grid does not resolve. From then on each run chooses its own steps, by a tolerance in
-# proportion to the errors so far. Its distance from the next run, at a tolerance `SMALL`^2 times as large, is its error.
-#
-# Refinement ends at the grid of the smallest tolerance, and where errors fall no more. It also ends before it would cost
-# more than `MOST` runs at the smallest tolerance.
+# dop853 in double: grids that are refined (Shampine, Watts: Global error estimation for ordinary differential equations, ACM
+# TOMS 2 (1976) 172), and tolerances (Stetter: Considerations concerning a theory for ODE-solvers, 1978) where errors are not
+# proportional; docs/dev/error-control.md has the algorithm.
 
 
 def refined(job: Job, asked: float, done: list[Trajectory], plain: RunOptions | None = None) -> Search:
@@ -341,12 +328,7 @@ class _Finer:
         self.refine(min(min(after, 1.0) * min(SMALL**2, least), before * asked / pair.before.rms))
 
 
-# Other methods
-#
-# Runs are compared with a better run of dop853. The tolerance of the better run is tightened until its own error is at most
-# `SMALL` times the distance of both. Its own error is the sum of its local errors times their growth. The growth is known
-# once it has been tightened: it is the distance of two better runs over the local errors of the looser run. The first run
-# of a fixed step takes the guaranteed stable step. Its error and the order of the method then give the step that is needed.
+# Other methods: the tolerance of a better run of dop853 is tightened until its own error is small beside the distance.
 
 
 def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:

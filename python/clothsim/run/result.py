@@ -201,13 +201,6 @@ class Run:
         Run
             A run whose first frame is the last frame of this run; ``run + more`` is one run of both.
 
-        Raises
-        ------
-        ValueError, TypeError
-            If an argument is not as above, or this run has no `snapshot`.
-        UnstableError, ContactError, RunInterrupted
-            As for `simulate`.
-
         Examples
         --------
         >>> import clothsim as cs
@@ -335,11 +328,6 @@ class Run:
         path : path-like
             Ends in ".npz", which is added where there is no ending. An existing file is replaced.
 
-        Returns
-        -------
-        pathlib.Path
-            The file written.
-
         Examples
         --------
         >>> import tempfile, clothsim as cs
@@ -394,10 +382,6 @@ class Run:
             camera, width, color, limits, label and ground, as for `clothsim.picture`. The view, the colour
             scale and the ground are those of all frames. An array as `color` has shape (rows, columns) or (frames,
             rows, columns).
-
-        Returns
-        -------
-        Picture
 
         Examples
         --------
@@ -457,18 +441,6 @@ class Run:
         **style
             As for `picture`. The view, the colour scale and the ground are fixed and hold every frame.
 
-        Returns
-        -------
-        pathlib.Path
-            The file written.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If an argument is not as above, or the run has fewer than 3 frames.
-        RuntimeError
-            Without ffmpeg, or if ffmpeg fails.
-
         Examples
         --------
         >>> import tempfile, clothsim as cs
@@ -495,11 +467,6 @@ class Run:
         title : str, optional
             Heading of the page. Default: the name of a ready scene, or the shape of the cloth and the responses of its
             spheres.
-
-        Returns
-        -------
-        pathlib.Path
-            The file written.
 
         Examples
         --------
@@ -577,26 +544,10 @@ class Run:
         list of pathlib.Path
             The files written. The first is the file to open.
 
-        Raises
-        ------
-        ValueError, TypeError
-            If an argument is not as above, or stored frames are too far apart to interpolate.
-
         Warns
         -----
         UserWarning
-            If interpolation may be wrong by more than a tenth of the grid spacing.
-
-        Notes
-        -----
-        Stored frames lie h seconds apart. The error of a smooth motion between them is at most
-        h^4 / 384 times its largest fourth derivative (de Boor, *A Practical Guide to Splines*).
-        An impact that changes a velocity by u adds at most `h |u| / 8`.
-
-        A check interpolates each stored frame from its two neighbours. The gap there is twice as
-        long, so the distance to the stored positions overestimates the error. The factor is 16
-        where the motion is smooth, and 2 at an impact. The check refuses a distance above the grid
-        spacing. It also refuses a run without a stored frame between first and last.
+            If interpolation may be wrong by more than a tenth of the grid spacing. More than a spacing is an error.
 
         Examples
         --------
@@ -617,15 +568,6 @@ def load_run(path: str | os.PathLike[str]) -> Run:
     Parameters
     ----------
     path : path-like
-
-    Returns
-    -------
-    Run
-
-    Raises
-    ------
-    ValueError
-        If the file is no run, or is damaged.
 
     Examples
     --------
