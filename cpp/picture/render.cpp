@@ -63,26 +63,25 @@ constexpr int map_size = 512;  // samples of the shadow map along an edge; at ha
 constexpr double light_size = 0.15;
 // Samples of the map within which heights count as equal: at half, a sheet shades itself in stripes.
 constexpr double map_slack = 2.5;
-constexpr int taps = 24;  // places of the map that a pixel inspects; at half, bands show in wide shadows
-constexpr int taps_of_search = 8;  // of them, those that sample the height of the cover
+constexpr int taps = 48;  // places of the map that a pixel inspects; at half, wide shadows have bands
+constexpr int taps_of_search = 16;  // of them, those that sample the height of the cover
 constexpr int stride = 5;  // between seeds in the order of places, without a common factor to `taps`
 
 struct Disc {
     std::array<float, taps> x, y;
 };
-// A sunflower's seeds, evenly spread over the unit disc, in an order whose first ones are spread as well. Of
-// four neighbouring pixels each takes every fourth.
-std::array<Disc, 4> seeds() {
-    std::array<Disc, 4> discs;
+// A sunflower's seeds, evenly spread over the unit disc, in an order whose first ones are spread as well.
+Disc seeds() {
+    Disc disc;
     const double turn = std::numbers::pi * (3 - std::sqrt(5.0));
-    for (std::size_t k = 0; k < 4 * taps; ++k) {
-        const double radius = std::sqrt((double(k) + 0.5) / (4 * taps));
-        discs[k % 4].x[k / 4 * stride % taps] = float(radius * std::cos(double(k) * turn));
-        discs[k % 4].y[k / 4 * stride % taps] = float(radius * std::sin(double(k) * turn));
+    for (std::size_t k = 0; k < taps; ++k) {
+        const double radius = std::sqrt((double(k) + 0.5) / taps), angle = double(k) * turn;
+        disc.x[k * stride % taps] = float(radius * std::cos(angle));
+        disc.y[k * stride % taps] = float(radius * std::sin(angle));
     }
-    return discs;
+    return disc;
 }
-const std::array<Disc, 4> discs = seeds();
+const Disc disc = seeds();
 
 // Metres by which the map is above `height` at the seeds of a disc. Its border is beside the sheet.
 CLOTHSIM_VERSIONS void look_up(const float* __restrict map, const Disc& disc, float x, float y, float radius,
@@ -130,10 +129,10 @@ public:
             heights_.assign(nearest.nearness.begin(), nearest.nearness.end());
     }
 
-    // Part of the light that reaches the point seen in a pixel, 0 to 1. A ball throws no shadow on itself.
-    double lit(const Triple& point, int column, int row, const Ball* on = nullptr) const {
+    // Part of the light that reaches a point, 0 to 1. A ball throws no shadow on itself.
+    double lit(const Triple& point, const Ball* on = nullptr) const {
         if (!picture_.shading.shadow) return 1;
-        double lit = heights_.empty() ? 1.0 : past_sheet(point, 2 * (row % 2) + column % 2);
+        double lit = heights_.empty() ? 1.0 : past_sheet(point);
         for (const Ball& ball : picture_.balls) {
             if (!ball.solid || &ball == on) continue;
             const Triple way = ball.center - point;
@@ -148,8 +147,7 @@ public:
 private:
     // First the mean height of the cover between point and light. Then the covered part of a disc as wide as
     // the light's edge seems at that height.
-    double past_sheet(const Triple& point, int which) const {
-        const Disc& disc = discs[std::size_t(which)];
+    double past_sheet(const Triple& point) const {
         const Triple seen = view_.to_view(point);
         const float x = float(map_size / 2.0 + view_.scale * seen[0]);
         const float y = float(map_size / 2.0 - view_.scale * seen[1]);
@@ -266,7 +264,7 @@ private:
                 for (const Plane& plane : picture_.planes) depth = std::max(depth, below(plane, point));
                 color = depth_color(shading_, depth);
             }
-            if (std::isnan(lit)) lit = shadow_.lit(point, x, y);
+            if (std::isnan(lit)) lit = shadow_.lit(point);
             const auto near = [&](double part) {  // to a line of the grid, in cells
                 return part < shading_.grid_line || part > 1 - shading_.grid_line;
             };
@@ -308,7 +306,7 @@ private:
             const double facing = dot(normal, ray.to_eye);
             const double nearness = view_.nearness(ray, way + view_.slack() / std::max(facing, least_facing));
             if (nearness <= nearest_.nearness[i]) return;
-            if (std::isnan(lit)) lit = shadow_.lit(ball.center + ball.radius * normal, x, y, &ball);
+            if (std::isnan(lit)) lit = shadow_.lit(ball.center + ball.radius * normal, &ball);
             const Triple color = light_on(shading_, normal, facing, lit) * ball.color;
             // Cloth in the far half of the ball is not what the eye sees.
             color_[i] = rounded(
@@ -342,7 +340,7 @@ private:
                                         view_.perspective() ? length - away : nearness});
                     const Triple way = point - plane.point;
                     const double drawn = smooth(2 * (1 - std::sqrt(dot(way, way)) / plane.radius));
-                    lit = drawn > 0 ? shadow_.lit(point, x, y) : 1.0;
+                    lit = drawn > 0 ? shadow_.lit(point) : 1.0;
                     color = ((1 - (1 - plane_in_shadow) * (1 - lit)) * drawn) * plane.color +
                         (1 - drawn) * shading_.background;
                 }

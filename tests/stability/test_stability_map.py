@@ -58,4 +58,4 @@ def test_the_plot_says_why_crosses_lie_below_the_predicted_limit():
     found = measure_map(SCENE, STIFFNESS, [1e-5, 1e-1], steps=50)
     for stable, notes in ((found.stable, 0), (found.stable & False, 1)):
         texts = [text.get_text() for text in draw_map(dataclasses.replace(found, stable=stable)).texts]
-        assert len(texts) == notes and all("states of a lower limit" in text for text in texts)
+        assert len(texts) == notes and all("it is that of the initial state" in text for text in texts)

@@ -110,12 +110,10 @@ def test_heat_maps(swept):
     assert named.isel(dt=[0]).clothsim.plot().get_ylabel().startswith("penetration")
 
 
-def test_a_heat_map_marks_errors_below_the_reference_and_takes_colours(swept):
+def test_a_heat_map_marks_errors_below_the_reference(swept):
     swept = swept.assign(reference_error=swept.reference_error * 0 + float(swept.error.median()))
-    norm = plt.matplotlib.colors.LogNorm(1e-9, 1.0)
-    axes = swept.clothsim.plot.heatmap("error", x="dt", y="stiffness", cmap="magma", norm=norm)
+    axes = swept.clothsim.plot.heatmap("error", x="dt", y="stiffness")
     (mesh,) = axes.collections
-    assert mesh.get_cmap().name == "magma" and mesh.norm is norm
     unsure = (swept.error < swept.reference_error).transpose("stiffness", "dt").values
     drawn = ~np.ma.getmaskarray(np.ma.masked_invalid(mesh.get_array()))
     assert unsure.any() and not drawn[unsure].any() and drawn.sum() == np.isfinite(swept.error).sum() - unsure.sum()

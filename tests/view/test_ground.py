@@ -8,7 +8,7 @@ import pytest
 from clothsim.viewing.camera import camera_for
 from pages import pixels, seek
 
-RADII = [1.0, 30.0, 1e3, 1e4, 1e5]
+RADII = [1.0, 1e3, 1e5]
 GAP = 0.49  # m below the flat sheet
 
 
@@ -57,17 +57,6 @@ def test_cloth_that_lies_on_a_floor_is_drawn_as_without_it(runs, radius):
     assert np.abs(floor - bare)[cloth].max(axis=-1).mean() < 1
 
 
-def test_a_film_and_its_frames_move_over_a_floor(runs, tmp_path):
-    image = pytest.importorskip("PIL.Image")
-    shares = []
-    for run in runs[1e4]:
-        film = image.open(run.animate(tmp_path / "a.webp", fps=10, width=320))
-        assert film.n_frames == len(run)
-        film.seek(film.n_frames - 1)
-        shares.append(share(film.convert("RGB")))
-    assert shares[0] == pytest.approx(shares[1], rel=0.2)
-
-
 @pytest.mark.parametrize("radius", RADII)
 def test_pages_get_the_camera_of_the_cloth(runs, radius, tmp_path):
     run, bare = runs[radius]
@@ -80,13 +69,11 @@ def test_pages_get_the_camera_of_the_cloth(runs, radius, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("viewport", [(390, 700), (1400, 900)])
-@pytest.mark.parametrize("radius", [1.0, 1e3, 1e5])
-def test_a_page_shows_as_much_cloth_with_a_floor_as_without(runs, radius, viewport, tmp_path, opened):
+@pytest.mark.parametrize("radius", [1.0, 1e5])
+def test_a_page_shows_as_much_cloth_with_a_floor_as_without(runs, radius, tmp_path, opened):
     shares, red = [], []
     for run in runs[radius]:
         page = opened(run.to_html(tmp_path / "a.html"))
-        page.tab.set_viewport_size(dict(zip(("width", "height"), viewport)))
         page.ready()
         found = []
         for frame, mode in ((0, "faces"), (8, "stretch"), (8, "faces")):
@@ -99,21 +86,6 @@ def test_a_page_shows_as_much_cloth_with_a_floor_as_without(runs, radius, viewpo
         shares.append(found)
     assert shares[0] == pytest.approx(shares[1], rel=0.2) and min(shares[1]) > 0.02
     assert radius < 1e5 or red == [0, 0]  # places of 16 bits, and corners on a part of a pixel, are no penetration
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("radius", [1.0, 1e5])
-def test_a_live_page_shows_as_much_cloth_with_a_floor_as_without(radius, tmp_path, opened):
-    shares = []
-    for one in (scene(radius), scene(radius).replace(spheres=())):
-        page = opened(one.to_live_html(tmp_path / "a.html"))
-        page.ready()
-        page.tab.click("#play")
-        page.tab.evaluate("() => live.then(() => live.live.reset())")
-        page.tab.click("#one")
-        page.tab.evaluate("() => live.then(() => {})")
-        shares.append(share(pixels(page)))
-    assert shares[1] > 0.02 and shares[0] == pytest.approx(shares[1], rel=0.2)
 
 
 def test_a_small_sphere_is_framed_while_it_is_near():
@@ -131,10 +103,3 @@ def test_the_eye_looks_through_a_floor_from_below_and_through_a_wall():
     for ground, camera in ((scene(1e3), "below"), (scene(1e3).replace(spheres=wall), "corner")):
         bare = share(cs.picture(ground.replace(spheres=()), camera=camera))
         assert share(cs.picture(ground, camera=camera)) == bare > 0.3
-
-
-@pytest.mark.parametrize("height", [1e6, 13.0])
-def test_a_camera_that_is_too_tall_for_a_picture_is_refused(height):
-    camera = cs.Camera((0, 0, 1), (0.5, 0, 0.5), 1.0, height)
-    with pytest.raises(ValueError, match=r"camera must be at most 12\.8 times as tall as wide with width=640.* got height"):
-        cs.picture(cs.Scene(cs.Cloth()), camera=camera)

@@ -161,6 +161,12 @@ def test_a_label_is_a_strip_below_the_same_picture(run):
     other = run.picture(5, width=400, label=True).pixels[len(plain) :]
     columns = np.flatnonzero((strip != other).any(axis=(0, 2)))
     assert columns.size and columns.max() < 0.25 * 400
+    # "as printed" has a line of its own above the other one.
+    printed = cs.picture(cs.scenes.paper_static("ray", as_printed=True), width=400, label=True).pixels
+    more = len(printed) - len(cs.picture(cs.scenes.paper_static("ray"), width=400, label=True).pixels)
+    note = printed[-len(strip) - more : -len(strip)]
+    columns = np.flatnonzero((note < 150).any(axis=(0, 2)))
+    assert more > 10 and 0.1 * 400 < np.ptp(columns) < 0.25 * 400 and (note[[0, -1]] == 255).all()
 
 
 @pytest.mark.parametrize(("width", "scene_width"), [(400, 1.1), (640, 0.05), (900, 40.0)])
@@ -175,18 +181,6 @@ def test_the_length_in_a_label_is_that_of_the_picture(width, scene_width):
     length = legend.nice_length(0.17 * scene_width)
     assert len(longest) == pytest.approx(length / scene_width * width, abs=1.5)
     assert legend.length_in_words(length) == {1.1: "10 cm", 0.05: "5 mm", 40.0: "5 m"}[scene_width]
-
-
-def test_a_label_says_as_printed():
-    """In a line of its own above the other one."""
-    pytest.importorskip("PIL")
-    printed, mended = (
-        cs.picture(cs.scenes.paper_static("ray", as_printed=one), width=400, label=True).pixels for one in (True, False)
-    )
-    strip, more = legend.labelled(mended[:1], 0.0, 400.0, None).shape[0] - 1, printed.shape[0] - mended.shape[0]
-    note = printed[-strip - more : -strip]
-    columns = np.flatnonzero((note < 150).any(axis=(0, 2)))
-    assert more > 10 and 0.1 * 400 < np.ptp(columns) < 0.25 * 400 and (note[[0, -1]] == 255).all()
 
 
 # Shadows and ground
@@ -378,27 +372,21 @@ def test_film_holds_the_pictures_for_their_time(run, tmp_path, suffix):
     assert np.abs(pictures[0] - pictures[-1]).mean() > 10
 
 
-def test_mp4_film(run, tmp_path):
-    if which("ffmpeg") is None:
+@pytest.mark.parametrize("program", ["ffmpeg", "imageio_ffmpeg"])
+def test_mp4_film_by_the_program_or_the_package(run, tmp_path, monkeypatch, program):
+    if program == "imageio_ffmpeg":
+        ffmpeg = pytest.importorskip(program).get_ffmpeg_exe()
+        monkeypatch.setenv("PATH", str(tmp_path))
+    elif (ffmpeg := which("ffmpeg")) is None:
         pytest.skip("ffmpeg is not installed")
     path = run.animate(tmp_path / "a.mp4", fps=25, speed=0.5, width=161)
-    command = ["ffmpeg", "-loglevel", "error", "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    command = [ffmpeg, "-loglevel", "error", "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     raw = subprocess.run(command, capture_output=True, check=True).stdout
     expected = run.picture(-1, width=160).pixels
     height = expected.shape[0] + expected.shape[0] % 2
     film = np.frombuffer(raw, np.uint8).reshape(-1, height, 160, 3)
     assert len(film) == 16  # 0.3 s at half speed, 25 a second
     assert np.abs(film[-1, : expected.shape[0]].astype(int) - expected).mean() < 6
-
-
-def test_mp4_film_by_the_package_where_no_program_is(run, tmp_path, monkeypatch):
-    package = pytest.importorskip("imageio_ffmpeg")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    used = []
-    found = package.get_ffmpeg_exe()
-    monkeypatch.setattr(package, "get_ffmpeg_exe", lambda: used.append(found) or found)
-    assert run.animate(tmp_path / "a.mp4", width=64).stat().st_size > 1000
-    assert used
 
 
 @pytest.mark.parametrize("suffix", ["gif", "webp"])

@@ -15,7 +15,6 @@ from ..viewing.animation import FORMATS as FILMS
 from ..viewing.animation import animate, film_path
 from ..viewing.exports import FORMATS as EXPORTS
 from ..viewing.exports import checked, export
-from ..viewing.page import run_to_html
 from ..viewing.picture import file_path
 from ._scene import add_scene, changed_scene
 
@@ -77,7 +76,7 @@ def _write(args: argparse.Namespace, result: cs.Run, files: list[Path]) -> None:
     if args.out:
         files.append(result.save(args.out))
     if args.html:
-        files.append(run_to_html(result, args.html, Path(args.scene).stem, progress=progress))
+        files.append(result.to_html(args.html, title=Path(args.scene).stem))
     if args.picture:
         result.picture(path=args.picture)
         files.append(Path(args.picture))

@@ -394,7 +394,7 @@ class Run:
 
         return picture_of_run(self, frame, t, path, **style)
 
-    def plot(self, path: str | Path | None = None, *, log: bool = False) -> Any:
+    def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
 
         Penetration and contacts are drawn where the scene has a sphere. A contact is a mass point
@@ -404,8 +404,6 @@ class Run:
         ----------
         path : path-like, optional
             File to write as well, of a format that matplotlib knows.
-        log : bool, default False
-            Logarithmic axes of values, of four decades. An axis with smaller values is linear below them.
 
         Returns
         -------
@@ -421,7 +419,7 @@ class Run:
         """
         from ..viewing.plots import plot_run
 
-        return plot_run(self, path, log=log)
+        return plot_run(self, path)
 
     def animate(self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, **style: Any) -> Path:
         """Write a film of the run.
@@ -477,9 +475,9 @@ class Run:
         ...     path.name, path.stat().st_size < 500_000
         ('run.html', True)
         """
-        from ..viewing.page import run_to_html
+        from ..viewing.page import alone
 
-        return run_to_html(self, path, title)
+        return alone(self, title).to_html(path)
 
     def show(self, *, height: int = 760) -> Any:
         """Play the run in a notebook: the page of `to_html` in a frame of the cell.
@@ -497,9 +495,9 @@ class Run:
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
-        from ..viewing.page import run_to_frame
+        from ..viewing.page import alone
 
-        return run_to_frame(self, height)
+        return alone(self).show(height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """The lines of `print`, and a picture of the last frame, for a notebook."""

@@ -17,10 +17,7 @@ def draw_map(found: StabilityMap, ax: Any = None) -> Any:
     for mask, color, marker, label in ((found.stable, BLUE, "o", "stable"), (~found.stable, RED, "x", "unstable")):
         axes.plot(k[mask], dt[mask], marker, color=color, markersize=5, label=label, clip_on=False)
     order = np.argsort(found.stiffness)
-    for values, style, label in (
-        (found.limit, "-", "predicted limit of the initial state"),
-        (found.guarantee, "--", "guaranteed (max_stable_dt)"),
-    ):
+    for values, style, label in ((found.limit, "-", "predicted at the start"), (found.guarantee, "--", "guaranteed")):
         if np.isfinite(values).any():
             axes.plot(found.stiffness[order], values[order], style, color=BLACK, label=label)
     axes.set(
@@ -31,7 +28,7 @@ def draw_map(found: StabilityMap, ax: Any = None) -> Any:
         title=f"{found.integrator}, {found.precision}: {found.steps} steps",
     )
     if (~found.stable & found.predicted).any():
-        note = "Crosses below the predicted limit: the cloth moves on to states of a lower limit."
+        note = "Crosses below the predicted limit: it is that of the initial state, and the cloth moves on to others"
         axes.text(0.5, 1.0, note, transform=axes.transAxes, ha="center", va="bottom", fontsize="small")
         axes.set_title(axes.get_title(), pad=20)
     axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)

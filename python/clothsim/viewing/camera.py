@@ -79,16 +79,7 @@ class Camera:
             object.__setattr__(self, name, check.number(name, getattr(self, name), minimum=0, exclusive=True))
 
     def axes(self) -> Floats:
-        """Right, up and towards-the-eye unit vectors as rows, shape (3, 3).
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Camera((0, 0, 1), target=(0, 0, 0), width=1, height=1).axes()
-        array([[1., 0., 0.],
-               [0., 1., 0.],
-               [0., 0., 1.]])
-        """
+        """Right, up and towards-the-eye unit vectors as rows, shape (3, 3)."""
         depth = np.array(self.direction, float)
         depth /= np.linalg.norm(depth)
         up = (0.0, 1.0, 0.0) if np.hypot(depth[0], depth[2]) > 1e-9 else (0.0, 0.0, -1.0)
@@ -98,27 +89,9 @@ class Camera:
 
     @classmethod
     def around(cls, direction: Any, points: npt.ArrayLike, margin: float = 0.03) -> Camera:
-        """The view along `direction` that holds all `points`, no taller than wide.
+        """The orthographic view along `direction` that holds all `points` [m], shape (n, 3), no taller than wide.
 
-        Parameters
-        ----------
-        direction : sequence of 3 floats
-            Vector from the scene to the eye.
-        points : array_like
-            Positions [m], shape (n, 3).
-        margin : float, default 0.03
-            Space around the points, as a part of their larger extent.
-
-        Returns
-        -------
-        Camera
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> camera = cs.Camera.around((0, 1, 0), cs.Cloth().rest_positions)
-        >>> round(camera.width, 2), camera.target
-        (1.06, (0.5, 0.0, 0.5))
+        `margin` is the space around them, as a part of their larger extent.
         """
         axes = cls(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
         seen = np.asarray(points, float).reshape(-1, 3) @ axes.T

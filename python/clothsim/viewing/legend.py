@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -99,8 +98,8 @@ def deepest(scene: Any, x: Floats, t: Floats) -> Floats:
     return found
 
 
-def point_stretch(scene: Any, x: Floats, advance: Callable[[int], object] = lambda _: None) -> Floats:
-    """Stretch l/L - 1 of the most stretched spring at each point, shape (frames, points), >= 0; `advance` by 1 a frame."""
+def point_stretch(scene: Any, x: Floats) -> Floats:
+    """Stretch l/L - 1 of the most stretched spring at each point, shape (frames, points), >= 0."""
     table = scene.cloth.spring_table()
     i, j, rest = table["i"], table["j"], table["rest_length"]
     found = np.zeros((len(x), x.shape[1] * x.shape[2]))
@@ -108,7 +107,6 @@ def point_stretch(scene: Any, x: Floats, advance: Callable[[int], object] = lamb
         stretch = np.linalg.norm(points[j] - points[i], axis=-1) / rest - 1
         np.maximum.at(values, i, stretch)
         np.maximum.at(values, j, stretch)
-        advance(1)
     return found
 
 

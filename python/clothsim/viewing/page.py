@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import zlib
 from base64 import b64encode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -21,7 +21,6 @@ import numpy as np
 from ..base import Floats, check
 from ..base.files import write_bytes
 from ..base.plots import COLORS
-from ..base.progress import ProgressBar
 from ..model.ready import hanging, oscillator, paper_moving, paper_static, paper_swing
 from ..model.scene import Scene
 from ..model.sphere import RESPONSES
@@ -32,9 +31,7 @@ from .camera import DIRECTIONS, Camera, camera_for, reach
 from .legend import HEAT, VIRIDIS, point_stretch
 from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
-from .plots import PARTS, curves
-
-Advance = Callable[[int], object]
+from .plots import curves
 
 # Times the narrowest view of the runs of a page. A cloth that was thrown off is wider; at twice it makes others small, at
 # half two scenes of different size do not both fit.
@@ -43,8 +40,7 @@ MOST_RUNS = 8  # a browser keeps 16 canvases of WebGL alive, and eight panels fi
 MOST_SPHERES = 100  # whose depths a fragment shader compares; WebGL 2 warrants room for 112
 POSTER_WIDTH = 400  # pixels of the picture shown where scripts or WebGL are missing
 LEVELS = 65535
-TOP_PARTS = {"max": 1.0, "99 %": 0.99, "90 %": 0.9}
-"""Part of all values that a colour scale of the page holds, by the name of the choice."""
+TOP_PARTS = {"max": 1.0, "99 %": 0.99, "90 %": 0.9}  # of all values that a colour scale holds, by the name of the choice
 SHORTEST = 4.0  # s; a run that is over sooner is shown slowed down
 SPEEDS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4)
 VIEWS = ("corner", "front", "right", "top")
@@ -69,15 +65,7 @@ SHADING = {
 
 
 class Comparison:
-    """Runs side by side with a common clock; `compare` makes it.
-
-    Attributes
-    ----------
-    runs : dict
-        Label -> Run.
-    difference : bool
-        Whether the page shows the distance to the first run.
-    """
+    """Runs side by side with a common clock; `compare` makes it. `runs` maps labels to runs."""
 
     def __init__(self, runs: Mapping[str, Run], difference: bool = False) -> None:
         self.runs, self.difference = dict(runs), difference
@@ -97,23 +85,12 @@ class Comparison:
         """
         path = file_path("path", path)
         title = " and ".join(self.runs) if title is None else check.instance("title", title, str)
-        return self._write(path, title)
-
-    def _write(self, path: Path, title: str, progress: bool = False) -> Path:
-        """Write the page; with `progress`, a bar counts frames."""
-        # Every frame is measured, its springs are, and it is packed.
-        frames = sum(len(run.t) for run in self.runs.values())
-        with ProgressBar(progress, total=(PARTS + 2) * frames, unit="frame", desc="page") as bar:
-            content = _page(title, self.runs, bar.advance, self.difference).encode()
-        return write_bytes(path, content)
+        return write_bytes(path, _page(title, self.runs, self.difference).encode())
 
     def show(self, height: int = 600) -> Frame:
         """The page inside a notebook, to be played; `height` is 300 to 4000 pixels."""
-        return self._frame(" and ".join(self.runs), height)
-
-    def _frame(self, title: str, height: int) -> Frame:
-        height = check.integer("height", height, minimum=300, maximum=4000)
-        return Frame(_page(title, self.runs, difference=self.difference), f"<{title}, to be played in a notebook>", height)
+        title, height = " and ".join(self.runs), check.integer("height", height, minimum=300, maximum=4000)
+        return Frame(_page(title, self.runs, self.difference), f"<{title}, to be played in a notebook>", height)
 
     def picture(self, t: float | None = None, **style: Any) -> Picture:
         """The runs side by side, in one view: the stored frames nearest to the time `t` [s], by default the last ones.
@@ -150,11 +127,6 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
     -------
     Comparison
         Its ``to_html(path)`` writes the page, ``picture(t=)`` draws the runs, ``show()`` plays them in a notebook.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
 
     See Also
     --------
@@ -214,21 +186,14 @@ def _title_of(scene: Scene) -> str:
     return next((name for name, one in made.items() if one == scene), other)
 
 
-def run_to_html(run: Run, path: str | Path, title: str | None = None, progress: bool = False) -> Path:
-    """`Run.to_html`; with `progress`, a bar counts frames."""
-    title = _title_of(run.scene) if title is None else check.instance("title", title, str)
-    return Comparison({title: run})._write(file_path("path", path), title, progress)
+def alone(run: Run, title: str | None = None) -> Comparison:
+    """A run under the title of its page, for `Run.to_html` and `Run.show`."""
+    return Comparison({_title_of(run.scene) if title is None else check.instance("title", title, str): run})
 
 
-def run_to_frame(run: Run, height: int) -> Frame:
-    """`Run.show`."""
-    title = _title_of(run.scene)
-    return Comparison({title: run})._frame(title, height)
-
-
-def _page(title: str, runs: Mapping[str, Run], advance: Advance = lambda _: None, difference: bool = False) -> str:
+def _page(title: str, runs: Mapping[str, Run], difference: bool) -> str:
     cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
-    meta, data = _contents(runs, cameras, advance, difference)
+    meta, data = _contents(runs, cameras, difference)
     posters = [poster(r.scene, r.x[-1], float(r.t[-1]), camera) for r, camera in zip(runs.values(), cameras, strict=True)]
     panels = "".join(
         f'<figure class="run"><figcaption><span id="key-{k}"></span> <b>{escape(label) if len(runs) > 1 else ""}</b> '
@@ -307,13 +272,11 @@ def _help(meta: Mapping[str, Any]) -> str:
     return f'<p class="small">{HELP} {red}Positions are stored to {micron:.2g} um.</p>'
 
 
-def _contents(
-    runs: Mapping[str, Run], cameras: list[Camera], advance: Advance, difference: bool
-) -> tuple[dict[str, Any], str]:
+def _contents(runs: Mapping[str, Run], cameras: list[Camera], difference: bool) -> tuple[dict[str, Any], str]:
     """Settings of the page, and its script elements with the frames."""
-    values = {"stretch": [point_stretch(run.scene, run.x, advance) for run in runs.values()]}
+    values = {"stretch": [point_stretch(run.scene, run.x) for run in runs.values()]}
     values["speed"] = [np.array([np.linalg.norm(v, axis=-1).ravel() for v in run.v]) for run in runs.values()]
-    lines = [curves(run, advance) for run in runs.values()]
+    lines = [curves(run) for run in runs.values()]
     if difference:
         found = _differences(runs)
         values["difference"] = [
@@ -332,7 +295,6 @@ def _contents(
     entries, data = [], ""
     for k, (label, run) in enumerate(runs.items()):
         packed = pack(run.x, [each[k] for each in values.values()], [tops[name]["max"] for name in values])
-        advance(len(run.t))
         base64 = b64encode(packed.data).decode("ascii")
         data += f'<script type="application/octet-stream" id="data-{k}">{base64}</script>\n'
         cloth = run.scene.cloth

@@ -112,23 +112,15 @@ def _ground(asked: Any, scene: Any, x: Floats, t: Floats) -> list[Plane]:
 class Picture:
     """An RGB picture that a notebook shows, and that saves itself.
 
-    Parameters
-    ----------
-    pixels : numpy.ndarray
-        uint8, shape (height, width, 3).
-
     Attributes
     ----------
     pixels : numpy.ndarray
-        The pixels, read-only. `numpy.asarray(picture)` gives them as well.
+        uint8, shape (height, width, 3), read-only. `numpy.asarray(picture)` gives them as well.
 
     Examples
     --------
     >>> import clothsim as cs
-    >>> picture = cs.picture(cs.scenes.paper_static(), width=200)
-    >>> picture
-    <Picture of 200 x 141 pixels>
-    >>> picture.pixels.dtype
+    >>> cs.picture(cs.scenes.paper_static(), width=200).pixels.dtype
     dtype('uint8')
     """
 
@@ -142,31 +134,10 @@ class Picture:
         self.pixels.flags.writeable = False
 
     def save(self, path: str | Path) -> Path:
-        """Write the picture to a file.
+        """Write the picture to a file and return its path.
 
-        Parameters
-        ----------
-        path : path-like
-            ".png" needs no package; other formats need Pillow (extra "plot").
-
-        Returns
-        -------
-        pathlib.Path
-            The file written.
-
-        Raises
-        ------
-        ValueError
-            If the folder is missing, or the suffix names no format.
-        ImportError
-            Without Pillow, for formats other than PNG.
-
-        Examples
-        --------
-        >>> import tempfile, clothsim as cs
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     cs.picture(cs.scenes.paper_static(), width=64).save(folder + "/cloth.png").name
-        'cloth.png'
+        ".png" needs no package; other formats need Pillow (extra "plot"), and are refused by ImportError without it. A
+        missing folder or a suffix that names no format is a ValueError.
         """
         path = file_path("path", path)
         if path.suffix.lower() == ".png":

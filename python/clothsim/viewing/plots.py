@@ -23,12 +23,9 @@ from ..sweeps.member import STATUS
 from ..sweeps.metrics import RESERVED
 from .picture import file_path
 
-PARTS = 4  # kinds of measures, each of all frames
-
+# A mass point touches a sphere if it is closer than the contact radius and this part of the spacing. Half of it misses
+# points that bounce while they rest, twice of it counts points that only pass.
 TOUCH = 1 / 32
-"""A mass point touches a sphere if it is closer to it than the contact radius and this part of the
-spacing: 1 mm for 32 points on a metre. Half of it misses points that bounce while they rest, twice
-of it counts points that only pass."""
 
 
 def touching(scene: Scene, x: Floats, t: float) -> int:
@@ -41,21 +38,17 @@ def touching(scene: Scene, x: Floats, t: float) -> int:
     return int(touched.sum())
 
 
-def curves(run: Any, advance: Callable[[int], object] = lambda _: None) -> dict[str, Floats]:
-    """Each curve, shape (frames,). `advance` advances by `PARTS` for every frame.
+def curves(run: Any) -> dict[str, Floats]:
+    """Each curve, shape (frames,).
 
     "kinetic", "elastic", "gravity", "force" and "total" [J]; "stretch" of the most stretched spring, l/L - 1;
     "points" and "triangles", the deepest of each below the true radius of any sphere [m]; "contacts",
     the number of mass points that touch a sphere. Without a sphere the last three are missing.
     """
-    found: dict[str, Floats] = dict(run.energy())
-    advance(len(run.t))
-    found["stretch"] = run.stretch()["largest"]
-    advance(len(run.t))
+    found: dict[str, Floats] = {**run.energy(), "stretch": run.stretch()["largest"]}
     if run.scene.spheres:
         found |= run.penetration()
         found["contacts"] = np.array([touching(run.scene, x, float(t)) for x, t in zip(run.x, run.t)], float)
-    advance(2 * len(run.t))
     return found
 
 
@@ -74,14 +67,12 @@ PANELS = (
     ("penetration [mm]", 1000.0, ("points", "triangles")),
     ("points in contact", 1.0, ("contacts",)),
 )
-DECADES = 1e-4  # part of the largest value below which a logarithmic axis is linear
 LABELS = {"points": "deepest point", "triangles": "deepest triangle"}
 
 
-def plot_run(run: Any, path: str | Path | None = None, log: bool = False) -> Any:
+def plot_run(run: Any, path: str | Path | None = None) -> Any:
     """`Run.plot`: the figure, for a notebook. It is also written to `path` if a path is given."""
-    what, log = "run.plot", check.boolean("log", log)
-    base = needed("matplotlib.figure", what, "plot").Figure
+    base = needed("matplotlib.figure", "run.plot", "plot").Figure
     path = None if path is None else file_path("path", path)
     formats = base().canvas.get_supported_filetypes()
     if path is not None and path.suffix.lower()[1:] not in formats:
@@ -97,7 +88,7 @@ def plot_run(run: Any, path: str | Path | None = None, log: bool = False) -> Any
 
     found = curves(run)
     panels = [panel for panel in PANELS if panel[2][0] in found]
-    drawn, axes = figure(8, 0.8 + 1.6 * len(panels), len(panels), what=what, base=Plot, sharex=True)
+    drawn, axes = figure(8, 0.8 + 1.6 * len(panels), len(panels), what="run.plot", base=Plot, sharex=True)
     few: dict[str, Any] = {"marker": "o", "ms": 3} if len(run.t) < 20 else {}
     for axis, (label, scale, names) in zip(axes[:, 0], panels, strict=True):
         for name in names:
@@ -105,7 +96,8 @@ def plot_run(run: Any, path: str | Path | None = None, log: bool = False) -> Any
             look = {"label": LABELS.get(name, name), "color": color, "ls": dash, "lw": width, **few}
             axis.plot(run.t, scale * found[name], clip_on=False, **look)
         axis.set(ylabel=label, xmargin=0)
-        _limits(axis, scale * np.concatenate([found[name] for name in names]), log)
+        if not any((found[name] < 0).any() for name in names):
+            axis.set_ylim(bottom=0)
         if len(names) > 1:
             name_lines(axis)
     axes[-1, 0].set_xlabel("time [s]")
@@ -113,23 +105,6 @@ def plot_run(run: Any, path: str | Path | None = None, log: bool = False) -> Any
     if path is not None:
         save(drawn, path)
     return drawn
-
-
-def _limits(axis: Any, values: Any, log: bool) -> None:
-    """Limits from 0, or a logarithmic axis, which is linear around 0 where values are not all positive."""
-    sizes = np.abs(values[np.isfinite(values)])
-    if log and sizes.any():
-        # Linear below four decades: smaller values are of the first frames, or rounding.
-        # A power of ten: the ticks at 0 and at the end of the linear part have room.
-        least = 10.0 ** np.ceil(np.log10(DECADES * sizes.max()))
-        if np.nanmin(values) >= least:
-            axis.set_yscale("log")
-        else:
-            axis.set_yscale("symlog", linthresh=least)
-            axis.yaxis.get_major_locator().set_params(numticks=5)
-            axis.set_ylim(bottom=None if np.nanmin(values) < 0 else 0)
-    elif not np.any(values < 0):
-        axis.set_ylim(bottom=0)
 
 
 KINDS = ("convergence", "stability", "heatmap")
@@ -229,20 +204,12 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
     return ax
 
 
-def heatmap(
-    dataset: Any,
-    variable: str | None = None,
-    x: str | None = None,
-    y: str | None = None,
-    ax: Any = None,
-    cmap: Any = None,
-    norm: Any = None,
-) -> Any:
+def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
     """A metric over the dimensions `x` and `y`: by default the first known of error, sag, penetration and stretch.
 
     For a sweep with one dimension, a line. Select a value of each further dimension first. Members that diverged are crossed
-    out. An error below the error bound of the reference is a hollow circle without a colour. `cmap` and `norm` are those of
-    matplotlib; by default colours are logarithmic where values span more than two decades.
+    out. An error below the error bound of the reference is a hollow circle without a colour. Colours are
+    logarithmic where values span more than two decades.
     """
     variable = check.choice("variable", variable or _telling_metric(dataset), list(dataset.data_vars))
     free = [d for d in _long(dataset) if d not in (x, y)]
@@ -267,9 +234,9 @@ def heatmap(
         return ax
     values = data[variable].where(~unsure)
     positive = values.values[np.isfinite(values.values)]
-    mesh = _mesh(values, x, y, ax, cmap=cmap)
-    if norm is not None or (positive.size and positive.max() > 100 * positive.min() > 0):
-        mesh.norm = norm or "log"
+    mesh = _mesh(values, x, y, ax)
+    if positive.size and positive.max() > 100 * positive.min() > 0:
+        mesh.norm = "log"
     ax.figure.colorbar(mesh, ax=ax, label=_title(data[variable], variable))
     for which, marker, look in (
         (data["status"] == UNSTABLE, "x", {"color": RED, "ls": "none"}),
