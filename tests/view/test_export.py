@@ -312,7 +312,7 @@ def test_a_wrong_argument_is_refused_before_any_work(run, tmp_path, arguments, m
     with pytest.raises(ValueError, match=message):
         export(run, tmp_path / name, *others)
     with pytest.raises(ValueError, match="at least 2 x 2 mass points"):
-        export(cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-2, every=1), tmp_path / "a.obj")
+        export(cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-2), tmp_path / "a.obj")
     assert not list(tmp_path.iterdir())
 
 
