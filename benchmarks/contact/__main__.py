@@ -16,7 +16,7 @@ from typing import Any
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from clothsim.paper.side_by_side import SCENES, comparison, follow
+from clothsim.paper.experiments import comparison
 from clothsim.typing import Offset
 from common import Progress, aligned, as_json, short
 
@@ -25,8 +25,8 @@ import contact
 SLOPE = math.tan(0.35)
 
 UNITS = {
-    "points": "m",
-    "triangles": "m",
+    "points_so_far": "m",
+    "triangles_so_far": "m",
     "depth": "m",
     "jitter": "m",
     "normal_jitter": "m",
@@ -62,11 +62,9 @@ def _by_offset(figure: Callable[..., dict[str, Any]], other: Offset) -> Callable
 
 def _functions() -> dict[str, Callable[..., Any]]:
     return {
-        "faces": lambda every: [
-            follow(name, response, every=every)
-            for name in SCENES
-            for response in ("reflect, corrected", "ray, corrected", "continuous, cell")
-        ],
+        "faces": lambda every: comparison(
+            responses=("method 1, corrected", "method 2, corrected", "continuous, cell"), every=every
+        ),
         "drop": _by_offset(contact.drop, "edge"),
         "under": _by_offset(contact.under_whole_cloth, "none"),
         "resting": _by_offset(contact.resting, "none"),

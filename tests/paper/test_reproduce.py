@@ -11,8 +11,9 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from clothsim.paper import FULL, QUICK, Settings, reproduce, text
-from clothsim.paper.experiments import FRAMES, VARIANTS, Passed
+from clothsim.paper.experiments import CASES, FRAMES, VARIANTS, Passed, comparison
 from clothsim.paper.findings import findings, number
+from clothsim.paper.report import cuts, page_section
 from matplotlib.image import imread
 
 SMALL = Settings((2e-4, 4e-4, 2e-4), study_dts=(1.6e-3,), runs=2, windows=2, window_frames=5, speedup_steps=20, part=0.02)
@@ -29,17 +30,16 @@ def folder(report):
 
 
 def cell(report, experiment, method, variant, frame):
-    key = method, variant, frame
-    cells = report["experiments"][experiment]["cells"]
-    (found,) = (c for c in cells if (c["method"], c["variant"], c["frame"]) == key)
+    key = f"method {method}, {variant}", frame
+    (found,) = (c for c in report["experiments"][experiment]["cells"] if (c["case"], c["frame"]) == key)
     return found
 
 
 def test_full_run_takes_the_papers_frames_and_step():
-    assert FULL.dt == (5e-6, 5e-6, 5e-6) and FULL.cuts() == []
+    assert FULL.dt == (5e-6, 5e-6, 5e-6) and cuts(FULL) == []
     assert FRAMES == {"1": (150, 500, 800), "2": (200, 1300, 3100)}
     assert (FULL.runs, FULL.window_frames, FULL.steps_per_frame()) == (10, 200, 320)
-    assert len(QUICK.cuts()) == 8
+    assert len(cuts(QUICK)) == 8
 
 
 def test_a_cell_equals_the_stepped_scene(report):
@@ -48,9 +48,9 @@ def test_a_cell_equals_the_stepped_scene(report):
     stepper.advance(150 * 8, 2e-4)
     measured = cell(report, "1", 2, "corrected", 150)
     kinetic = cs.energy(scene, stepper.positions, stepper.velocities)["kinetic"]
-    assert measured["energy"]["kinetic"] == pytest.approx(kinetic, rel=1e-12)
+    assert measured["kinetic_energy"] == pytest.approx(kinetic, rel=1e-12)
     depth = cs.penetration(stepper.positions, scene.spheres[0])
-    assert measured["penetration"] == pytest.approx(dict(depth), rel=1e-12)
+    assert {name: measured[name] for name in depth} == pytest.approx(dict(depth), rel=1e-12)
     assert measured["time"] == pytest.approx(0.24, rel=1e-12)
 
 
@@ -62,48 +62,63 @@ def test_static_sphere_is_touched_at_all_frames_and_the_cloth_only_loses_energy(
 
 
 def test_printed_methods_fail_on_the_moving_sphere_and_corrected_ones_hold(report):
-    assert cell(report, "2", 1, "as printed", 200)["penetration"]["points"] > 0.02
+    assert cell(report, "2", 1, "as printed", 200)["points"] > 0.02
     assert cell(report, "2", 1, "as printed", 3100)["points_passed"] > 40
     assert cell(report, "2", 2, "as printed", 200)["energy_gained"] > 1e3  # out of nothing
     for method in (1, 2):
         last = cell(report, "2", method, "corrected", 3100)
-        assert last["deepest_so_far"] < 2.5e-3
+        assert last["triangles_so_far"] < 2.5e-3
         assert last["energy_gained"] < 0 == last["points_passed"]
 
 
 def test_one_step_a_frame_shows_the_papers_static_difference(report):
     first, second = report["experiments"]["1"]["study"]
-    assert (first["method"], second["method"]) == (1, 2)
-    assert first["penetration"][0]["points"] > 1e-3
-    assert all(depth["points"] == 0 for depth in second["penetration"])
+    assert (first["case"], second["case"]) == tuple(CASES)[:2]
+    assert first["points"][0] > 1e-3 and second["points"] == [0, 0, 0]
 
 
 def test_points_that_leave_on_another_side_have_passed():
     cloth = cs.Cloth((1, 3), springs=(), damping=0.0, pins=())
     scene = cs.Scene(cloth, cs.Sphere((0, 0, 0), 1.0), position=[[[0, 2, 0], [0.5, 2, 0], [3, 2, 0]]])
-    passed, x = Passed(scene), scene.initial_position
+    x = scene.initial_position
+    passed = Passed(x, 1.0)
     for y in (0.5, -0.5, -2.0):  # the first two go through the sphere, the third beside it
-        passed.see(np.where([False, True, False], y, x), 0.0)
+        passed.see(np.where([False, True, False], y, x))
     assert passed.count == 2
-    passed.see(np.where([False, True, False], -0.5, x), 0.0)
-    passed.see(np.where([False, True, False], -2.0, x), 0.0)  # out where they came in
+    passed.see(np.where([False, True, False], -0.5, x))
+    passed.see(np.where([False, True, False], -2.0, x))  # out where they came in
     assert passed.count == 2
-    passed.see(x, 0.0)  # through it between two states
+    passed.see(x)  # through it between two states
     assert passed.count == 4
 
 
 def test_findings_follow_the_numbers(report):
-    held = [f.held for f in findings(report["experiments"])]
-    assert held[:2] == ["no", "in part"] and set(held[2:4]) <= {"yes", "no"} and len(held) == 5
-    rows = [{"method": k, "window": "all", "frames_per_second": f} for k, f in ((1, 500.0), (2, 400.0))]
-    slower, quick = findings({"3": {"rows": rows, "frame_steps": 320}})
+    held = [f.held for found in findings(report["experiments"]).values() for f in found]
+    assert held[:2] == ["in part", "in part"] and set(held[2:4]) <= {"yes", "in part", "no"} and len(held) == 5
+    rows = [{"case": name, "frames_per_second": 500.0 - 100 * (name[7] == "2")} for name in CASES]
+    slower, quick = findings({"3": {"rows": rows, "frame_steps": 320}})["3"]
     assert (slower.held, quick.held) == ("yes", "yes") and "400" in slower.corrected
-    cells = [
-        {"method": k, "variant": v, "frame": f, "penetration": {"triangles": 5e-3 if k == 1 else 0.0}}
-        for k in (1, 2) for v in ("as printed", "corrected") for f in FRAMES["1"]
-    ]  # fmt: skip
-    (static,) = findings({"1": {"cells": cells}})
+    cells = [{"case": name, "triangles": 5e-3 * (name[7] == "1")} for name in CASES for _ in FRAMES["1"]]
+    (static,) = findings({"1": {"cells": cells, "study": []}})["1"]
     assert static.held == "yes" and static.printed == "method 1: 5 / 5 / 5 mm; method 2: 0 / 0 / 0 mm"
+    rows = [{"case": "core, double, 1 thread", "times_the_first": 8.0}, {"case": "shader, single", "times_the_first": 16.0}]
+    (gpu,) = findings({"4": {"rows": rows, "missing": ""}})["4"]
+    assert gpu.held == "yes" and "2 times" in gpu.corrected
+
+
+def test_text_of_the_report_is_that_of_the_page(folder):
+    page, told = (Path(one).read_text() for one in ("docs/reproduction.md", folder / "report.txt"))
+    assert " ".join(page_section("Choices where the paper is silent").split()) in " ".join(told.split())
+    assert page.count("Table 3, frames 150") == told.count("Table 3, frames 150") == 1
+
+
+def test_a_comparison_says_what_was_unstable(monkeypatch):
+    from clothsim.paper import experiments
+
+    monkeypatch.setattr(experiments, "SPHERES_DT", 4e-3)
+    with pytest.warns(cs.StabilityWarning):
+        rows = comparison(("static",), ("continuous", "continuous, cell"), part=0.5)
+    assert all("unstable at t" in row["failure"] for row in rows)
 
 
 def test_rounding_is_zero():
@@ -119,7 +134,7 @@ def test_json_is_the_returned_report_and_says_where_it_comes_from(report, folder
     assert (folder / "report.txt").read_text() == text(report)
 
 
-class Page(HTMLParser):
+class PageReader(HTMLParser):
     VOID = frozenset({"meta", "img", "br"})
 
     def __init__(self):
@@ -138,7 +153,7 @@ class Page(HTMLParser):
 
 def test_page_is_whole_and_fetches_nothing(folder):
     source = (folder / "index.html").read_text()
-    page = Page()
+    page = PageReader()
     page.feed(source)
     assert page.open == []
     assert not {"script", "link", "iframe", "object"} & set(page.tags)
@@ -149,13 +164,13 @@ def test_page_is_whole_and_fetches_nothing(folder):
     }
     assert "experiment2.html#t=2.08" in links
     assert all((folder / link.partition("#")[0]).exists() for link in links)
-    assert page.tags.count("img") == 24 + 4
+    assert page.tags.count("img") == 24 + 2
     assert source.index("Did it hold?") < source.index("Experiment 1") < source.index("What this short form cuts")
     assert source.count("<strong>Here:</strong>") == 5
 
 
 def test_the_gallery_leads_to_live_pages_of_the_scenes(folder):
-    page = Page()
+    page = PageReader()
     page.feed((folder / "live.html").read_text())
     links = [r for r in page.references if not r.startswith("data:")]
     assert links == ["live_static.html", "live_moving.html", "live_swing.html", "live_continuous.html"]
@@ -170,7 +185,7 @@ def test_pictures_show_something_and_those_of_a_frame_have_one_scale(report, fol
             cells = [c for c in report["experiments"][number_]["cells"] if c["frame"] == frame]
             paths = [c["picture"] for c in cells]
             # The label of an "as printed" one has a further line.
-            shapes = {(c["variant"], imread(folder / c["picture"]).shape) for c in cells}
+            shapes = {(c["case"].split(", ")[1], imread(folder / c["picture"]).shape) for c in cells}
             assert len(paths) == 4 and len(shapes) == len(VARIANTS)
             for path in paths:
                 pixels = imread(folder / path)[..., :3]

@@ -1,13 +1,12 @@
-"""Experiments 1 to 4 of Kim et al.: two contact experiments in four cases each, and two of speed."""
+"""The experiments: 1 to 4 of Kim et al., and 5, which is ours; contact by `follow`, speed by `frame_rates` and `speedup`."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
-from itertools import product
-from threading import Event
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -15,47 +14,46 @@ import numpy as np
 import clothsim as cs
 from clothsim.gpu import adapters, using
 from clothsim.scenes import PAPER_DT
-from clothsim.typing import Precision, Response
 
 from ..base.clocks import Stopwatch
 
-METHODS: dict[int, Response] = {1: "reflect", 2: "ray"}
-VARIANTS = {
-    "as printed": "the sphere's own velocity is ignored, and every point found inside is reflected, also one that leaves",
-    "corrected": "velocities are relative to the sphere, and only approaching points are reflected",
+VARIANTS = ("as printed", "corrected")
+# Method 1 and method 2 of the paper, in both variants, and what continuous detection adds.
+CASES: dict[str, dict[str, Any]] = {
+    f"method {number}, {variant}": {"response": response, "as_printed": variant == VARIANTS[0]}
+    for variant in VARIANTS
+    for number, response in ((1, "reflect"), (2, "ray"))
 }
+CONTINUOUS = {"response": "continuous"}
+RESPONSES = CASES | {"continuous": CONTINUOUS, "continuous, cell": CONTINUOUS | {"offset": "cell"}}
 FRAMES = {"1": (150, 500, 800), "2": (200, 1300, 3100)}  # of Tables 3 and 4
 NEAR = 1e-3  # m; a point this close to the contact radius counts as touching
-LOST = 1e3  # m; a cloth that reaches so far is given up
 PLAYED = 200  # states kept to be played; a page of four such runs is some 3 MB
 AGREEMENT_STEPS = 100  # after which experiment 4 compares core and reference
 
 
+def _fast() -> cs.Scene:
+    """The paper's cloth, level, and its sphere on the way up through it at 100 m/s."""
+    scene = cs.scenes.paper_static()
+    return scene.replace(spheres=[scene.spheres[0].replace(center=(0.5, -0.3, 0.5), motion=cs.Linear((0, 100.0, 0)))])
+
+
+# Of experiment 5: scene, duration [s], steps between two looks.
+SPHERES: dict[str, tuple[Callable[[], cs.Scene], float, int]] = {
+    "static": (cs.scenes.paper_static, 0.8, 4),
+    "moving": (cs.scenes.paper_moving, 0.9, 4),
+    "fast": (_fast, 0.012, 1),
+}
+SPHERES_DT = 1e-4  # s
+
+
 @dataclass(frozen=True)
 class Settings:
-    """Sizes of the experiments; `docs/reproduction.md` says why a frame is 1.6 ms.
-
-    Parameters
-    ----------
-    dt : tuple of float
-        Integration steps of experiments 1, 2, and 3 and 4 [s]. The cost of a step does not depend on it.
-    frame_dt : float
-        Time between two frames [s].
-    study_dts : tuple of float
-        Coarser steps for repeats of experiment 1 as printed [s]. The last is one step per frame.
-    runs, windows, window_frames : int
-        Repeats of a timed run; windows of so many frames in a run of experiment 3.
-    speedup_steps : int
-        Steps in one measurement of experiment 4.
-    part : float
-        Part of its scenes' durations that experiment 5 runs.
-    picture_width : int
-        Pixels along a picture.
-    """
+    """Sizes of the experiments; docs/reproduction.md says what each is, and why a frame is 1.6 ms."""
 
     dt: tuple[float, float, float] = (PAPER_DT, PAPER_DT, PAPER_DT)
     frame_dt: float = 1.6e-3
-    study_dts: tuple[float, ...] = (1e-4, 4e-4, 1.6e-3)
+    study_dts: tuple[float, ...] = (1e-4, 4e-4, 1.6e-3)  # the last: a step a frame
     runs: int = 10
     windows: int = 4
     window_frames: int = 200
@@ -70,239 +68,224 @@ class Settings:
             raise ValueError(f"frame_dt must be a whole number of steps of {dt!r} s, got {self.frame_dt!r} s")
         return steps
 
-    def cuts(self) -> list[str]:
-        """What these settings cut from the full reproduction, one line each."""
-        full, lines = Settings(), []
-        for what, dt in zip(("experiment 1", "experiment 2", "experiments 3 and 4"), self.dt, strict=True):
-            if dt != PAPER_DT:
-                lines.append(f"{what}: steps of {dt:g} s instead of {PAPER_DT:g} s")
-        words = {
-            "runs": "repeats of a timed run",
-            "windows": "windows a run in experiment 3",
-            "window_frames": "frames a window in experiment 3",
-            "speedup_steps": "steps a run in experiment 4",
-            "part": "part of its scenes' durations that experiment 5 runs",
-        }
-        for name, what in words.items():
-            if getattr(self, name) < getattr(full, name):
-                lines.append(f"{what}: {getattr(self, name)} instead of {getattr(full, name)}")
-        return lines
-
 
 FULL = Settings()
-QUICK = Settings(dt=(2e-5, 5e-5, 5e-5), runs=3, windows=2, window_frames=100, speedup_steps=500, part=0.4, picture_width=400)
+QUICK = Settings((4e-5, 8e-5, 5e-5), 1.6e-3, (4e-4, 1.6e-3), 3, 2, 100, speedup_steps=500, part=0.4, picture_width=400)
 
 
 @dataclass
 class Case:
-    """One method in one variant: results at the table's frames ("cells"), the deepest of every frame, states to play."""
+    """What one cloth did: every look, the last in full and those of chosen frames, states to play; why it ended early."""
 
-    method: int
-    variant: str
+    name: str
     scene: cs.Scene
+    history: list[tuple[int, float, float]] = field(default_factory=list)  # look, triangle depth [m], energy gained [J]
+    last: dict[str, Any] = field(default_factory=dict)
     cells: list[dict[str, Any]] = field(default_factory=list)
-    history: list[tuple[int, float, float]] = field(default_factory=list)  # frame, triangle depth [m], energy gained [J]
     played: list[tuple[float, np.ndarray, np.ndarray]] = field(default_factory=list)
-    states: dict[int, tuple[np.ndarray, float]] = field(default_factory=dict)
     failure: str = ""
 
-    @property
-    def name(self) -> str:
-        return f"method {self.method}, {self.variant}"
+
+def _dot(a: Any, b: Any) -> Any:
+    return np.einsum("...k,...k->...", a, b)
 
 
 class Passed:
-    """Counts mass points that go through the sphere: between two states seen, or out on another side than they came in."""
+    """Counts mass points that go through a sphere: between two states seen, or out on another side than they came in.
 
-    def __init__(self, scene: cs.Scene) -> None:
-        self._sphere, self.count = scene.spheres[0], 0
-        self._from_center = scene.initial_position - self._sphere.center_at(0.0)
-        self._entered = self._from_center
-
-    def see(self, x: np.ndarray, t: float) -> None:
-        before, after, radius = self._from_center, x - self._sphere.center_at(t), self._sphere.radius
-        was_outside, is_outside = (np.linalg.norm(p, axis=-1) >= radius for p in (before, after))
-        entered, left = was_outside & ~is_outside, ~was_outside & is_outside
-        self._entered = np.where(entered[..., None], before, self._entered)
-        way = after - before  # straight, in the sphere's frame
-        length2 = (way * way).sum(axis=-1)
-        part = np.clip(-(before * way).sum(axis=-1) / np.where(length2 > 0, length2, 1), 0, 1)
-        nearest = np.linalg.norm(before + part[..., None] * way, axis=-1)
-        between = was_outside & is_outside & (nearest < radius * (1 - 1e-9))
-        turned = left & ((self._entered * after).sum(axis=-1) < 0)
-        self.count += int((between | turned).sum())
-        self._from_center = after
-
-
-def scene_of(number: str, method: int, variant: str) -> cs.Scene:
-    """The scene of experiment "1" (static sphere) or "2" (moving sphere)."""
-    make = cs.scenes.paper_static if number == "1" else cs.scenes.paper_moving
-    return make(response=METHODS[method], as_printed=variant == "as printed")
-
-
-def contact(
-    number: str,
-    settings: Settings,
-    dt: float,
-    threads: int = 1,
-    variants: Sequence[str] = tuple(VARIANTS),
-    advance: Callable[[int], object] = lambda frames: None,
-) -> list[Case]:
-    """Step both methods in the variants, `threads` of these cases at a time, each on one thread of the core.
-
-    `advance` is called with the number of new frames.
+    Positions are from the centre, of one cloth or of a batch.
     """
-    cases = [Case(method, variant, scene_of(number, method, variant)) for variant, method in product(variants, METHODS)]
-    stop = Event()
-    # A step a frame, one of the readings studied, is above the guarantee; the report says so itself.
-    with warnings.catch_warnings(), ThreadPoolExecutor(max_workers=threads) as pool:
-        warnings.simplefilter("ignore", cs.StabilityWarning)
-        try:
-            list(pool.map(lambda case: _run(case, FRAMES[number], settings, dt, advance, stop), cases))
-        finally:  # Ctrl-C reaches this thread only
-            stop.set()
+
+    def __init__(self, from_center: np.ndarray, radius: float) -> None:
+        self._before = self._entered = from_center
+        self._radius, self.count = radius, np.zeros(from_center.shape[:-3], int)
+
+    def see(self, after: np.ndarray) -> None:
+        before, radius2 = self._before, self._radius**2
+        was_outside, is_outside = _dot(before, before) >= radius2, _dot(after, after) >= radius2
+        self._entered = np.where((was_outside & ~is_outside)[..., None], before, self._entered)
+        way = after - before  # straight
+        part = np.clip(-_dot(before, way) / np.maximum(_dot(way, way), 1e-300), 0, 1)
+        nearest = before + part[..., None] * way
+        between = was_outside & is_outside & (_dot(nearest, nearest) < radius2 * (1 - 2e-9))
+        turned = ~was_outside & is_outside & (_dot(self._entered, after) < 0)
+        self.count = self.count + (between | turned).sum(axis=(-2, -1))
+        self._before = after
+
+
+def follow(
+    scenes: dict[str, cs.Scene], dt: float, steps: int, looks: int, frames: Collection[int] = (), threads: int | None = None,
+    advance: Callable[[int], object] = bool,
+) -> list[Case]:  # fmt: skip
+    """Step scenes that differ in the responses of their sphere alone as one batch, and look at them every so many steps.
+
+    `frames` are the looks of the cells. `advance` is called with the number of new looks.
+    """
+    cases, members = [Case(name, scene) for name, scene in scenes.items()], list(scenes.values())
+    scene, sphere = members[0], members[0].spheres[0]
+    touching = NEAR + np.array([one.spheres[0].contact_radius(one.cloth) for one in members])
+    stepper = cs.Stepper(members, threads=threads)
+    start = np.asarray(cs.energy(scene, stepper.positions, stepper.velocities)["total"])
+    passed = Passed(stepper.positions - sphere.center_at(0.0), sphere.radius)
+    for look in range(looks + 1):
+        if look:
+            _advance(stepper, steps, dt, cases)
+        x, v, t = stepper.positions, stepper.velocities, float(stepper.time)
+        from_center = x - sphere.center_at(t)
+        passed.see(from_center)
+        depth, energy = cs.penetration(x, sphere, t), cs.energy(scene, x, v)
+        found = {**depth, "energy_gained": energy["total"] - start, "kinetic_energy": energy["kinetic"]}
+        found |= {"points_passed": passed.count}
+        if look in frames:
+            found["points_touching"] = (np.linalg.norm(from_center, axis=-1) < touching[:, None, None]).sum(axis=(1, 2))
+        for k, case in enumerate(cases):
+            if case.failure:
+                continue
+            values = {name: np.asarray(value)[k].item() for name, value in found.items()}
+            for what in ("points", "triangles"):
+                values[f"{what}_so_far"] = max(values[what], case.last.get(f"{what}_so_far", 0.0))
+            case.last = {"case": case.name, "frame": look, "time": t, **values}
+            case.history.append((look, values["triangles"], values["energy_gained"]))
+            if frames and (look % -(-looks // PLAYED) == 0 or look in frames):
+                case.played.append((t, x[k].copy(), v[k].copy()))
+            if look in frames:
+                case.cells.append(case.last)
+        advance(bool(look))
     return cases
 
 
-def _run(
-    case: Case, frames: Sequence[int], settings: Settings, dt: float, advance: Callable[[int], object], stop: Event
-) -> None:
-    scene, sphere = case.scene, case.scene.spheres[0]
-    stepper = cs.Stepper(scene, threads=1)
-    start = cs.energy(scene, scene.initial_position, scene.initial_velocity)["total"]
-    passed, every, steps = Passed(scene), -(-max(frames) // PLAYED), settings.steps_per_frame(dt)
-    case.played.append((0.0, scene.initial_position, scene.initial_velocity))
-    for frame in range(1, max(frames) + 1):
-        if stop.is_set():
-            return
+def _advance(stepper: cs.Stepper, steps: int, dt: float, cases: Sequence[Case]) -> None:
+    while steps:
         try:
-            stepper.advance(steps, dt)
+            return stepper.advance(steps, dt)
         except cs.UnstableError as error:
-            case.failure = str(error)
-            return
-        x, v, t = stepper.positions, stepper.velocities, float(stepper.time)
-        if np.abs(x).max() > LOST:
-            case.failure = f"points are more than {LOST:g} m away at t = {t:g} s"
-            return
-        depth, energy = dict(cs.penetration(x, sphere, t)), dict(cs.energy(scene, x, v))
-        passed.see(x, t)
-        case.history.append((frame, float(depth["triangles"]), float(energy["total"] - start)))
-        advance(1)
-        if frame % every == 0 or frame in frames:
-            case.played.append((t, x.copy(), v.copy()))
-        if frame in frames:
-            case.states[frame] = x.copy(), t
-            distance = np.linalg.norm(x - sphere.center_at(t), axis=-1)
-            case.cells.append(
-                {"method": case.method, "variant": case.variant, "frame": frame, "time": t, "penetration": depth}
-                | {"deepest_so_far": max(d for _, d, _ in case.history), "points_passed": passed.count}
-                | {"points_touching": int((distance < sphere.contact_radius(scene.cloth) + NEAR).sum())}
-                | {"energy_gained": energy["total"] - start, "energy": energy}
-            )
+            member = error.member or 0
+            cases[member].failure = f"unstable at t = {error.time:g} s"
+            stepper.freeze(member)
+            steps -= error.step - 1
+
+
+def with_responses(scene: cs.Scene, responses: dict[str, dict[str, Any]]) -> dict[str, cs.Scene]:
+    """The scene with each of these responses of its sphere."""
+    (sphere,) = scene.spheres
+    return {name: scene.replace(spheres=[sphere.replace(**changes)]) for name, changes in responses.items()}
+
+
+def contact(number: str, settings: Settings, dt: float, cases: Collection[str] = tuple(CASES), **options: Any) -> list[Case]:
+    """Experiment "1" (static sphere) or "2" (moving sphere) with steps of `dt`; `options` are those of `follow`."""
+    scene = cs.scenes.paper_static() if number == "1" else cs.scenes.paper_moving()
+    scenes = with_responses(scene, {name: CASES[name] for name in cases})
+    frames = FRAMES[number]
+    with warnings.catch_warnings():  # a step a frame, one of the steps studied, is above the guarantee
+        warnings.simplefilter("ignore", cs.StabilityWarning)
+        return follow(scenes, dt, settings.steps_per_frame(dt), max(frames), frames=frames, **options)
 
 
 def study(settings: Settings, threads: int) -> list[dict[str, Any]]:
-    """Experiment 1 as printed at each of `settings.study_dts`; depths frame by frame."""
-    return [
-        {
-            "dt": dt,
-            "method": case.method,
-            "penetration": [cell["penetration"] for cell in case.cells],
-            "energy_gained": case.cells[-1]["energy_gained"],
-        }
-        for dt in settings.study_dts
-        for case in contact("1", settings, dt, threads, ("as printed",))
-        if not case.failure
-    ]
+    """Experiment 1 as printed at each of `settings.study_dts`; depths at each frame."""
+    rows, printed = [], [name for name in CASES if "printed" in name]
+    for dt in settings.study_dts:
+        for case in contact("1", settings, dt, printed, threads=threads):
+            depths = {what: [cell[what] for cell in case.cells] for what in ("points", "triangles")}
+            rows += [] if case.failure else [{**case.last, **depths, "dt": dt}]
+    return rows
 
 
-def _rates(steps: int, seconds: Any, frame_steps: int) -> dict[str, float]:
-    """Median and quartiles over runs, as rates: one disturbed run moves neither."""
-    upper, middle, lower = steps / np.quantile(seconds, (0.25, 0.5, 0.75))
-    return {
-        "steps_per_second": float(middle),
-        "lower_quartile": float(lower),
-        "upper_quartile": float(upper),
-        "microseconds_per_step": float(1e6 / middle),
-        "frames_per_second": float(middle / frame_steps),
-    }
+def comparison(
+    spheres: Collection[str] = tuple(SPHERES),
+    responses: Collection[str] = tuple(RESPONSES),
+    part: float = 1.0,
+    every: int | None = None,
+    **options: Any,
+) -> list[dict[str, Any]]:
+    """Experiment 5: every response on every sphere, a row each, with looks after `every` steps; `options` as for `follow`.
+
+    "points_so_far" and "triangles_so_far" are the deepest [m], "points_passed" mass points that passed through the sphere.
+    "energy_gained" [J] is the change of the total energy: damping takes, contacts and a moving sphere add.
+    """
+    rows = []
+    for name in spheres:
+        make, duration, steps = SPHERES[name]
+        steps = every or steps
+        looks = round((1.0 if name == "fast" else part) * duration / SPHERES_DT / steps)
+        scenes = with_responses(make(), {response: RESPONSES[response] for response in responses})
+        cases = follow(scenes, SPHERES_DT, steps, looks, **options)
+        rows += [{"sphere": name, **case.last, "failure": case.failure} for case in cases]
+    return rows
 
 
-def frame_rates(settings: Settings, advance: Callable[[int], object] = lambda runs: None) -> dict[str, Any]:
-    """Experiment 3: both methods on the falling cloth, on one thread, in turns; rates over windows of frames.
+def _in_turns(jobs: dict[str, Any], repeats: int, steps: int, advance: Callable[[int], object]) -> list[dict[str, Any]]:
+    """A row of rates for each job of so many steps: median and quartiles, which one disturbed repeat does not move."""
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    for _ in range(repeats):
+        for name, job in jobs.items():
+            with Stopwatch() as watch:
+                job()
+            seconds[name].append(watch.seconds)
+        advance(1)
+    rows: list[dict[str, Any]] = []
+    for name, measured in seconds.items():
+        upper, middle, lower = (float(rate) for rate in steps / np.quantile(measured, (0.25, 0.5, 0.75)))
+        row: dict[str, Any] = {"case": name, "steps_per_second": middle, "lower_quartile": lower, "upper_quartile": upper}
+        row |= {"times_the_first": middle / (rows or [row])[0]["steps_per_second"]}
+        rows.append(row | {"each": (steps / np.array(measured)).tolist()})
+    return rows
+
+
+def frame_rates(settings: Settings, advance: Callable[[int], object] = bool) -> dict[str, Any]:
+    """Experiment 3: all cases on the falling cloth, on one thread, in turns; "each": steps/s in each window.
 
     A frame is its steps and one copy of the positions, as a renderer needs.
     """
-    dt = settings.dt[2]
-    steps, frame_steps = settings.steps_per_frame(dt), settings.steps_per_frame()
-    seconds = {method: np.empty((settings.runs, settings.windows)) for method in METHODS}
-    for run in range(settings.runs):
-        for method, response in METHODS.items():
-            stepper = cs.Stepper(cs.scenes.paper_static(response=response), threads=1)
-            for window in range(settings.windows):
-                with Stopwatch() as watch:
-                    for _ in range(settings.window_frames):
-                        stepper.advance(steps, dt)
-                        stepper.positions  # noqa: B018
-                seconds[method][run, window] = watch.seconds
-            advance(1)
-    timed, rows = steps * settings.window_frames, []
-    for method, measured in seconds.items():
-        windows = [{"window": str(w + 1), **_rates(timed, measured[:, w], frame_steps)} for w in range(settings.windows)]
-        rows += [{"method": method, **w} for w in (*windows, {"window": "all", **_rates(timed, measured, frame_steps)})]
+    dt, frame_steps = settings.dt[2], settings.steps_per_frame()
+    steps = settings.steps_per_frame(dt)
+
+    def windows(scene: cs.Scene) -> Iterator[None]:
+        for _ in range(settings.runs):
+            stepper = cs.Stepper(scene, threads=1)
+            for _ in range(settings.windows):
+                for _ in range(settings.window_frames):
+                    stepper.advance(steps, dt)
+                    stepper.positions  # noqa: B018
+                yield
+
+    scenes = with_responses(cs.scenes.paper_static(), CASES)
+    jobs: dict[str, Any] = {name: windows(scene).__next__ for name, scene in scenes.items()}
+    rows = _in_turns(jobs, settings.runs * settings.windows, steps * settings.window_frames, advance)
+    for row in rows:
+        row["frames_per_second"] = row["steps_per_second"] / frame_steps
+        row["each"] = np.median(np.reshape(row["each"], (settings.runs, -1)), axis=0).tolist()
     return {"rows": rows, "frame_steps": frame_steps}
 
 
-def speedup(settings: Settings, threads: int, advance: Callable[[int], object] = lambda runs: None) -> dict[str, Any]:
-    """Experiment 4: method 2 by the scalar reference, the core and every graphics adapter, from one state in contact."""
-    dt, steps = settings.dt[2], settings.speedup_steps
+def speedup(settings: Settings, threads: int, advance: Callable[[int], object] = bool) -> dict[str, Any]:
+    """Experiment 4: method 2 by the scalar reference, the core and every graphics card, from one state in contact.
+
+    "each": steps/s in each run; the first makes the buffers, as in the paper.
+    """
+    dt, steps, t = settings.dt[2], settings.speedup_steps, 0.5
     scene = cs.scenes.paper_static(response="ray")
     x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 5e-5, 10_000)
-    t = 0.5
-
-    def core(precision: Precision, threads: int | None = None, adapter: Any = None) -> tuple[float, float]:
-        def measure() -> tuple[float, float]:
-            backend: Any = {"backend": "gpu"} if adapter else {"threads": threads}
-            with Stopwatch() as first:
-                stepper = cs.Stepper(scene, x, v, t=t, precision=precision, **backend)
-                stepper.advance(1, dt)
-            with Stopwatch() as watch:
-                stepper.advance(steps, dt)
-            return first.seconds, watch.seconds
-
-        if adapter is None:
-            return measure()
-        with using(adapter):
-            return measure()
-
-    def reference() -> tuple[float, float]:
-        with Stopwatch() as watch:
-            cs.reference_step(scene, x, v, dt, steps=steps, t=t)
-        return 0.0, watch.seconds
-
-    variants: dict[tuple[str, str, int], Callable[[], tuple[float, float]]] = {("scalar reference", "double", 1): reference}
-    for precision in ("double", "single"):
-        for count in sorted({1, threads}):
-            variants["SIMD core", precision, count] = lambda p=precision, c=count: core(p, c)  # type: ignore[misc]
     try:
-        found, missing = adapters(), "this machine has no graphics adapter"
+        cards, missing = [one for one in adapters() if not one.software], "no graphics card here"
     except ImportError as error:
-        found, missing = [], str(error)
-    for one in found:
-        for precision in ("double", "single") if one.float64 else ("single",):
-            name = f"shader, {one.name}{' [a CPU]' if one.software else ''}"
-            variants[name, precision, 1] = lambda p=precision, a=one: core(p, adapter=a)  # type: ignore[misc]
-    measured: dict[tuple[str, str, int], list[tuple[float, float]]] = {key: [] for key in variants}
-    for _ in range(settings.runs):
-        for key, measure in variants.items():
-            measured[key].append(measure())
-            advance(1)
-    rows: list[dict[str, Any]] = []
-    for (kind, precision, count), pairs in measured.items():
-        first, seconds = np.array(pairs).T
-        row = {"kind": kind, "precision": precision, "threads": count, **_rates(steps, seconds, settings.steps_per_frame())}
-        row["speedup"] = row["steps_per_second"] / (rows or [row])[0]["steps_per_second"]
-        rows.append({**row, "first_step_seconds": float(np.median(first)), "runs": (steps / seconds).tolist()})
-    ends = cs.reference_step(scene, x, v, dt, steps=AGREEMENT_STEPS, t=t), cs.step(scene, x, v, dt, AGREEMENT_STEPS, t=t)
-    agreement = float(np.abs(ends[0][0] - ends[1][0]).max())
-    return {"rows": rows, "agreement": agreement, "gpu": [a.name for a in found if not a.software], "gpu_missing": missing}
+        cards, missing = [], str(error)
+
+    @cache  # made in the first run
+    def stepper(card: Any = None, **options: Any) -> cs.Stepper:
+        return cs.Stepper(scene, x, v, t=t, **options)
+
+    def job(card: Any = None, **options: Any) -> None:
+        with using(card) if card else nullcontext():
+            stepper(card, **options).advance(steps, dt)
+
+    jobs: dict[str, Any] = {"scalar reference": lambda: cs.reference_step(scene, x, v, dt, steps=steps, t=t)}
+    for precision in ("double", "single"):
+        for n in sorted({1, threads}):
+            jobs[f"core, {precision}, {n} thread{'s' * (n > 1)}"] = partial(job, precision=precision, threads=n)
+        for card in cards:
+            if card.float64 or precision == "single":
+                jobs[f"shader, {precision}, {card.name}"] = partial(job, card, precision=precision, backend="gpu")
+    rows = _in_turns(jobs, settings.runs, steps, advance)
+    ends = [step(scene, x, v, dt, AGREEMENT_STEPS, t=t)[0] for step in (cs.reference_step, cs.step)]
+    return {"rows": rows, "agreement": float(np.abs(ends[0] - ends[1]).max()), "missing": missing}

@@ -1,10 +1,12 @@
-"""The report: one list of blocks, written as text, as a page that fetches nothing, and as JSON."""
+"""The report: one list of blocks, written as text and as a page that fetches nothing; its pictures and plots."""
 
 from __future__ import annotations
 
+import re
 import textwrap
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -16,229 +18,202 @@ import clothsim as cs
 from clothsim.typing import Report
 
 from ..base.files import write_bytes
-from ..base.plots import BLUE, GREY, RED, figure, name_lines, save, style
-from ..base.table import aligned
-from .experiments import FRAMES, VARIANTS, Case
-from .findings import CLAIMS, findings, here, number
-
-Block = tuple[str, Any]  # kind and content
+from ..base.plots import BLUE, GREY, RED, figure, save
+from .experiments import FRAMES, FULL, Case, Settings
+from .findings import findings, here, number
 
 FRONT, BACK = (1.0, 0.6, 1.3), (-0.6, 0.9, 0.7)  # the paper draws frame 200 of the moving sphere from the back
 STAGE = (-1.2, -1.6, -0.6), (1.6, 1.1, 1.6)  # m; mass points that a collision throws further are cut
-
-Column = tuple[str, Callable[[dict[str, Any]], str]]
-
-
-def _column(heading: str, key: str, factor: float = 1.0) -> Column:
-    return heading, lambda row: row[key] if isinstance(row[key], str) else number(factor * row[key])
-
-
-RATES = [
-    _column("us a step", "microseconds_per_step"),
-    _column("steps/s, median", "steps_per_second"),
-    _column("lower quartile", "lower_quartile"),
-    _column("upper quartile", "upper_quartile"),
-    _column("frames/s", "frames_per_second"),
-]
 COLORS = (
     "Blue: the cloth's upper face as it starts; sand: its lower face. Red: the sphere's surface where cloth lies under it, "
     "stronger with depth. The pictures of a frame have one scale."
 )
-COLUMNS: dict[str, list[Column]] = {
-    "cells": [
-        _column("frame", "frame"),
-        ("t [s]", lambda r: f"{r['time']:.2f}"),
-        _column("method", "method"),
-        _column("variant", "variant"),
-        ("deepest point [mm]", lambda r: number(1e3 * r["penetration"]["points"])),
-        ("deepest triangle [mm]", lambda r: number(1e3 * r["penetration"]["triangles"])),
-        _column("triangle, so far [mm]", "deepest_so_far", 1e3),
-        _column("mass points passed so far", "points_passed"),
-        _column("mass points that touch", "points_touching"),
-        _column("total energy gained [J]", "energy_gained"),
-    ],
-    "study": [
-        _column("step [s]", "dt"),
-        _column("method", "method"),
-        ("deepest point at each frame [mm]", lambda r: " / ".join(number(1e3 * p["points"]) for p in r["penetration"])),
-        ("deepest triangle [mm]", lambda r: " / ".join(number(1e3 * p["triangles"]) for p in r["penetration"])),
-        _column("total energy gained [J]", "energy_gained"),
-    ],
-    "3": [_column("method", "method"), _column("window", "window"), *RATES],
-    "4": [
-        _column("stepper", "kind"),
-        _column("precision", "precision"),
-        _column("threads", "threads"),
-        *RATES,
-        _column("times the reference", "speedup"),
-        _column("first step [ms]", "first_step_seconds", 1e3),
-    ],
-    "5": [
-        _column("sphere", "scene"),
-        _column("response", "response"),
-        _column("deepest point [mm]", "points", 1e3),
-        _column("deepest triangle [mm]", "triangles", 1e3),
-        _column("mass points passed", "crossings"),
-        _column("total energy gained [J]", "energy_gained"),
-    ],
+
+
+def page_section(title: str) -> str:
+    """A section of docs/reproduction.md, which an installation has beside this file."""
+    path = Path(__file__).with_name("reproduction.md")
+    path = path if path.exists() else Path(__file__).parents[3] / "docs" / "reproduction.md"
+    return path.read_text(encoding="utf-8").split(f"\n## {title}\n")[1].partition("\n## ")[0].strip()
+
+
+def _cells(table: str) -> list[list[str]]:
+    """Cells of the rows of a table in Markdown; the first row is the head."""
+    lines = [line for line in table.splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if not line.startswith("| -")]
+
+
+def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    columns = [[head, "", *cells] for head, *cells in zip(head, *rows)]
+    for cells in columns:
+        width, side = max(map(len, cells)), "<" if cells[2][:1].isalpha() else ">"
+        cells[:] = [f"{cell:{side}{width}}" if cell else "-" * width for cell in cells]
+    return "\n".join(f"| {' | '.join(line)} |" for line in zip(*columns))
+
+
+HEADINGS = {key: heading for heading, key, _ in _cells(page_section("Quantities"))}
+RATES = ("case", "steps_per_second", "lower_quartile", "upper_quartile")
+SEEN = ("points_passed", "points_touching", "energy_gained")
+COLUMNS: dict[str, tuple[str, ...]] = {
+    "cells": ("frame", "time", "case", "points", "triangles", "triangles_so_far", *SEEN),
+    "study": ("dt", "case", "points", "triangles", "energy_gained"),
+    "3": (*RATES, "frames_per_second", "each"),
+    "4": (*RATES, "times_the_first", "each"),
+    "5": ("sphere", "case", "points_so_far", "triangles_so_far", "points_passed", "energy_gained"),
 }
 
 
-def _table(columns: Sequence[Column], rows: Iterable[dict[str, Any]], caption: str = "") -> Block:
-    return "table", (caption, [heading for heading, _ in columns], [[write(row) for _, write in columns] for row in rows])
+def _table(kind: str, rows: Iterable[dict[str, Any]]) -> str:
+    """Depths, stored in m, are shown in mm."""
+
+    def shown(key: str, value: Any) -> str:
+        return number((1e3 * np.array(value)).tolist() if "[mm]" in HEADINGS[key] else value)
+
+    keys = COLUMNS[kind]
+    return _markdown([HEADINGS[key] for key in keys], [[shown(key, row[key]) for key in keys] for row in rows])
 
 
-def blocks(report: dict[str, Any]) -> list[Block]:
-    """The report in its order: what held, the experiments, what was cut."""
-    origin, experiments = report["provenance"], report["experiments"]
-    build, machine = origin["build"], origin["machine"]
-    intro = (
-        "Kim et al., Real-time collision response between cloth and sphere object in Unity: what the paper claims, beside "
-        "what the same scenes give here."
-    )
-    elsewhere = {"live.html": "the scenes, live in the browser", "report.txt": "as text", "report.json": "all numbers"}
-    made: list[Block] = [
-        ("h1", "The experiments of Kim et al., run by clothsim"),
-        ("p", intro),
-        ("h2", "Did it hold?"),
-        ("findings", findings(experiments)),
-        ("list", [f"{name}: {meaning}" for name, meaning in VARIANTS.items()]),
-        ("links", elsewhere),
+def cuts(settings: Settings) -> list[str]:
+    """What differs from the full reproduction, a line each."""
+    own, full = asdict(settings), asdict(FULL)
+    rows = [
+        (what, *(number(np.ravel(one[k]).tolist()) for one in (own, full))) for k, what in _cells(page_section("Sizes"))[1:]
     ]
+    return [f"{what}: {value} instead of {usual}" for what, value, usual in rows if value != usual]
+
+
+def parts(report: dict[str, Any]) -> list[str]:
+    """The report in Markdown, in its order: what held, the experiments, how they were run, what was cut."""
+    experiments, build, machine = report["experiments"], report["provenance"]["build"], report["provenance"]["machine"]
+    claims = {key: texts for key, *texts in _cells(page_section("The experiments"))}
+    head = ["claim of the paper", "held?", "our number, as printed", "our number, corrected"]
+    made = [
+        "# The experiments of Kim et al., run by clothsim",
+        "The claims of Real-time collision response between cloth and sphere object in Unity, and what we measured.",
+        "## Did it hold?",
+        _markdown(head, [finding[:4] for found in findings(experiments).values() for finding in found]),
+        "[the scenes, live in the browser](live.html) · [as text](report.txt) · [all numbers](report.json)",
+    ]
+    sections = ["The two methods, in two variants", "Choices where the paper is silent", "Quantities"]
+    told = {title: [f"## {title}", *page_section(title).split("\n\n")] for title in sections}
+    made += told.pop(sections[0])
     for key, entry in experiments.items():
-        made += [("h2", f"Experiment {key}: {entry['title']}"), ("p", entry["setting"]), ("claim", CLAIMS[key])]
-        made.append(("here", here(key, entry)))
-        made += [("p", f"{name} ended early: {failure}.") for name, failure in entry.get("failures", {}).items()]
-        if "cells" in entry:
-            cells = sorted(entry["cells"], key=lambda cell: cell["frame"])
-            made.append(("p", COLORS))
-            times = {frame: frame * report["settings"]["frame_dt"] for frame in FRAMES[key]}
-            for frame, t in times.items():
-                shown = [(cell["picture"], _caption(cell)) for cell in cells if cell["frame"] == frame]
-                made.append(("pictures", (f"Frame {frame}, t = {t:.2f} s", shown)))
-            play = {f"{entry['page']}#t={t:g}": f"play from frame {frame}" for frame, t in times.items()}
-            made.append(("links", {**play, entry["live"]: "simulate this scene in the browser"}))
-            made.append(_table(COLUMNS["cells"], cells))
-            if entry["study"]:
-                made.append(_table(COLUMNS["study"], entry["study"], "The same frames with coarser steps, as printed"))
-        else:
-            made.append(_table(COLUMNS[key], entry["rows"]))
-        if "plot" in entry:
-            made.append(("pictures", ("", [(entry["plot"], entry["plot_caption"])])))
+        title, setting, claim = claims[key]
+        made += [f"## Experiment {key}: {title}", setting, f"> **The paper:** {claim}", f"> **Here:** {here(key, entry)}"]
+        made += [f"{name} ended early: {failure}." for name, failure in entry.get("failures", {}).items()]
+        made += _contact(key, entry, report["settings"]["frame_dt"]) if "cells" in entry else [_table(key, entry["rows"])]
+    made += sum(told.values(), [])
     if report["cuts"]:
-        made += [("h2", "What this short form cuts"), ("list", report["cuts"])]
+        made += ["## What this short form cuts", "\n".join(f"- {line}" for line in report["cuts"])]
     computer = f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}"
     program = f"clothsim {build['version']}, {build['instruction_set']}, {build['compiler']}"
-    made.append(("p", f"{program}; {computer}; {origin['created']}"))
-    return made
+    return [*made, f"{program}; {computer}; {report['provenance']['created']}"]
+
+
+def _contact(key: str, entry: dict[str, Any], frame_dt: float) -> list[str]:
+    made, times = [COLORS], {frame: f"{frame * frame_dt:g}" for frame in FRAMES[key]}
+    for frame, t in times.items():
+        cells = [cell for cell in entry["cells"] if cell["frame"] == frame]
+        made += cells and [
+            f"### Frame {frame}, t = {t} s",
+            "\n".join(f"![{_caption(cell)}]({cell['picture']})" for cell in cells),
+        ]
+    links = [f"[play from frame {frame}](experiment{key}.html#t={t})" for frame, t in times.items()]
+    live = "live_static.html" if key == "1" else "live_moving.html"
+    made.append(" · ".join([*links, f"[simulate this scene in the browser]({live})"]))
+    made.append(_table("cells", sorted(entry["cells"], key=lambda cell: cell["frame"])))
+    made.append(f"![Deepest triangle and energy gained, frame by frame.]({entry['plot']})")
+    return made + (["### The same frames with coarser steps", _table("study", entry["study"])] if entry["study"] else [])
 
 
 def _caption(cell: dict[str, Any]) -> str:
-    depth = number(1e3 * cell["penetration"]["triangles"])
-    return f"Method {cell['method']}, {cell['variant']}: {depth} mm deep, {cell['points_passed']} points passed"
+    return f"{cell['case'].capitalize()}: {number(1e3 * cell['triangles'])} mm deep, {cell['points_passed']} points passed"
 
 
 def as_text(report: dict[str, Any]) -> str:
-    lines: list[str] = []
-    for kind, content in blocks(report):
-        if kind in ("h1", "h2"):
-            lines += [content, "-" * len(content)]
-        elif kind == "findings":
-            for f in content:
-                told = f"{f.claim}: {f.held.upper()}. As printed: {f.printed}. Corrected: {f.corrected}."
-                lines += textwrap.wrap(told, 100, initial_indent="- ", subsequent_indent="  ")
-        elif kind == "table":
-            caption, head, rows = content
-            lines += [*([caption] if caption else []), aligned(head, rows, (), rule=True, stacked=True)]
-        elif kind == "list":
-            for entry in content:
-                lines += textwrap.wrap(entry, 100, initial_indent="- ", subsequent_indent="  ")
-        elif kind in ("p", "claim", "here"):
-            lines += textwrap.wrap({"claim": "The paper: ", "here": "Here: "}.get(kind, "") + content, 100)
-        else:
-            continue
-        lines.append("")
-    return "\n".join(lines)
+    """The report as plain text; a table of sentences is a list."""
+    shown = []
+    for part in parts(report):
+        if part[0] == "|" and len(part.splitlines()[0]) > 160:
+            head, *rows = _cells(part)
+            part = "\n".join("- " + "; ".join(f"{a}: {b}" for a, b in zip(head, row)) for row in rows)
+        wrap = lambda line: textwrap.fill(line, 100, subsequent_indent="  " if line[0] == "-" else "")  # noqa: E731
+        shown += [] if part[:2] == "![" else [part if part[0] == "|" else "\n".join(map(wrap, part.splitlines()))]
+    return "\n\n".join(shown) + "\n"
 
 
-def write_page(path: Path, title: str, made: Iterable[Block]) -> Path:
-    """Write blocks as a page that holds its pictures."""
-    parts = [_html(kind, content, path.parent) for kind, content in made]
-    css = (files(__package__) / "report.css").read_text(encoding="utf-8")
-    head = '<meta charset="utf-8">\n<meta name="viewport" content="width=device-width, initial-scale=1">'
-    body = "\n".join(parts)
-    page = f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{head}\n<title>{title}</title>\n<style>\n{css}</style>\n</head>\n'
-    page += f"<body>\n{body}\n</body>\n</html>\n"
-    return write_bytes(path, page.encode())
+def write_page(path: Path, title: str, made: Iterable[str]) -> Path:
+    """Write parts in Markdown as a page that holds its pictures."""
+    page = (files(__package__) / "report.html").read_text(encoding="utf-8").replace("TITLE", title)
+    return write_bytes(path, page.replace("BODY", "\n".join(_html(part, path.parent) for part in made)).encode())
 
 
-def _html(kind: str, content: Any, folder: Path) -> str:
-    if kind in ("h1", "h2", "p"):
-        return f"<{kind}>{escape(content)}</{kind}>"
-    if kind in ("claim", "here"):
-        return f'<div class="{kind}"><strong>{"The paper" if kind == "claim" else "Here"}:</strong> {escape(content)}</div>'
-    if kind == "list":
-        return "<ul>" + "".join(f"<li>{escape(entry)}</li>" for entry in content) + "</ul>"
-    if kind == "links":
-        return "<p>" + " · ".join(f'<a href="{to}">{escape(name)}</a>' for to, name in content.items()) + "</p>"
-    if kind == "pictures":
-        heading, shown = content
-        figures = "".join(f"<figure>{_image(folder / name, caption)}</figure>" for name, caption in shown)
-        above = f"<h3>{escape(heading)}</h3>" if heading else ""
-        return f'{above}<div class="{"cells" if heading else "plot"}">{figures}</div>'
-    if kind == "findings":
-        head = ["claim of the paper", "held?", "our number, as printed", "our number, corrected"]
-        content = "", head, [[f.claim, f.held, f.printed, f.corrected] for f in content]
-    caption, head, rows = content
-    top = "".join(f"<th>{escape(heading)}</th>" for heading in head)
-    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    table = f'<table class="{kind}"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
-    return f'{f"<h3>{escape(caption)}</h3>" if caption else ""}<div class="scroll">{table}</div>'
+def _inline(text: str) -> str:
+    text = re.sub(r"\*\*(.*?)\*\*", r"<strong>\1</strong>", re.sub(r"`(.*?)`", r"<code>\1</code>", escape(text)))
+    return re.sub(r"\[([^]]*)\]\(([^)]*)\)", r'<a href="\2">\1</a>', text)
+
+
+def _html(part: str, folder: Path) -> str:
+    kind, _, text = part.partition(" ")
+    if kind.startswith("#"):
+        return f"<h{len(kind)}>{_inline(text)}</h{len(kind)}>"
+    if kind == ">":
+        return f'<div class="{"claim" if "The paper" in text[:13] else "here"}">{_inline(text)}</div>'
+    if kind == "-":
+        return "<ul>" + "".join(f"<li>{_inline(line[2:])}</li>" for line in part.splitlines()) + "</ul>"
+    if kind == "|":
+        head, *rows = _cells(part)
+        words = max(len(cell) for row in rows for cell in row) > 60
+        left = [words or cell[:1].isalpha() for cell in rows[0]]
+
+        def line(tag: str, cells: Sequence[str]) -> str:
+            marks = (' class="word"' if one else "" for one in left)
+            return "<tr>" + "".join(f"<{tag}{mark}>{_inline(cell)}</{tag}>" for mark, cell in zip(marks, cells)) + "</tr>"
+
+        body = f"<thead>{line('th', head)}</thead><tbody>{''.join(line('td', row) for row in rows)}</tbody>"
+        return f'<div class="scroll"><table{" class=words" if words else ""}>{body}</table></div>'
+    if part.startswith("!["):
+        found = re.findall(r"!\[(.*)\]\((.*)\)", part)
+        figures = "".join(f"<figure>{_image(folder / name, caption)}</figure>" for caption, name in found)
+        return f'<div class="{"cells" if len(found) > 1 else "plot"}">{figures}</div>'
+    return f"<p>{_inline(part)}</p>"
 
 
 def _image(path: Path, caption: str) -> str:
     data = b64encode(path.read_bytes()).decode("ascii")
-    alt, below = escape(caption, quote=True), escape(caption)
-    return f'<img src="data:image/png;base64,{data}" alt="{alt}"><figcaption>{below}</figcaption>'
+    return f'<img src="data:image/png;base64,{data}" alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption>'
 
 
 def draw_cells(number: str, cases: Sequence[Case], width: int, folder: Path) -> None:
     """Write the picture of each cell, with one camera for all of a frame, and enter its path in the cell."""
     (folder / f"experiment{number}").mkdir(parents=True, exist_ok=True)
     for frame in FRAMES[number]:
-        reached = [case for case in cases if frame in case.states]
         direction = BACK if (number, frame) == ("2", 200) else FRONT
-        if not reached:
-            continue
-        states = [case.states[frame] for case in reached]
-        seen = [np.clip(x, *STAGE).reshape(-1, 3) for x, _ in states]
         axes = cs.Camera(direction, (0, 0, 0), 1, 1).axes()
-        ends = np.concatenate([axes, -axes])
-        seen += [s.center_at(t) + s.radius * ends for _, t in states for s in reached[0].scene.spheres]
-        camera = cs.Camera.around(direction, np.concatenate(seen))
-        for case in reached:
-            x, t = case.states[frame]
-            cell = next(c for c in case.cells if c["frame"] == frame)
+        cells = [(case, cell) for case in cases for cell in case.cells if cell["frame"] == frame]
+        shown = [(case, cell, *next(s[:2] for s in case.played if s[0] == cell["time"])) for case, cell in cells]
+        seen = [np.clip(x, *STAGE).reshape(-1, 3) for *_, x in shown]
+        seen += [s.center_at(t) + s.radius * np.concatenate([axes, -axes]) for c, _, t, _ in shown for s in c.scene.spheres]
+        for case, cell, t, x in shown:
             cell["picture"] = f"experiment{number}/frame{frame}_{case.name.replace(', ', '_').replace(' ', '_')}.png"
-            cs.picture(case.scene, x, t, camera=camera, width=width, ground=False).save(folder / cell["picture"])
+            camera = cs.Camera.around(direction, np.concatenate(seen))
+            picture = cs.picture(case.scene, x, t, camera=camera, width=width, ground=False)
+            picture.save(folder / cell["picture"])
 
 
-def play(number: str, cases: Sequence[Case], folder: Path) -> str:
+def play(number: str, cases: Sequence[Case], folder: Path) -> None:
     """Write a page that plays all cases of an experiment in step."""
-    runs = {}
-    for case in cases:
-        t, x, v = map(np.array, zip(*case.played))
-        runs[case.name] = cs.Run(case.scene, t, x, v, cast(Report, {}))
+    arrays = [map(np.array, zip(*case.played)) for case in cases]
+    runs = {case.name: cs.Run(case.scene, t, x, v, cast(Report, {})) for case, (t, x, v) in zip(cases, arrays)}
     cs.compare(runs).to_html(folder / f"experiment{number}.html", title=f"Experiment {number}, all cases in step")
-    return f"experiment{number}.html"
 
 
 def plot_history(number: str, cases: Sequence[Case], folder: Path) -> str:
     """Deepest triangle and energy gained, frame by frame."""
     drawn, ((depth,), (energy,)) = figure(8, 5.2, 2, sharex=True)
-    for case in cases:
+    for k, case in enumerate(cases):
         frames, triangles, gained = np.array(case.history).T
-        line = {"color": {1: RED, 2: BLUE}[case.method], "ls": "--" if case.variant == "as printed" else "-"}
+        line = {"color": (RED, BLUE)[k % 2], "ls": "--" if "printed" in case.name else "-"}
         depth.plot(frames, np.maximum(1e3 * triangles, 1e-3), **line, label=case.name)
         energy.plot(frames, gained, **line)
     for panel in (depth, energy):
@@ -250,36 +225,3 @@ def plot_history(number: str, cases: Sequence[Case], folder: Path) -> str:
     energy.set_yscale("symlog", linthresh=100.0)
     save(drawn, folder / f"experiment{number}_history.png")
     return f"experiment{number}_history.png"
-
-
-def plot_rates(entry: dict[str, Any], folder: Path) -> str:
-    """As Figure 9: frames/s of each window, median and quartiles of runs."""
-    drawn, ((panel,),) = figure(8, 3.8)
-    for method, color in ((1, RED), (2, BLUE)):
-        rows = [r for r in entry["rows"] if r["method"] == method and r["window"] != "all"]
-        names = ("frames_per_second", "lower_quartile", "upper_quartile")
-        middle, low, high = (np.array([r[name] for r in rows]) for name in names)
-        low, high = low / entry["frame_steps"], high / entry["frame_steps"]
-        places = np.arange(1, len(rows) + 1) + 0.04 * (method - 1.5)
-        panel.errorbar(
-            places, middle, [middle - low, high - middle], fmt="o-", color=color, capsize=4, label=f"method {method}"
-        )
-    panel.set(xlabel="window of frames", ylabel=f"frames/s of {entry['frame_steps']} steps", xticks=range(1, len(rows) + 1))
-    panel.legend(ncols=2, fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    save(drawn, folder / "figure9.png")
-    return "figure9.png"
-
-
-def plot_speedup(entry: dict[str, Any], folder: Path) -> str:
-    """As Figure 10: steps/s of each run."""
-    drawn, ((panel,),) = figure(8, 3.8)
-    for k, row in enumerate(entry["rows"]):
-        threads = f"{row['threads']} thread{'s' * (row['threads'] > 1)}"
-        runs = range(1, len(row["runs"]) + 1)
-        panel.plot(
-            runs, row["runs"], **style(k), label=f"{row['kind']}, {row['precision']}, {threads} ({row['speedup']:.1f}x)"
-        )
-    panel.set(xlabel="run", ylabel="steps/s", yscale="log", xticks=runs)
-    name_lines(panel)
-    save(drawn, folder / "figure10.png")
-    return "figure10.png"
