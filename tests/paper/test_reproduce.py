@@ -107,7 +107,7 @@ def test_findings_follow_the_numbers(report):
 
 
 def test_text_of_the_report_is_that_of_the_page(folder):
-    page, told = (Path(one).read_text() for one in ("docs/reproduction.md", folder / "report.txt"))
+    page, told = (one.read_text() for one in (Path(__file__).parents[2] / "docs/reproduction.md", folder / "report.txt"))
     assert " ".join(page_section("Choices where the paper is silent").split()) in " ".join(told.split())
     assert page.count("Table 3, frames 150") == told.count("Table 3, frames 150") == 1
 

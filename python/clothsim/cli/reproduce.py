@@ -11,9 +11,7 @@ from ..base.progress import wanted_by_command
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--quick", action="store_true", help="fewer and coarser steps: some 20 seconds on two free cores"
-    )
+    command.add_argument("--quick", action="store_true", help="fewer and coarser steps: some 20 seconds on two free cores")
     command.add_argument("--out", default="report", metavar="DIR", help="folder of the report (default: report)")
     command.add_argument("--threads", type=int, metavar="N", help="threads (default: all)")
     command.add_argument(
