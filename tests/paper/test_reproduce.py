@@ -201,3 +201,9 @@ def test_unstable_run_is_reported_not_hidden(tmp_path, monkeypatch):
     assert {c["frame"] for c in entry["cells"]} == {10}
     assert entry["study"] == []
     assert "ended early" in (tmp_path / "report.txt").read_text()
+
+
+@pytest.mark.parametrize("key", "12345")
+def test_an_experiment_alone_is_a_report(report, key):
+    alone = text({**report, "experiments": {key: report["experiments"][key]}})
+    assert f"Experiment {key}" in alone and ("Did it hold?" in alone) == (key != "5")

@@ -86,12 +86,12 @@ def parts(report: dict[str, Any]) -> list[str]:
     """The report in Markdown, in its order: what held, the experiments, how they were run, what was cut."""
     experiments, build, machine = report["experiments"], report["provenance"]["build"], report["provenance"]["machine"]
     claims = {key: texts for key, *texts in _cells(page_section("The experiments"))}
+    rows = [finding[:4] for found in findings(experiments).values() for finding in found]
     head = ["claim of the paper", "held?", "our number, as printed", "our number, corrected"]
     made = [
         "# The experiments of Kim et al., run by clothsim",
         "The claims of Real-time collision response between cloth and sphere object in Unity, and what we measured.",
-        "## Did it hold?",
-        _markdown(head, [finding[:4] for found in findings(experiments).values() for finding in found]),
+        *(["## Did it hold?", _markdown(head, rows)] if rows else []),
         "[the scenes, live in the browser](live.html) · [as text](report.txt) · [all numbers](report.json)",
     ]
     sections = ["The two methods, in two variants", "Choices where the paper is silent", "Quantities"]
