@@ -64,6 +64,7 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     NearSpheres<Real> spheres;
     EdgeArguments<Real> stages[4];
     std::int64_t step = 0;  // to which the state belongs
+    Clock clock;  // of the call
     // The number of a step's stage, counted over all steps.
     std::int64_t number_of(int stage) const { return 4 * step + stage; }
     bool finite = true;  // the rows inspected in this call

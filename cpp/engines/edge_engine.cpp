@@ -175,6 +175,7 @@ void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
     const auto run_to = [&](int row) {
         if (begin >= row) return;
         edge_.rows(band.stages[s], begin, row);
+        end_pins(band, s, std::max(begin - 1, 0), row - 1);
         begin = row;
     };
     if (begin == 0 && band.near) begin_stage(band, s);
@@ -201,9 +202,37 @@ void EdgeEngine<Real>::run_last_rows(Band& band, int s, int begin, int end) {
         edge_.last_row(
             e, row,
             {band.source(e.stage, row), row + 1 < n ? band.source(e.stage, row + 1) : nullptr, nullptr});
-    if (end < n) return;
-    kernels().edge_finish(e);
-    if (band.far && hands_on(s)) band.hand_far(number + 1);
+    if (end == n) kernels().edge_finish(e);
+    end_pins(band, s, std::max(begin - 1, 0), end < n ? end - 1 : n);
+    if (end == n && band.far && hands_on(s)) band.hand_far(number + 1);
+}
+
+template <class Real>
+void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
+    if (!plan_.has_driven_pins() || begin >= end) return;
+    const std::int64_t before = band.step - step_;
+    const double dt = band.clock.dt;
+    const PinTime time = s == 3 ? PinTime::of_end(band.clock.at(before + 1), dt)
+                                : PinTime::of_stage(band.clock.at(before), dt, s == 2 ? 1 : 0.5);
+    const auto [first, last] = band.RowBand::rows(begin, end);
+    const int start = layout_.start(band.strip), own = layout_.own(band.strip),
+              own_end = layout_.own(band.strip + 1);
+    plan_.each_driven_pin(
+        time, first * columns(), last * columns(), [&](int point, const Vec3& place, const Vec3& velocity) {
+            const int row = point / columns(), column = point % columns(), in_window = column - start;
+            if (s == 3) {
+                if (column >= own && column < own_end)
+                    this->points_.set(memory_, point, {place - this->origin_, velocity});
+            } else if (in_window >= 0 && in_window < layout_.window) {
+                const int i = band.upwards ? band.end - 1 - row : row - band.begin;
+                Real* const work = band.rows[std::size_t(i)].work +
+                    in_window % layout_.vectors * band.work_stride() + in_window / layout_.vectors;
+                for (int k = 0; k < 3; ++k) {
+                    work[k * layout_.lanes] = Real(place[k] - this->origin_[k]);
+                    work[(3 + k) * layout_.lanes] = Real(velocity[k]);
+                }
+            }
+        });
 }
 
 template <class Real>
@@ -243,6 +272,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
     const auto band = [&](int strip) -> Band& { return *all[std::size_t(strip * team + thread)]; };
     for (int strip = 0; strip < layout_.strips; ++strip) {
         Band& b = band(strip);
+        b.clock = clock;
         for (int s = 0; s < 4; ++s) {
             EdgeArguments<Real>& e = b.stages[s] =
                 arguments(Stage(s), clock.dt, b.workspace->scratch.data() + s * scratch_size());

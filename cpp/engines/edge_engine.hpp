@@ -57,6 +57,8 @@ private:
     void begin_stage(Band& band, int s);
     void run_rows(Band& band, int s, int begin, int end);
     void run_last_rows(Band& band, int s, int begin, int end);
+    // Puts driven pins to their places at the end of stage s, in rows [begin, end) of the band.
+    void end_pins(Band& band, int s, int begin, int end);
     // With strips the next step's state is sent when their halos are filled.
     bool hands_on(int s) const { return s < 3 || layout_.strips == 1; }
     EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;

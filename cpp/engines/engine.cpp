@@ -60,8 +60,9 @@ double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {
 }
 
 std::unique_ptr<Engine> make_engine(const Plan& plan) {
-    // The kernels' own steps know pins that rest.
-    if (!method_of(plan.integrator).in_kernels || plan.has_driven_pins()) return make_scheme_engine(plan);
+    // The gather kernel's own steps know pins that rest, as the compute shader does.
+    const bool pins_move = plan.has_driven_pins() && plan.kernel == Kernel::gather;
+    if (!method_of(plan.integrator).in_kernels || pins_move) return make_scheme_engine(plan);
     return plan.precision == Precision::single ? make<float>(plan) : make<double>(plan);
 }
 

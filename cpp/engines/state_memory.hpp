@@ -107,6 +107,7 @@ protected:
     Plan plan_;
     Layout layout_;
     StatePoints<Real, Layout> points_;
+    Vec3 origin_ = Vec3::Zero();  // of the positions in memory [m]
     AlignedVector<Real> memory_;
     // Data of the state that an engine keeps in memory still holds; false after every change from elsewhere.
     bool state_known_ = false;
@@ -227,7 +228,6 @@ private:
     }
 
     std::vector<int> held_pins_;
-    Vec3 origin_ = Vec3::Zero();
 };
 
 }  // namespace clothsim
