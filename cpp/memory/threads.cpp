@@ -9,6 +9,11 @@
 #if !defined(_WIN32)
 #include <pthread.h>
 #endif
+#if defined(__linux__)
+#include <linux/futex.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+#endif
 
 #include "memory/subnormals.hpp"
 
@@ -17,7 +22,6 @@ namespace {
 
 struct Job {
     const std::function<void(int)>& work;
-    std::atomic<int> done{0};
     std::mutex mutex{};
     std::exception_ptr failure{};
 
@@ -33,12 +37,12 @@ struct Job {
 
 struct Worker {
     Job* job = nullptr;  // null: the end
-    alignas(64) std::atomic<unsigned> begun{0};  // jobs
+    alignas(64) std::atomic<int> begun{0};  // jobs
+    alignas(64) std::atomic<int> ended{0};
 
     void begin(Job* next) {
         job = next;
-        begun.fetch_add(1, std::memory_order_release);
-        begun.notify_one();
+        signal(begun, begun.load(std::memory_order_relaxed) + 1);
     }
 };
 
@@ -46,14 +50,12 @@ void serve(const std::shared_ptr<Worker>& self, int thread) {
     const FlushSubnormals flushed;
     // Some 50 us: what the next call or block of a series takes. Half: sleeps between them; twice: no faster.
     constexpr int spins = 2000;
-    for (unsigned jobs = 0;; ++jobs) {
-        for (int turn = 0; turn < spins && self->begun.load(std::memory_order_acquire) == jobs; ++turn)
-            pause_briefly();
-        self->begun.wait(jobs, std::memory_order_acquire);
+    for (unsigned jobs = 1;; ++jobs) {
+        wait_for(self->begun, int(jobs), spins);
         Job* const job = self->job;
         if (!job) return;
         job->run(thread);
-        job->done.fetch_add(1, std::memory_order_release);
+        signal(self->ended, int(jobs));
     }
 }
 
@@ -67,6 +69,24 @@ struct Workers {
 thread_local Workers workers;
 
 }  // namespace
+
+void sleep_at(const std::atomic<int>& counter, int now) {
+    sleepers.fetch_add(1);
+#if defined(__linux__)
+    syscall(SYS_futex, &counter, FUTEX_WAIT_PRIVATE, now, nullptr, nullptr, 0);
+#else
+    counter.wait(now);
+#endif
+    sleepers.fetch_sub(1);
+}
+
+void wake(const std::atomic<int>& counter) {
+#if defined(__linux__)
+    syscall(SYS_futex, &counter, FUTEX_WAKE_PRIVATE, most_threads, nullptr, nullptr, 0);
+#else
+    const_cast<std::atomic<int>&>(counter).notify_all();
+#endif
+}
 
 int granted_threads(int wanted) {
     auto& all = workers.all;
@@ -84,9 +104,12 @@ int granted_threads(int wanted) {
 
 void run_team(int team, const std::function<void(int)>& work) {
     Job job{work};
-    for (int thread = 1; thread < team; ++thread) workers.all[std::size_t(thread - 1)]->begin(&job);
+    for (int i = 0; i < team - 1; ++i) workers.all[std::size_t(i)]->begin(&job);
     job.run(0);
-    wait_until([&] { return job.done.load(std::memory_order_acquire) == team - 1; });
+    for (int i = 0; i < team - 1; ++i) {
+        const Worker& worker = *workers.all[std::size_t(i)];
+        wait_for(worker.ended, worker.begun.load(std::memory_order_relaxed));
+    }
     if (job.failure) std::rethrow_exception(job.failure);
 }
 

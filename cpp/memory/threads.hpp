@@ -16,6 +16,12 @@ int granted_threads(int wanted);
 // A child has none of its parent's workers: it starts its own.
 void install_fork_handler();
 
+// Until another thread changes a counter from `now` and wakes its sleepers, or by chance earlier. Not by
+// std::atomic::wait: that of libstdc++ yields first.
+void sleep_at(const std::atomic<int>& counter, int now);
+void wake(const std::atomic<int>& counter);
+inline std::atomic<int> sleepers{0};
+
 inline void pause_briefly() {
 #if defined(__x86_64__)
     __builtin_ia32_pause();
@@ -24,19 +30,18 @@ inline void pause_briefly() {
 #endif
 }
 
-// Spins for 5 to 20 us, then lets others have the processor.
-template <class Ready>
-void wait_until(Ready ready) {
-    constexpr int spins = 500;
-    for (int turn = 0; !ready(); ++turn) {
-        if (turn < spins) pause_briefly();
-        else std::this_thread::yield();
-    }
+// Waits for a counter, which may wrap around: spins, 500 times take 5 to 20 us, then sleeps. (A yield would
+// give a busy neighbour its whole time slice, at each halo.)
+inline void wait_for(const std::atomic<int>& reached, int wanted, int spins = 500) {
+    const auto there = [&](int now) { return int(unsigned(wanted) - unsigned(now)) <= 0; };
+    for (int turn = 0; turn < spins; ++turn, pause_briefly())
+        if (there(reached.load(std::memory_order_acquire))) return;
+    for (int now; !there(now = reached.load(std::memory_order_acquire));) sleep_at(reached, now);
 }
-inline void wait_for(const std::atomic<int>& reached, int wanted) {
-    wait_until([&] { return reached.load(std::memory_order_acquire) >= wanted; });
+inline void signal(std::atomic<int>& reached, int now) {
+    reached.store(now);  // before it is asked who sleeps
+    if (sleepers.load() > 0) wake(reached);
 }
-inline void signal(std::atomic<int>& reached, int now) { reached.store(now, std::memory_order_release); }
 
 // Where all threads of a team wait for the last of them.
 class Barrier {
