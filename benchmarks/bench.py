@@ -19,7 +19,6 @@ from typing import Any
 
 import clothsim as cs
 import numpy as np
-from clothsim.machine import provenance
 from clothsim.scenes import PAPER_DT
 from common import aligned
 from peers import numba_peer
@@ -260,7 +259,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="fewer and shorter windows")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="also write the figures to a CSV file")
     args = parser.parse_args(argv)
-    about = {"load_average": os.getloadavg() if hasattr(os, "getloadavg") else None, **provenance()}
+    about = {"load_average": os.getloadavg() if hasattr(os, "getloadavg") else None, "build": cs.build_config()}
     print(json.dumps(about))
     threads = tuple(sorted({1, min(2, os.cpu_count() or 1), os.cpu_count() or 1}))
     rows = []

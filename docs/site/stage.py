@@ -36,7 +36,7 @@ REFERENCE = {
     "Sweep and fit": "sweep open_sweep sweepable fit Fit sensitivity",
     "Look at it": "picture Picture compare view Camera",
     "Errors and warnings": "UnstableError ContactError RunInterrupted StabilityWarning ContactWarning OrderWarning",
-    "Machine and graphics card": "build_config machine gpu",
+    "Machine and graphics card": "build_config gpu",
 }
 GALLERY = {
     "First steps": "drape moving_sphere driven_pins flag ball_by_hand settle resume blender",

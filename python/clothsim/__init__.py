@@ -11,13 +11,12 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 
 from typing import TYPE_CHECKING
 
-from .base import core as _loaded  # noqa: F401  # says what to do where there is no core
 from . import errors as errors
 from . import scenes
 from . import typing as typing
 from .sweeps import register as _register_accessor
 from .base.on_demand import on_demand as _on_demand
-from .machine.build import build_config
+from .base.build import build_config
 from .model.cloth import Cloth
 from .errors import ContactError, ContactWarning, OrderWarning, RunInterrupted, StabilityWarning, UnstableError
 from .model.mesh import thread_grid, triangles

@@ -37,7 +37,6 @@ def test_import_loads_the_rooms_of_a_simulation_alone():
         "errors",
         "model",
         "engine",
-        "machine",
         "measure",
         "methods",
         "run",

@@ -5,7 +5,7 @@ import re
 
 import clothsim as cs
 import pytest
-from clothsim import accuracy, gpu, machine
+from clothsim import accuracy, gpu
 from tables import each
 
 pytest.importorskip("xarray")
@@ -23,7 +23,7 @@ def members():
             yield name, value
             if inspect.isclass(value):
                 yield from methods(name, value)
-    for module in (accuracy, gpu, machine):
+    for module in (accuracy, gpu):
         for name in module.__all__:
             value = getattr(module, name)
             if callable(value):

@@ -5,7 +5,7 @@ import math
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim import accuracy, machine
+from clothsim import accuracy
 from tables import each
 
 SCENE = cs.Scene(cs.Cloth((4, 5)))
@@ -142,11 +142,7 @@ def test_attributes_of_a_stepper_are_not_set_in_silence():
 
 @each(
     "module, name, instead",
-    [
-        (cs.scenes, "denim", "examples/light_fabric.py"),
-        (accuracy, "fastest", "python benchmarks/peers --errors"),
-        (machine, "memory_bandwidth", "benchmarks of the processor"),
-    ],
+    [(cs.scenes, "denim", "examples/light_fabric.py"), (accuracy, "fastest", "python benchmarks/peers --errors")],
 )
 def test_a_name_of_an_earlier_version_says_what_serves_instead(module, name, instead):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}'; {instead}"):

@@ -75,7 +75,7 @@ def test_only_evidence_and_command_line_import_the_front_door():
             assert name == "_core", (module, other, name)
 
 
-PUBLIC = ("accuracy", "errors", "gpu", "machine", "scenes", "typing")
+PUBLIC = ("accuracy", "errors", "gpu", "scenes", "typing")
 """Modules that users import beside `clothsim` itself."""
 
 

@@ -292,7 +292,7 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
     sides = scene.cloth.shape
     place: Any = np.indices(sides)
     if points is not None:
-        check.size("points", points, "a sequence of (row, column)")
+        points = check.items("points", points, None, "(row, column)")
         pairs = [check.items(f"points[{k}]", pair, 2, "integers (row, column)") for k, pair in enumerate(points)]
         ends = [
             [check.integer(f"points[{k}]", i, minimum=-n, maximum=n - 1) % n for i, n in zip(pair, sides)]
@@ -304,8 +304,6 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
     shape = (len(times), *place[0].shape, 3)
     accepted = f"an array of shape {shape} of numbers, NaN where nothing was measured"
     given = check.as_array("positions", values, accepted)
-    if given.dtype.kind not in "iuf":
-        raise TypeError(f"positions must be {accepted}, got {check.shown(given)}")
     if given.shape != shape:
         raise ValueError(f"positions must be {accepted}, got shape {given.shape}")
     given = given.astype(np.float64)

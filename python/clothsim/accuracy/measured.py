@@ -7,14 +7,14 @@ import math
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from random import Random
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..base.clocks import turns
+from ..base.build import build_config
 from ..errors import OrderWarning, StabilityWarning, UnstableError
-from ..machine.build import build_config
 from ..measure.measures import energy
 from ..model.scene import Scene
 from .methods import OWN, Method, Outcome
@@ -73,15 +73,19 @@ class Bench:
         return result
 
     def time(self, results: Sequence[Measured], windows: int) -> Iterator[Measured]:
-        """Time every stable run `windows` times. The runs take turns."""
-        stable = [one for one in results if one.stable]
-        for k in turns(len(stable), windows):
-            one = stable[k]
-            if not (one.seconds and one.fastest > _LONG):
-                outcome = self._solve(one)
-                if outcome is not None:
-                    one.seconds.append(outcome.seconds)
-            yield one
+        """Time every stable run `windows` times.
+
+        Each round has another order: a slow spell of the machine affects all runs, and none always follows a certain other.
+        """
+        stable, shuffle = [one for one in results if one.stable], Random(0).shuffle
+        for _ in range(windows):
+            shuffle(stable)
+            for one in stable:
+                if not (one.seconds and one.fastest > _LONG):
+                    outcome = self._solve(one)
+                    if outcome is not None:
+                        one.seconds.append(outcome.seconds)
+                yield one
 
     def _solve(self, one: Measured) -> Outcome | None:
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -203,7 +203,7 @@ def chosen_methods(
 ) -> list[Method]:
     """The argument `methods` of `clothsim.work_precision`: integrators by name, then methods of others."""
     check.instance("scene", scene, Scene)
-    if isinstance(methods, (str, bytes)) or not (methods is None or check.is_iterable(methods)):
+    if isinstance(methods, (str, bytes)) or not (methods is None or isinstance(methods, Iterable)):
         raise TypeError(f"methods must be a sequence of names and methods, got {check.shown(methods)}")
     names = COMPARED if methods is None else [m for m in methods if isinstance(m, str)]
     chosen = [*own_methods(names, precisions, threads), *(m for m in methods or () if not isinstance(m, str))]

@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import Floats, check
+from ..base import Floats, check, frozen
+from ..base.build import available_threads
 from ..base.clocks import Stopwatch
-from ..base.record import frozen
-from ..base.threads import available_threads
 from ..engine.options import Options
 from ..engine.stepper import Stepper
 from ..methods.bound import stable_dt
@@ -135,8 +134,6 @@ class Reference:
         """
         accepted = f"an array of shape {self.x.shape[1:]}"
         x = check.as_array("x", x, accepted)
-        if x.dtype.kind not in "iuf":
-            raise TypeError(f"x must be {accepted} of numbers, got dtype {x.dtype}")
         if x.shape != self.x.shape[1:]:
             raise ValueError(f"x must be {accepted}, got {x.shape}")
         x = x.astype(np.float64)

@@ -125,6 +125,6 @@ def _settings(
     name, given = ("dts", dts) if method.control == "dt" else ("rtols", rtols)
     if given is None:
         return method.settings(scene, duration)
-    check.size(name, given)
+    given = check.items(name, given, None, "finite numbers")
     values = {check.number(f"{name}[{k}]", value, minimum=0, exclusive=True) for k, value in enumerate(given)}
     return sorted(values, reverse=True)

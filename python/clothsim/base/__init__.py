@@ -1,6 +1,25 @@
 """Helpers that know nothing of cloth: checks of arguments, extras, files, progress."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import numpy.typing as npt
 
+try:
+    from .. import _core  # noqa: F401
+except ImportError:
+    # Python would name a circular import.
+    if find_spec("clothsim._core") is None:
+        raise ImportError(
+            "the core of clothsim is not built here: run `pip install .` in the clone, "
+            "or build it as CONTRIBUTING.md says and put it into python/clothsim"
+        ) from None
+    raise
+
 Floats = npt.NDArray[np.float64]
+
+
+def frozen(array: np.ndarray) -> np.ndarray:
+    """`array` itself, made read-only."""
+    array.flags.writeable = False
+    return array

@@ -1,9 +1,7 @@
-"""A stopwatch, the time of a step, and the order in which works take turns."""
+"""A stopwatch."""
 
 from __future__ import annotations
 
-import random
-from collections.abc import Iterator
 from time import perf_counter
 
 
@@ -18,15 +16,3 @@ class Stopwatch:
 
     def __exit__(self, *error: object) -> None:
         self.seconds = perf_counter() - self._start
-
-
-def turns(count: int, rounds: int) -> Iterator[int]:
-    """Indices 0 to `count` - 1 in every round, each round in another order.
-
-    A slow spell of the machine then affects all, and no index always follows a certain other.
-    """
-    order = list(range(count))
-    shuffle = random.Random(0).shuffle
-    for _ in range(rounds):
-        shuffle(order)
-        yield from order

@@ -19,8 +19,6 @@ import numpy as np
 
 from . import check
 
-PIECE = 1 << 20  # bytes that are deflated between two checks for Ctrl-C: 0.03 s
-
 
 @contextmanager
 def folder_beside(path: Path) -> Iterator[Path]:
@@ -72,39 +70,19 @@ def npz_path(path: str | os.PathLike[str], name: str = "path") -> Path:
     """`path` as the path of a .npz file; the ending is added where there is none."""
     found = check.path(name, path)
     if found.suffix not in ("", ".npz"):
-        raise ValueError(
-            f"{name} must end in .npz or have no ending, got {str(found)!r}; the file is a NumPy "
-            "archive, which readers of other formats cannot open"
-        )
+        raise ValueError(f"{name} must end in .npz, the ending of NumPy archives, or have no ending, got {str(found)!r}")
     return found.with_name(found.name.removesuffix(".npz") + ".npz")
-
-
-class _Pieces:
-    """A file that takes what is written to it in pieces, so that Ctrl-C acts between two."""
-
-    def __init__(self, file: Any) -> None:
-        self._file = file
-
-    def write(self, data: bytes) -> None:
-        for start in range(0, len(data), PIECE):
-            self._file.write(data[start : start + PIECE])
 
 
 def write_npz(path: Path, arrays: dict[str, Any]) -> Path:
     """Write arrays and texts to the file `path`, whole or not at all."""
-    from zipfile import ZIP_DEFLATED, ZipFile  # takes longer than the rest of this module
+    from zipfile import ZipFile  # takes longer than the rest of this module
 
-    with replacing(path) as part, ZipFile(part, "w", ZIP_DEFLATED) as archive:
-        archive.comment = _count(arrays)
-        for name, value in arrays.items():
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
-                np.lib.format.write_array(_Pieces(file), np.asanyarray(value), allow_pickle=False)
+    with replacing(path) as part:
+        np.savez_compressed(part, **arrays)
+        with ZipFile(part, "a") as archive:  # its list of members has no checksum, so damage could hide some
+            archive.comment = b"%d arrays" % len(arrays)
     return path
-
-
-def _count(names: Collection[str]) -> bytes:
-    """The comment of an archive: its list of members has no checksum, so damage could hide some."""
-    return b"%d arrays" % len(names)
 
 
 @contextmanager
@@ -127,7 +105,7 @@ def read_npz(path: str | os.PathLike[str], what: str, needed: Collection[str]) -
         names = [name.removesuffix(".npy") for name in archive.namelist()]
         if missing := sorted(set(needed) - set(names)):
             raise ValueError(f"it lacks {', '.join(missing)}")
-        if archive.comment != _count(names):
+        if archive.comment != b"%d arrays" % len(names):
             raise ValueError("its list of arrays is damaged")
         # A member is read whole: only then does zipfile compare its checksum.
         return {name: np.lib.format.read_array(BytesIO(archive.read(f"{name}.npy")), allow_pickle=False) for name in names}

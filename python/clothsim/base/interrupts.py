@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import threading
-from types import FrameType
 from typing import Any
 
 
@@ -14,25 +13,22 @@ class Interrupts:
     It has no effect outside the main thread, because only the main thread receives signals.
     """
 
-    def __init__(self) -> None:
-        self._handler: Any = None
-        self._pending: tuple[int, FrameType | None] | None = None
+    _handler: Any = None
+    _pending: tuple[Any, ...] = ()
 
     def __enter__(self) -> Interrupts:
-        if threading.current_thread() is threading.main_thread():
-            handler = signal.getsignal(signal.SIGINT)
-            if callable(handler):
-                self._handler = handler
-                signal.signal(signal.SIGINT, self._note)
+        if threading.current_thread() is threading.main_thread() and callable(handler := signal.getsignal(signal.SIGINT)):
+            self._handler = handler
+            signal.signal(signal.SIGINT, self._note)
         return self
 
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self._pending = (number, frame)
+    def _note(self, *signal_and_frame: Any) -> None:
+        self._pending = signal_and_frame
 
     def deliver(self) -> None:
         """Call the handler if a signal has come; it raises KeyboardInterrupt by default."""
-        if self._pending:
-            pending, self._pending = self._pending, None
+        pending, self._pending = self._pending, ()
+        if pending:
             self._handler(*pending)
 
     def __exit__(self, *error: Any) -> None:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from types import ModuleType
 from typing import Any
 
 _LEFT = {
     **dict.fromkeys(("cotton", "denim"), "examples/light_fabric.py has its figures"),
     "fastest": "python benchmarks/peers --errors, in a clone, finds the fastest runs",
-    **dict.fromkeys(("multiply_add_peak", "memory_bandwidth", "core_round_trip"), "benchmarks of the processor measure it"),
 }
 """Names of an earlier version, and what serves instead."""
 
@@ -36,6 +34,6 @@ def on_demand(
     return get, lambda: sorted(names)
 
 
-def module_of(name: str) -> ModuleType:
-    """Import the module with this full name, which implements a command or a file format."""
-    return import_module(name)
+def later(name: str) -> Any:
+    """The module ``clothsim.name`` of a later room, for a method that the room serves (docs/dev/rooms.md)."""
+    return import_module(f"clothsim.{name}")

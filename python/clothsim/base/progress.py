@@ -25,11 +25,8 @@ def in_notebook() -> bool:
 def print_above(text: str, file: TextIO) -> None:
     """Print a line, above the bars that are shown."""
     tqdm = getattr(sys.modules.get("tqdm"), "tqdm", None)
-    if tqdm is None:
-        print(text, file=file, flush=True)
-    else:
-        tqdm.write(text, file=file)
-        file.flush()
+    (tqdm.write if tqdm else print)(text, file=file)
+    file.flush()
 
 
 class ProgressBar:
@@ -38,9 +35,6 @@ class ProgressBar:
     `shown` is the caller's argument `progress`: a TypeError refuses what is no bool, and an ImportError names the extra
     that brings tqdm. `options` are those of ``tqdm.tqdm``, such as `total`, `unit` and `desc`. `bar` is None where
     nothing is shown.
-
-    >>> with ProgressBar(False, total=3, unit="run") as bar:
-    ...     bar.advance(3)
     """
 
     def __init__(self, shown: bool, **options: Any) -> None:
@@ -51,10 +45,8 @@ class ProgressBar:
                 tqdm = needed("tqdm.auto", "progress=True", "demo").tqdm
             # With None, tqdm itself finds out whether stderr is a terminal.
             bar = tqdm(disable=False if in_notebook() else None, **options)
-            self.bar = None if bar.disable else bar
-        if self.bar is not None:
-            self._show_warning = warnings.showwarning
-            warnings.showwarning = self._above
+            if not bar.disable:
+                self.bar, self._show_warning, warnings.showwarning = bar, warnings.showwarning, self._above
 
     def _above(self, *warning: Any, **options: Any) -> None:
         """Show a warning above the bar, as it would have been shown without."""
@@ -62,7 +54,6 @@ class ProgressBar:
             self._show_warning(*warning, **options)
 
     def advance(self, count: float = 1) -> None:
-        """Advance the bar by `count` units."""
         if self.bar is not None:
             self.bar.update(count)
 

@@ -16,7 +16,7 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from ..base.on_demand import module_of
+from ..base.on_demand import later
 from ..base.progress import print_above
 
 COMMANDS = {
@@ -59,7 +59,7 @@ def _parser(chosen: str | None) -> argparse.ArgumentParser:
     for name, text in COMMANDS.items():
         command = subparsers.add_parser(name, help=text, description=text, formatter_class=_Narrow, allow_abbrev=False)
         if name == chosen:
-            module = module_of(f"clothsim.cli.{name}")
+            module = later(f"cli.{name}")
             command.set_defaults(run=module.run, command=name)
             module.add_arguments(command)
             command.add_argument("--json", action="store_true", help="print JSON instead of text")

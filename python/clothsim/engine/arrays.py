@@ -45,8 +45,6 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
         shapes = f"{shape} or (B, {shape[0]}, {shape[1]}, 3)"
     accepted = f"an array of shape {shapes} of finite numbers"
     given = check.as_array(name, value, accepted)
-    if given.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must be {accepted}, got {type(value).__name__} of dtype {given.dtype}")
     fits = given.shape[-3:] == shape and (
         given.ndim == 4 and given.shape[0] == len(scenes)
         if batched

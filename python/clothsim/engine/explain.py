@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .. import _core
-from ..base.record import ReadOnly
-from ..base.table import aligned
+from ..base.table import ReadOnly, aligned
 from ..methods.data import METHODS
 from ..methods.integration import integrators
 from ..methods.limiting import limiting_term

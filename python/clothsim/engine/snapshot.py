@@ -13,7 +13,7 @@ import numpy as np
 
 from ..base import check
 from ..base import files as _files
-from ..machine.build import build_config
+from ..base.build import build_config
 from ..model.scene import Scene
 from .options import Options
 

@@ -9,8 +9,7 @@ from typing import Any, NoReturn, cast
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check
-from ..base.record import frozen
+from ..base import check, frozen
 from ..model.scene import Scene
 from ..model.wording import cloth_text, counted, spheres_text
 from ..typing import Backend, Integrator, Kernel, Precision

@@ -122,8 +122,6 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
     check.instance("sphere", sphere, Sphere)
     accepted = "an array of shape (rows, columns, 3) or (B, rows, columns, 3) of finite numbers"
     x = check.as_array("x", x, accepted)
-    if x.dtype.kind not in "iuf":
-        raise TypeError(f"x must be {accepted}, got dtype {x.dtype}")
     if x.ndim not in (3, 4) or x.shape[-1] != 3 or 0 in x.shape:
         raise ValueError(f"x must be {accepted}, got shape {x.shape}")
     x = np.ascontiguousarray(x, dtype=np.float64)
@@ -155,13 +153,7 @@ def _times(t: npt.ArrayLike | None, sphere: Sphere, batch: tuple[int, ...]) -> n
         return 0.0
     if check.is_number(t):
         return check.number("t", t)
-    accepted = "finite times, one per member of x, or one for all"
-    given = check.as_array("t", t, f"a finite number or an array of {accepted}")
-    if given.ndim == 0:
-        return check.number("t", t)
-    if not batch:
-        raise ValueError(f"t must be one time for one state x, got shape {given.shape}")
-    return check.array("t", given, batch, accepted)
+    return check.array("t", t, batch, "finite times, one per member of x, or one for all")
 
 
 def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:

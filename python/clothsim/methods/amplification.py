@@ -85,11 +85,8 @@ def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayL
 
 
 def _rates(name: str, value: npt.ArrayLike) -> Floats:
-    array = check.as_array(name, value, "real numbers >= 0")
-    if array.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must be real numbers >= 0, got dtype {array.dtype}")
-    array = array.astype(np.float64)
-    check.check_all(name, array, np.isfinite(array) & (array >= 0), "finite numbers >= 0")
+    array = check.array(name, value, what="finite numbers >= 0")
+    check.check_all(name, array, array >= 0, "finite numbers >= 0")
     return array
 
 

@@ -16,8 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..base.record import ReadOnly
-from ..base.table import aligned
+from ..base.table import ReadOnly, aligned
 from ..errors import OrderWarning, warn_caller
 from .data import METHODS
 from .region import axis_limit

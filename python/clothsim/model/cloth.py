@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check
-from ..base.record import Record, frozen
+from ..base import check, frozen
 from ..typing import Family, Numbers, Pins, Shape
+from .mesh import checked_shape
 from .motion import Motion
 from .pins import checked_pins, groups_of
+from .record import Record
 
 FAMILIES: tuple[Family, ...] = get_args(Family)
 """The spring families, in the order in which they are computed and listed."""
@@ -159,7 +160,7 @@ class Cloth(Record):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        shape = check.shape(self.shape, least=2)
+        shape = checked_shape(self.shape, least=2)
         springs = _springs(self.springs)
         size = check.vector("size", self.size, 2)
         for k in range(2):
@@ -353,7 +354,7 @@ def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]
 
 
 def _springs(value: Any) -> tuple[Family, ...]:
-    if isinstance(value, (str, bytes)) or not check.is_iterable(value):
+    if isinstance(value, (str, bytes)) or not np.iterable(value):
         raise TypeError(f"springs must be a sequence of names from {FAMILIES}, got {check.shown(value)}")
     if isinstance(value, Mapping):
         raise TypeError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,6 +11,15 @@ from .. import _core
 from ..base import check
 
 GROUP = (_core.group_size, _core.group_size, 1)
+
+
+def checked_shape(value: Any, least: int = 1) -> tuple[int, int]:
+    """`value` as (rows, columns) of a grid with at least `least` mass points, which the core numbers in 32 bits."""
+    given = check.items("shape", value, 2, "integers (rows, columns)")
+    rows, columns = (check.integer(f"shape[{k}]", n, minimum=1) for k, n in enumerate(given))
+    if not least <= rows * columns < 2**31:
+        raise ValueError(f"shape must have {least:,} to {2**31 - 1:,} mass points, got {(rows, columns)}")
+    return rows, columns
 
 
 def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> npt.NDArray[np.void]:
@@ -48,7 +59,7 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
     >>> grid[17, 3]["index"], grid[17, 3]["group_y"], grid[17, 3]["thread_y"]
     (np.int64(547), np.int32(1), np.int32(1))
     """
-    rows, columns = check.shape(shape)
+    rows, columns = checked_shape(shape)
     wanted = tuple(
         check.integer(f"group[{k}]", n, minimum=1) for k, n in enumerate(check.items("group", group, 3, "integers"))
     )
@@ -84,4 +95,4 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     >>> cs.triangles((2, 2)).tolist()
     [[0, 2, 1], [1, 2, 3]]
     """
-    return _core.triangles(*check.shape(shape))
+    return _core.triangles(*checked_shape(shape))

@@ -24,9 +24,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check
-from ..base.record import Record, frozen
+from ..base import check, frozen
 from ..typing import Numbers
+from .record import Record
 
 Vectors = npt.NDArray[np.float64]
 
@@ -135,13 +135,7 @@ class BaseMotion(Record):
 
 
 def _times(t: npt.ArrayLike) -> Vectors:
-    accepted = "t must be a finite number or an array of finite numbers"
-    given = check.as_array("t", t, accepted.removeprefix("t must be "))
-    if given.dtype.kind not in "iuf":
-        raise TypeError(f"{accepted}, got {check.shown(t)}")
-    if not np.isfinite(given).all():
-        raise ValueError(f"{accepted}, got {check.shown(t)}")
-    return given.astype(np.float64)
+    return check.array("t", t, what="a finite number or an array of finite numbers")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -374,9 +368,7 @@ class Keyframes(BaseMotion):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        count = check.size("times", self.times)
-        if count < 2:
-            raise ValueError(f"times must have at least 2 entries, got {count}")
+        count = len(check.items("times", self.times, None, "finite numbers", 2))
         times = check.array("times", self.times, (count,))
         later = np.concatenate([[True], np.diff(times) > 0])
         check.check_all("times", times, later, "strictly increasing")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -47,14 +48,13 @@ def checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
         return _driven_pins(value, shape)
     if isinstance(value, (list, tuple)) and value and all(isinstance(one, Mapping) for one in value):
         return _driven_pins(_from_groups(value), shape)  # as in to_dict
-    if not isinstance(value, np.ndarray):
-        if isinstance(value, (str, bytes)) or not check.is_iterable(value):
-            raise TypeError(f"{accepted}, got {check.shown(value)}")
-        value = list(value)
-    elif value.ndim == 0:
+    if isinstance(value, (str, bytes)) or not np.iterable(value):
         raise TypeError(f"{accepted}, got {check.shown(value)}")
-    mask = _mask(value)
-    if mask is not None:
+    value = value if isinstance(value, np.ndarray) else list(value)
+    mask: Any = np.empty(0)
+    with suppress(ValueError, OverflowError):  # pairs of several lengths, or huge numbers
+        mask = np.asarray(value)
+    if mask.dtype == np.bool_:
         if mask.shape != shape:
             raise ValueError(f"{accepted}, got a boolean array of shape {mask.shape}")
         return tuple((int(r), int(c)) for r, c in np.argwhere(mask))
@@ -92,12 +92,3 @@ def _from_groups(groups: Sequence[Mapping[str, Any]]) -> dict[tuple[int, int], M
             row, column = check.items(f"pins[{k}] points", pair, 2, "integers (row, column)")
             pins[row, column] = motion
     return pins
-
-
-def _mask(value: Any) -> npt.NDArray[np.bool_] | None:
-    """`value` as a boolean array; None if it is not a mask."""
-    try:
-        array = check.as_array("pins", value, "(row, column) pairs or a boolean array")
-    except (ValueError, OverflowError):
-        return None
-    return array if array.dtype == np.bool_ else None

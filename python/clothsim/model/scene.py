@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check
-from ..base.record import Record, frozen
+from ..base import check, frozen
 from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
 from .motion import Keyframes, Motion
 from .pins import DrivenPins
+from .record import Record
 from .sphere import Sphere
 
 SCHEMA = 2
@@ -102,9 +102,9 @@ class Scene(Record):
         cloth = check.instance("cloth", self.cloth, Cloth)
         position, velocity = self.position, self.velocity
         if position is not None:
-            position = frozen(check.points("position", position, cloth.shape))
+            position = frozen(check.array("position", position, (*cloth.shape, 3)))
         if velocity is not None:
-            velocity = frozen(check.points("velocity", velocity, cloth.shape))
+            velocity = frozen(check.array("velocity", velocity, (*cloth.shape, 3)))
             for r, c in np.argwhere(cloth.pinned & velocity.any(axis=-1)).tolist():
                 motion = cloth.driven.get((r, c))
                 if motion is None or not np.allclose(velocity[r, c], motion.velocity_at(0.0)):
@@ -117,7 +117,7 @@ class Scene(Record):
             gravity=check.vector("gravity", self.gravity),
             position=position,
             velocity=velocity,
-            force=None if self.force is None else frozen(check.points("force", self.force, cloth.shape)),
+            force=None if self.force is None else frozen(check.array("force", self.force, (*cloth.shape, 3))),
         )
         self._check_driven_pins()
 
@@ -340,7 +340,7 @@ def _spheres(value: Any) -> tuple[Sphere, ...]:
     accepted = "a Sphere or a sequence of Sphere"
     if isinstance(value, Sphere):
         return (value,)
-    if not check.is_iterable(value) or isinstance(value, (Set, Mapping)):  # the order of spheres counts
+    if not np.iterable(value) or isinstance(value, (Set, Mapping)):  # the order of spheres counts
         raise TypeError(f"spheres must be {accepted}, got {check.shown(value)}")
     spheres = tuple(value)
     for k, sphere in enumerate(spheres):

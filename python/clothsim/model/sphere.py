@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..base.record import Record
 from ..typing import Numbers, Offset, Response
 from .cloth import Cloth
 from .motion import Linear, Motion, checked_motion, motion_from_dict
+from .record import Record
 
 RESPONSES: tuple[Response, ...] = get_args(Response)
 _RESTITUTION = {"continuous": 0.0, "ray": 1.0, "reflect": 1.0}  # where none is given
@@ -149,8 +149,8 @@ class Sphere(Record):
         if self.as_printed and self.response == "continuous":
             raise ValueError("as_printed must be False with response 'continuous', which the paper does not have")
 
-    def _open_values(self) -> dict[str, Any]:
-        values = super()._open_values()
+    def _values(self) -> dict[str, Any]:
+        values = super()._values()
         return values if self._has_own_restitution else {**values, "restitution": None}
 
     @classmethod

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import clothsim as cs
-from clothsim.machine import provenance
 
 from ..base import check
+from ..base.build import provenance
 from ..base.extras import needed
 from ..base.files import write_bytes
 from ..base.plain_json import as_json

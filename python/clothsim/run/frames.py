@@ -125,8 +125,6 @@ def _checked_times(times: Any, start: float, duration: float) -> tuple[float, ..
     end = start + duration
     accepted = f"increasing times [s] from {start:g} to {end:g}"
     given = check.as_array("times", times, accepted)
-    if given.dtype.kind not in "iuf":
-        raise TypeError(f"times must be {accepted}, got {check.shown(times)}")
     if given.ndim != 1 or not given.size:
         raise ValueError(f"times must be {accepted}, in one dimension, got shape {given.shape}")
     found = given.astype(np.float64)

@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import Floats, check
+from ..base.build import available_threads
 from ..base.extras import check_installed, needed
 from ..base.progress import ProgressBar
-from ..base.threads import available_threads
 from ..engine.options import Options
 from ..engine.stepper import SilentStepper
 from ..errors import UnstableError
@@ -232,8 +232,6 @@ def stability_map(
 def _positive(name: str, value: npt.ArrayLike) -> Floats:
     accepted = "a one-dimensional array of finite numbers > 0"
     given = check.as_array(name, value, accepted)
-    if given.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must be {accepted}, got dtype {given.dtype}")
     if given.ndim != 1 or not given.size:
         raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
     result = given.astype(np.float64)

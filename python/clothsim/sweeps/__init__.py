@@ -16,13 +16,13 @@ from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
-from ..base.on_demand import module_of
+from ..base.on_demand import later
 
 
 def register() -> None:
     """Register ``Dataset.clothsim``: now if xarray is imported, else at its import."""
     if sys.modules.get("xarray") is not None:
-        module_of("clothsim.sweeps.accessor")
+        later("sweeps.accessor")
     else:
         sys.meta_path.insert(0, _AfterXarray())
 
@@ -42,7 +42,7 @@ class _AfterXarray(MetaPathFinder):
                 execute(module)
                 if self in sys.meta_path:
                     sys.meta_path.remove(self)
-                    module_of("clothsim.sweeps.accessor")
+                    later("sweeps.accessor")
 
             spec.loader.exec_module = exec_module  # type: ignore[method-assign]
         return spec

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import xarray
 
-from ..base import check
 from ..errors import ContactError, UnstableError
 from ..model.motion import motion_from_dict
 from ..model.scene import Scene
@@ -159,6 +158,6 @@ def _index(grid: Grid, chosen: xarray.Dataset) -> int:
         left = chosen[name]
         if left.size != 1:
             raise ValueError(f"a member needs one value of {name!r}, got {left.size}: give member({name}=...)")
-        (found,) = np.flatnonzero(coordinates[name] == check.as_array(name, left.values, "one value").ravel()[0])
+        (found,) = np.flatnonzero(coordinates[name] == np.asarray(left.values).ravel()[0])
         place.append(int(found))
     return int(np.ravel_multi_index(place, grid.shape)) if place else 0

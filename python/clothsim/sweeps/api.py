@@ -9,12 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from ..base import check
+from ..base.build import build_config, provenance
 from ..base.extras import check_installed, needed
 from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
 from ..errors import warn_caller
-from ..machine.build import build_config
-from ..machine.origin import provenance
 from ..model.fields import RUN
 from ..model.scene import Scene
 from ..typing import Every, Integrator, Kernel, Precision

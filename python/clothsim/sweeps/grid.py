@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..base import check
-from ..base.record import Record
 from ..methods.data import integrator_name
 from ..model.fields import NUMERICS, check_name, units
+from ..model.record import Record
 
 _LARGEST_LISTED = 64  # entries of an array that are written out; a larger one is known by its digest
 

@@ -9,8 +9,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+from ..base.build import build_config
 from ..errors import ContactError, UnstableError
-from ..machine.build import build_config
 from ..model.scene import Scene
 from ..run.frames import Schedule, as_every
 from ..run.result import Run

@@ -11,8 +11,8 @@ import numpy as np
 
 from .. import _core
 from ..base import check
+from ..base.build import available_threads
 from ..base.interrupts import Interrupts
-from ..base.threads import available_threads
 from ..methods.integration import warn_of_order
 from ..model.fields import RUN
 from ..model.scene import Scene

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..base import Floats, check, files
 from ..base.extras import needed
-from ..base.on_demand import module_of
+from ..base.on_demand import later
 from ..base.progress import ProgressBar
 from ..model.mesh import triangles
 from ..run.trajectory import interpolated
@@ -40,7 +40,7 @@ def checked(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType
         )
     if FORMATS[suffix] == "usd":
         needed("pxr", f"export to {suffix}", "export")
-    return path, module_of(f"clothsim.viewing.formats.{FORMATS[suffix]}")
+    return path, later(f"viewing.formats.{FORMATS[suffix]}")
 
 
 def export(

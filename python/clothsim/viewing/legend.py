@@ -63,8 +63,8 @@ def values_of(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats | N
         return np.array([np.linalg.norm(one, axis=-1) for one in v])
     accepted = f"one of {', '.join(map(repr, NAMES))}, or numbers of shape {x.shape[1:-1]}"
     accepted += f" or {x.shape[:-1]}" if len(x) > 1 else ""
-    values = check.as_array("color", color, accepted)
-    if values.dtype.kind not in "iufb" or values.shape not in (x.shape[:-1], x.shape[1:-1]):
+    values = check.as_array("color", color, accepted, "iufb")
+    if values.shape not in (x.shape[:-1], x.shape[1:-1]):
         raise ValueError(f"color must be {accepted}, got {check.shown(color)}")
     return np.broadcast_to(values.astype(float), x.shape[:-1])
 

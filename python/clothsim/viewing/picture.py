@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check, files
+from ..base.build import available_threads
 from ..base.extras import needed
-from ..base.threads import available_threads
 from ..engine.arrays import start_time
 from ..model.scene import Scene
 from .camera import Camera, camera_for, extremes, eye_of, is_wide
@@ -264,8 +264,8 @@ def picture(
     """
     check.instance("scene", scene, Scene)
     t = 0.0 if t is None and x is None else start_time(t, [scene])
-    x = scene.initial_position if x is None else check.points("x", x, scene.cloth.shape)
-    v = None if v is None else check.points("v", v, scene.cloth.shape)[None]
+    x = scene.initial_position if x is None else check.array("x", x, (*scene.cloth.shape, 3))
+    v = None if v is None else check.array("v", v, (*scene.cloth.shape, 3))[None]
     path = None if path is None else file_path("path", path)
     style = Style(camera, width, color, limits, label, ground)
     return _drawn(Drawing(scene, x[None], v, np.array([t]), style), 0, path)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...machine.build import build_config
+from ...base.build import build_config
 from ..exports import Clip
 from ..raster import CLOTH_FRONT, SPHERE
 from .meshes import unit_ball

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...machine.build import build_config
+from ...base.build import build_config
 from ..exports import Clip
 from .gltf import MATERIALS
 from .meshes import unit_ball

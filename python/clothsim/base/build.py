@@ -1,0 +1,62 @@
+"""Where numbers come from: the build of this package, the machine and the time."""
+
+from __future__ import annotations
+
+import os
+import platform
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+
+
+def available_threads() -> int:
+    """The processors that this process may use, at most `OMP_NUM_THREADS`."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    limit = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
+    return min(count, int(limit)) if limit.isdecimal() and int(limit) > 0 else count
+
+
+def build_config() -> dict[str, Any]:
+    """The build of clothsim, and its settings on this machine.
+
+    Returns
+    -------
+    dict
+        "version", "compiler", "build_type", "flags", "kernel_flags" (per instruction set),
+        "instruction_sets_built", "instruction_sets_supported" (of this processor),
+        "instruction_set" (the one used; the environment variable CLOTHSIM_ISA overrides it),
+        "threads" (available to this process), "eigen", "xsimd", "python" and "numpy" (versions).
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> config = cs.build_config()
+    >>> config["instruction_set"] in config["instruction_sets_supported"]
+    True
+    """
+    return {
+        **_core.build_facts(),
+        "instruction_set": _core.choose_instruction_set(""),
+        "threads": available_threads(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+
+
+def provenance() -> dict[str, Any]:
+    """The time, the build and the machine that numbers belong to."""
+    machine = {"cpu": _processor(), "cores": os.cpu_count(), "system": f"{platform.system()} {platform.machine()}"}
+    return {"created": datetime.now(timezone.utc).isoformat(timespec="seconds"), "build": build_config(), "machine": machine}
+
+
+def _processor() -> str:
+    """The processor's name; on Linux with the numbers that distinguish processors of equal name."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().split("\n\n")[0].splitlines() if cpuinfo.exists() else []
+    facts = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    numbers = [f"{key} {facts[key]}" for key in ("cpu family", "model", "stepping") if key in facts]
+    return ", ".join([facts.get("model name") or platform.processor() or platform.machine(), *numbers])

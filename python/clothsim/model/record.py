@@ -1,0 +1,121 @@
+"""Base of the values of the model: frozen dataclasses that may hold arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..base import check
+
+Self = TypeVar("Self", bound="Record")
+
+
+def _key(value: Any) -> Any:
+    """A hashable form of a value, equal for equal values."""
+    if isinstance(value, np.ndarray):
+        return value.shape, (value + 0.0).tobytes()  # -0.0 is 0.0
+    if isinstance(value, Mapping):
+        return frozenset(value.items())
+    return value
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, np.ndarray) and value.size > 24:
+        return f"<array of shape {value.shape}>"
+    if isinstance(value, tuple) and len(value) > (4 if value and isinstance(value[0], Record) else 24):
+        return f"<{len(value)} entries, the first {value[0]!r}>"
+    return repr(value.tolist() if isinstance(value, np.ndarray) else dict(value) if isinstance(value, Mapping) else value)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Record):
+        return value.to_dict()
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(entry) for entry in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+class Record:
+    """Equal and hashed by value, arrays included; copied through the constructor, so that arrays stay read-only."""
+
+    def __eq__(self, other: object) -> bool:
+        return self._keys() == other._keys() if isinstance(other, type(self)) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._keys())
+
+    def _keys(self) -> tuple[Any, ...]:
+        return tuple(_key(value) for value in self._values().values())
+
+    def _values(self) -> dict[str, Any]:
+        """The arguments by name."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = {n: dict(v) if isinstance(v, MappingProxyType) else v for n, v in self._values().items()}
+        return partial(type(self), **values), ()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={_short(value)}' for name, value in self._values().items())})"
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def replace(self: Self, **changes: Any) -> Self:
+        """A copy with the named arguments of the constructor changed; the original stays as it is.
+
+        Parameters
+        ----------
+        **changes
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Sphere(radius=0.25).replace(radius=0.5).radius
+        0.5
+        """
+        return type(self)(**{**self._values(), **changes})
+
+    def to_dict(self) -> dict[str, Any]:
+        """The arguments as numbers, strings, lists and dicts, as JSON and TOML can hold them; None is left out.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Cloth(shape=(4, 5)).to_dict()["shape"]
+        [4, 5]
+        """
+        return {name: _plain(value) for name, value in self._values().items() if value is not None}
+
+    @classmethod
+    def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
+        """The object that `data`, as from ``to_dict``, describes.
+
+        Parameters
+        ----------
+        data : mapping
+            Arguments of the constructor; missing ones take their defaults, unknown ones are a ValueError.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cloth = cs.Cloth(shape=(4, 5), mass=2.0)
+        >>> cs.Cloth.from_dict(cloth.to_dict()) == cloth
+        True
+        """
+        return cls(**cls._arguments(data))
+
+    @classmethod
+    def _arguments(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
+        """`data` as a dict, its keys checked; `more` are keys beside the arguments."""
+        fields = dataclasses.fields(cls)  # type: ignore[arg-type]
+        required = [*more, *(f.name for f in fields if f.default is dataclasses.MISSING)]
+        return check.keys(cls.__name__, data, [*more, *(f.name for f in fields)], required)
