@@ -28,7 +28,8 @@ COPIED = ["docs", "notebooks", "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "
 # Public names by use, the most used first; a module stands for its further names.
 REFERENCE = {
     "Run a scene": "simulate Run load_run settle step Stepper Snapshot acceleration",
-    "Describe a scene": "Scene Cloth Sphere Linear Reciprocate Sinusoid Keyframes load_scene save_scene thread_grid triangles",
+    "Describe a scene": "Scene Cloth Sphere Linear Reciprocate Sinusoid Keyframes load_scene save_scene thread_grid "
+    "triangles",
     "Ready scenes": "scenes",
     "Measure a state": "energy penetration largest_stretch difference",
     "Error and stable step": "reference Reference convergence Convergence work_precision max_stable_dt stability_map "

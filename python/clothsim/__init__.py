@@ -7,6 +7,77 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 >>> x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, dt=5e-6, steps=100)
 >>> x.shape
 (32, 32, 3)
+
+``help(cs.NAME)`` tells more of each name.
+
+Describe a scene
+    Cloth               a sheet of mass points and springs, with its pins
+    Sphere              an obstacle: place, response to contact, offset, restitution, friction
+    Linear              motion of a sphere or a pin: constant velocity
+    Reciprocate         motion: back and forth, slower at the turning points
+    Sinusoid            motion: a sine
+    Keyframes           motion: a table of times and places, joined by lines or a smooth curve
+    Scene               a cloth, spheres, gravity, the initial state
+    scenes              ready scenes: the paper's, `hanging`, `oscillator`, `hard_cases`
+    load_scene          read a scene from a TOML file
+    save_scene          write one
+
+Simulate
+    simulate            a whole run, with frames and a report, at a time step or to a tolerance
+    settle              the rest state
+    Run                 what they return: frames, report, pictures, exports
+    RunInterrupted      Ctrl-C, with the run so far
+    load_run            read a run that `Run.save` wrote
+    difference          two runs, frame by frame
+    integrators         the methods, with order, cost and stability
+    max_stable_dt       the largest time step that is guaranteed to be stable
+
+Step arrays
+    step                positions and velocities after some steps
+    acceleration        the right-hand side of the equations of motion
+    Stepper             keeps the state in the core between calls
+    Snapshot            the state of a stepper, to the bit
+    reference_step      steps of the plain oracle that judges the kernels
+
+Measure
+    energy              kinetic, elastic, gravity, total [J]
+    penetration         deepest point and triangle inside a sphere [m]
+    largest_stretch     stretch of the most stretched spring
+
+Know the error
+    reference           a solution with a bound of its own error
+    Reference           what `reference` returns
+    convergence         errors over time steps, observed order
+    Convergence         what `convergence` returns
+    work_precision      error against wall time of several methods
+    stability_map       stable and unstable over stiffness and time step
+
+Vary and fit
+    sweep               many runs over a grid of values, as an xarray Dataset
+    sweepable           the names that can be varied
+    open_sweep          a sweep from its store
+    fit                 parameters of a scene from a measured motion
+    Fit                 what `fit` returns
+    sensitivity         derivatives of positions with respect to parameters
+
+Look
+    picture             a shaded picture of a state
+    Picture             what it returns
+    Camera              where a picture is seen from
+    compare             several runs side by side
+    view                the scene live in the browser, by WebGPU
+
+Look up
+    triangles           corners of the sheet's triangles
+    thread_grid         thread of the compute shader for each mass point
+    build_config        compiler, instruction sets, threads, versions
+
+Errors and warnings
+    UnstableError       the state is no longer finite, or grew beyond bounds
+    ContactError        spheres left a mass point no place
+    StabilityWarning    the time step is above the guaranteed limit
+    OrderWarning        the integrator does not keep its order for this scene
+    ContactWarning      a sphere starts on the cloth, meets a pin, or is smaller than a cell
 """
 
 from typing import TYPE_CHECKING

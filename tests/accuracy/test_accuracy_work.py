@@ -138,7 +138,7 @@ def test_bad_arguments(scene, solution):
     options = {"reference": solution}
     with pytest.raises(ValueError, match="methods must be one of .*did you mean 'rk4'"):
         cs.work_precision(scene, DURATION, ["rk5"], **options)
-    with pytest.raises(ValueError, match="at least one method"):
+    with pytest.raises(ValueError, match="methods must be a sequence of at least 1"):
         cs.work_precision(scene, DURATION, [], **options)
     with pytest.raises(ValueError, match=r"precisions\[0\]"):
         cs.work_precision(scene, DURATION, ["rk4"], precisions=["half"], **options)

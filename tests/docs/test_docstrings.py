@@ -39,6 +39,10 @@ def methods(name, cls):
 MEMBERS = dict(members())
 
 
+def test_help_of_the_package_lists_every_name():
+    assert sorted(re.findall(r"^    (\w+) {2,}\S", cs.__doc__, re.M)) == sorted(cs.__all__)
+
+
 @each("name", MEMBERS)
 def test_it_has_an_example(name):
     assert ">>> " in inspect.getdoc(MEMBERS[name])

@@ -231,7 +231,7 @@ def fit(
     times = checked_times(times)
     given, place = _checked_data(scene, times, positions, points)
     if sigma is not None:
-        sigma = check.number("sigma", sigma, minimum=0, exclusive=True)
+        sigma = check.number("sigma", sigma, minimum=1e-100)
     rtol = check.number("rtol", rtol, minimum=0, exclusive=True)
     data = np.full((len(times), *scene.cloth.shape, 3), np.nan)
     data[:, place[0], place[1]] = given
@@ -292,7 +292,7 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
     sides = scene.cloth.shape
     place: Any = np.indices(sides)
     if points is not None:
-        points = check.items("points", points, None, "(row, column)")
+        points = check.items("points", points, None, "(row, column)", 1)
         pairs = [check.items(f"points[{k}]", pair, 2, "integers (row, column)") for k, pair in enumerate(points)]
         ends = [
             [check.integer(f"points[{k}]", i, minimum=-n, maximum=n - 1) % n for i, n in zip(pair, sides)]

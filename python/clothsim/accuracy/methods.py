@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -203,13 +203,13 @@ def chosen_methods(
 ) -> list[Method]:
     """The argument `methods` of `clothsim.work_precision`: integrators by name, then methods of others."""
     check.instance("scene", scene, Scene)
-    if isinstance(methods, (str, bytes)) or not (methods is None or isinstance(methods, Iterable)):
-        raise TypeError(f"methods must be a sequence of names and methods, got {check.shown(methods)}")
-    names = COMPARED if methods is None else [m for m in methods if isinstance(m, str)]
-    chosen = [*own_methods(names, precisions, threads), *(m for m in methods or () if not isinstance(m, str))]
-    if not chosen:
-        raise ValueError("methods must name at least one method, got none")
-    return chosen
+    precisions = check.items("precisions", precisions, None, "names", 1)
+    given = [] if methods is None else check.items("methods", methods, None, "names or methods", 1)
+    for k, one in enumerate(given):
+        if not isinstance(one, str) and not hasattr(one, "control"):
+            raise TypeError(f"methods[{k}] must be a name or a Method, got {check.shown(one)}")
+    names = COMPARED if methods is None else [m for m in given if isinstance(m, str)]
+    return [*own_methods(names, precisions, threads), *(m for m in given if not isinstance(m, str))]
 
 
 def own_methods(

@@ -99,7 +99,9 @@ def changed(scene: Scene, parameters: Sequence[Parameter], values: Sequence[floa
 def checked_times(times: npt.ArrayLike) -> Floats:
     """Times at which positions are asked for [s]."""
     accepted = "increasing times >= 0 [s]"
-    given = check.array("times", times, (len(check.as_array("times", np.atleast_1d(times), accepted)),), accepted)
+    given = np.atleast_1d(check.array("times", times, what=accepted))
+    if given.ndim > 1:
+        raise ValueError(f"times must be {accepted} in one dimension, got shape {given.shape}")
     check.check_all("times", given, np.diff(given, prepend=-1e-300) > 0, accepted)
     if not given.size or given[-1] == 0:
         raise ValueError(f"times must be {accepted} of which one is > 0, got {given.tolist()}")

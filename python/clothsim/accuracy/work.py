@@ -100,6 +100,7 @@ def work_precision(
     xarray = needed("xarray", "work_precision")
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     windows = check.integer("windows", windows, minimum=1)
+    longest = check.number("longest", longest, minimum=0, exclusive=True)
     chosen = chosen_methods(scene, methods, precisions, threads)
     levels = [_settings(one, scene, duration, dts, rtols) for one in chosen]
     jobs = [(m, n) for m, settings in enumerate(levels) for n in range(len(settings))]
@@ -125,6 +126,6 @@ def _settings(
     name, given = ("dts", dts) if method.control == "dt" else ("rtols", rtols)
     if given is None:
         return method.settings(scene, duration)
-    given = check.items(name, given, None, "finite numbers")
+    given = check.items(name, given, None, "numbers > 0", 1)
     values = {check.number(f"{name}[{k}]", value, minimum=0, exclusive=True) for k, value in enumerate(given)}
     return sorted(values, reverse=True)

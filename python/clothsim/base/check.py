@@ -86,13 +86,13 @@ def integer(name: str, value: Any, *, minimum: float = -math.inf, maximum: int =
     return int(_within(name, value, int, "an integer", minimum, maximum, False))
 
 
-def items(name: str, value: Any, count: int | None, what: str) -> list[Any]:
-    """The entries of a sequence or one-dimensional array; `count` of them if that is given."""
-    accepted = f"a sequence of {'' if count is None else f'{count} '}{what}"
+def items(name: str, value: Any, count: int | None, what: str, least: int = 0) -> list[Any]:
+    """The entries of a sequence or one-dimensional array: `count` of them, or at least `least`."""
+    accepted = f"a sequence of {f'at least {least} ' * bool(least) if count is None else f'{count} '}{what}"
     if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
         _refuse(TypeError, name, accepted, value)
     listed = list(value) if not isinstance(value, np.ndarray) or value.ndim == 1 else None
-    if listed is None or (count is not None and len(listed) != count):
+    if listed is None or not (least if count is None else count) <= len(listed) <= (len(listed) if count is None else count):
         _refuse(ValueError, name, accepted, value)
     return listed
 
