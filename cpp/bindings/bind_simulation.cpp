@@ -149,12 +149,12 @@ bool can_hold(const Array<T>& out, const Array<U>& x) {
 }
 
 // A whole call: a state in, steps, and the state out if no event has to be reported. False, with nothing
-// done, where other kernels are wanted or an array cannot be used. An array cannot be used if its state is
+// done, where an array cannot be used. An array cannot be used if its state is
 // not finite, or if the results have no place.
 template <class T>
 py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                 std::int64_t steps, double dt, int threads, Array<T>& x_out, Array<T>& v_out) {
-    if (!shared.current() || !can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out))
+    if (!can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out))
         return py::bool_(false);
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
@@ -184,7 +184,7 @@ bool accelerations(SharedSimulation& shared, const Array<T>& x, const Array<T>& 
     const auto in_the_way = [&](const Array<T>& given) {
         return overlap(given, a) && static_cast<const void*>(given.data()) != a.data();
     };
-    if (!shared.current() || !can_hold(a, x) || in_the_way(x) || in_the_way(v)) return false;
+    if (!can_hold(a, x) || in_the_way(x) || in_the_way(v)) return false;
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     double* const out = a.mutable_data();
@@ -307,6 +307,7 @@ void bind_simulation(py::module_& m) {
         .def(py::init<const std::vector<Plan>&, double, int>())
         .def("load", &load<double>, exact, exact, py::arg() = py::none())
         .def("load", &load<float>, exact, exact, py::arg() = py::none())
+        .def_property_readonly("current", &S::current)
         .def("set_scene", &S::set_scene)
         .def("step", &step<double>, any, exact, exact, any, any, any, exact, exact)
         .def("step", &step<float>, any, exact, exact, any, any, any, exact, exact)

@@ -168,7 +168,7 @@ def put_driven_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, t: fl
         for pins in scene.driven_pins:
             at = (pins.rows, pins.columns) if x.ndim == 3 else (member, pins.rows, pins.columns)
             x[at] = pins.places_at(t)
-            v[at] = pins.motion.velocity_at(t)
+            v[at] = pins.motion._velocity(np.array(t))
 
 
 def check_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, own_x: FloatArray, own_v: FloatArray) -> None:

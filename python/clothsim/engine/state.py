@@ -174,9 +174,12 @@ class State:
             self.warn_of_start(x, time)
         if self._may_lose_order:
             self.warn_of_order()
-        outcome = self.core.step(time, x, v, steps, dt, self.threads, *results)
+        try:
+            outcome = self.core.step(time, x, v, steps, dt, self.threads, *results)
+        except TypeError:  # arrays that are not contiguous
+            outcome = self.core.step(time, *self._arrays(x, v), steps, dt, self.threads, *results)
         if outcome is False:
-            self._refuse(x, v)
+            self._arrays(x, v)
         if outcome:
             self._go_on(outcome, steps, dt)
             self.core.store(*results)
@@ -191,16 +194,16 @@ class State:
             check_driven_pins(self.scenes, x, time)
         if self._continuous:
             self.warn_of_start(x, time)
-        if self._driven or not self.core.accelerations(x, v, result, self.threads):
-            # Pins have the velocity of their motion, and `out` may lie over a part of `x` or `v`.
-            self._refuse(x, v)
-            self.core.load(x, v, time)
+        # Driven pins have the velocity of their motion, and `out` may lie over a part of `x` or `v`.
+        whole = x.flags.c_contiguous and v.flags.c_contiguous and not self._driven
+        if not (whole and self.core.accelerations(x, v, result, self.threads)):
+            self.core.load(*self._arrays(x, v), time)
             self.core.accelerations(result, self.threads)
         return result
 
-    def _refuse(self, x: FloatArray, v: FloatArray) -> None:
-        """Raise a ValueError for numbers that are not finite, or too large for the precision."""
-        checked_state(x, v, self.scenes, self.batched, self.options.precision)
+    def _arrays(self, x: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The arrays, contiguous; a ValueError for numbers that are not finite, or too large for the precision."""
+        return checked_state(x, v, self.scenes, self.batched, self.options.precision)
 
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""

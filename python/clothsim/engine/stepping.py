@@ -38,16 +38,7 @@ def _engine(
     Arrays are checked here where they are no plain float arrays, or of a new shape; `State.step` finds numbers that are not
     finite.
     """
-    if not (
-        type(x) is type(v) is np.ndarray
-        and x.dtype is v.dtype
-        and x.dtype in _DTYPES
-        and x.shape == v.shape
-        and x.flags.c_contiguous
-        and v.flags.c_contiguous
-        and x.flags.aligned
-        and v.flags.aligned
-    ):
+    if not (type(x) is type(v) is np.ndarray and x.dtype is v.dtype and x.dtype in _DTYPES and x.shape == v.shape):
         refuse_none(x=x, v=v)
         x, v = state_arrays(x, v, scenes_of(scene), not isinstance(scene, Scene))
     kept: dict[Any, list[State]] = {}
@@ -58,9 +49,11 @@ def _engine(
         if many or type(scene) is Scene:
             kept = (scene[0] if many else scene).engines
             others = tuple(map(id, scene)) if many else None
-            key = (x.shape, x.dtype, integrator, precision, threads, kernel, _core.choose_instruction_set(""), others)
+            key = (x.shape, x.dtype, integrator, precision, threads, kernel, others)
             try:
-                return kept[key].pop(), kept, key, x, v
+                while not (state := kept[key].pop()).core.current:
+                    pass  # CLOTHSIM_ISA has changed
+                return state, kept, key, x, v
             except (KeyError, IndexError, TypeError):  # TypeError: an option that is no name
                 pass
     options = Options(integrator, precision, threads, kernel, backend)
