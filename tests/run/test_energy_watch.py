@@ -117,13 +117,6 @@ def test_the_energy_gained_is_the_largest_of_the_watched_states():
     assert 0 <= adaptive["gained"] < 1e-6 * start
 
 
-def test_no_growth_of_energy_is_reported_after_a_response():
-    scene = cs.scenes.paper_static("reflect")
-    before, after = (cs.simulate(scene, t, 1e-3).report["energy"] for t in (0.2, 0.3))
-    assert before["gained"] >= 0 and before["reason"] == ""
-    assert np.isnan(after["gained"]) and "responded" in after["reason"]
-
-
 def test_a_batch_is_judged_member_by_member():
     wild, calm = crumpled(1), thrown(1, 1.0)
     dt = cs.max_stable_dt(wild, "velocity_verlet")
@@ -176,6 +169,8 @@ def test_a_response_ends_the_watch(response):
     object.__setattr__(sphere, "restitution", 4.0)  # no public sphere does that
     cloth = cs.Cloth((8, 8), mass=1.0, stiffness=100.0, damping=0.0, pins=())
     scene = cs.Scene(cloth, sphere, velocity=np.zeros((8, 8, 3)) + (0, -1.0, 0))
+    found = cs.simulate(scene, 0.4, 2e-4).report["energy"]
+    assert np.isnan(found["gained"]) and "responded" in found["reason"]
     stepper = cs.Stepper(scene)
     stepper.advance(2000, 2e-4)
     start, _ = energy_of(scene, scene.initial_position, scene.initial_velocity)

@@ -109,6 +109,8 @@ def test_a_run_and_its_continuation_are_the_whole_run():
     np.testing.assert_allclose(both.report["impulse"], whole.report["impulse"], rtol=1e-9)
     assert both.report["energy"]["end"] == whole.report["energy"]["end"]
     assert both.report.keys() == whole.report.keys()
+    early = cs.simulate(scene, 0.02, dt=1e-3, fps=50)
+    assert (early + early.resume(0.78)).report["first_contact"] == whole.report["first_contact"]
 
 
 def test_energy_gained_counts_from_the_first_start():

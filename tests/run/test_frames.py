@@ -1,7 +1,5 @@
 """Frames never change a run: between two fixed steps they are interpolated."""
 
-import sys
-
 import clothsim as cs
 import numpy as np
 import pytest
@@ -80,13 +78,3 @@ def test_a_callback_that_stops_between_two_steps_leaves_the_next_state_last(same
     rest = run.resume(DURATION - run.t[-1])
     whole = cs.simulate(SWING, DURATION, dt=2e-3)
     assert same_bits([rest.x[-1]], [whole.x[-1]])
-
-
-def test_a_callback_that_ends_the_process_keeps_the_frames():
-    def leave(t, x, v):
-        if t > 0.05:
-            sys.exit(3)
-
-    with pytest.raises(SystemExit) as raised:
-        cs.simulate(SWING, 0.1, dt=1e-3, fps=50, callback=leave)
-    assert raised.value.run.t[-1] > 0.05 and raised.value.run.report["stopped"] == "callback"

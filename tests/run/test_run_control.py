@@ -196,15 +196,6 @@ def test_an_unstable_run_is_handed_over():
     assert cs.UnstableError(step=1, time=0.1, dt=0.1).run is None
 
 
-def test_a_run_that_ends_between_spheres_is_handed_over(trap):
-    with pytest.raises(cs.ContactError) as raised:
-        cs.simulate(trap(), 1.0, dt=1e-3, every=0.05)
-    run = raised.value.run
-    assert run.report["stopped"] == "contact"
-    assert run.report["steps"] == raised.value.step - 1
-    np.testing.assert_array_equal(run.x[-1], raised.value.x)
-
-
 # Progress
 
 

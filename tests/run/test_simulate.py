@@ -61,13 +61,6 @@ def test_the_last_step_is_shorter_where_dt_does_not_divide():
     np.testing.assert_allclose(run.x[-1], state[0], rtol=0, atol=1e-14)
 
 
-def test_a_run_shorter_than_a_step_is_one_shorter_step():
-    scene = cs.scenes.oscillator(stiffness=1.0, amplitude=0.1)
-    run = cs.simulate(scene, 0.01, dt=0.5)
-    assert run.report["steps"] == 1
-    assert abs(run.x[-1, 0, 1, 0] - (1 + 0.1 * math.cos(0.01))) < 1e-12
-
-
 def test_spheres_move_with_the_time_of_the_run():
     """Also after a shorter step: the clock is that of the run."""
     scene = cs.scenes.paper_moving("ray", phase=0.9).replace(gravity=(0, 0, 0))

@@ -125,13 +125,3 @@ def test_adaptive_steps(name, integrator):
     assert extremes(runs[0])["first_contact"] == extremes(runs[1])["first_contact"]
     time = runs[0]["first_contact"]["time"]
     assert time == pytest.approx(small["first_contact"]["time"], abs=np.diff(frames.t).max())
-
-
-def test_the_watch_changes_no_bit_and_a_stepper_has_none():
-    scene = SCENES["three of them"]
-    run = cs.simulate(scene, STEPS * DT, DT, threads=1)
-    stepper = cs.Stepper(scene, threads=1)
-    stepper.advance(STEPS, DT)
-    assert (stepper.positions == run.x[-1]).all() and (stepper.velocities == run.v[-1]).all()
-    (watched,) = stepper._state.core.watched
-    assert watched["point_depth"] == 0.0 and watched["first_contact"] > 0
