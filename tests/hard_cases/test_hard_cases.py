@@ -77,11 +77,6 @@ def _end(case, scene=None):
     return End(stepper.positions, stepper.velocities, None, "double", stepper)
 
 
-def test_precisions_that_a_case_is_not_meant_for():
-    with pytest.raises(ValueError, match="precision must be one of 'single'"):
-        CASES["dt 5e-6 s in single"].run("double")
-
-
 def worst(scene, steps):
     start = scene.initial_position, scene.initial_velocity
     single, double = (cs.step(scene, *start, 5e-6, steps, precision=p) for p in ("single", "double"))

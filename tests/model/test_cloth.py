@@ -145,26 +145,3 @@ def test_derived_arrays_are_read_only():
                 array[0] = 1
     with pytest.raises(AttributeError):
         cloth.mass = 1.0
-
-
-def test_equality_is_by_value():
-    masses = np.ones((2, 2))
-    assert Cloth(shape=(2, 2), mass=masses) == Cloth(shape=[2, 2], mass=masses.tolist())
-    assert Cloth(shape=(2, 2), mass=masses) != Cloth(shape=(2, 2), mass=2 * masses)
-    assert Cloth(shape=(2, 2), mass=masses) != Cloth(shape=(2, 2), mass=4.0)
-    assert Cloth(springs=("shear", "bend")) == Cloth(springs=["bend", "shear"])
-    assert Cloth(stiffness=1.0) != Cloth(stiffness=2.0)
-    assert Cloth() != "cloth"
-    assert eval(repr(Cloth(stiffness=dict.fromkeys(DEFAULT, 2)))).family_stiffness["bend"] == 2.0
-
-
-NAN, INF = float("nan"), float("inf")
-
-
-def test_unknown_key_names_the_nearest():
-    with pytest.raises(ValueError, match="unknown key 'stifness'.*did you mean 'stiffness'"):
-        Cloth.from_dict({"stifness": 1.0})
-    with pytest.raises(TypeError, match="Cloth must be a mapping"):
-        Cloth.from_dict([1, 2])
-    with pytest.raises(ValueError, match="family must be one of.*'bent'"):
-        Cloth().spring_count("bent")

@@ -31,12 +31,6 @@ def test_defaults():
     np.testing.assert_array_equal(scene.initial_velocity, np.zeros((3, 4, 3)))
 
 
-def test_one_sphere_and_many():
-    ball = Sphere(radius=0.1)
-    assert Scene(CLOTH, ball).spheres == (ball,)
-    assert Scene(CLOTH, [ball, Sphere()]).spheres == (ball, Sphere())
-
-
 def test_state_is_copied_and_read_only():
     x, v = state()
     scene = Scene(CLOTH, position=x.astype(np.float32), velocity=v)

@@ -77,15 +77,12 @@ def test_a_cut_file_is_refused(tmp_path):
     [
         ("schema = 2\n[cloth]\nstifness = 3.0\n", ValueError, "unknown key 'stifness'.*'stiffness'"),
         ("schema = 2\n[cloth]\n[[spheres]]\nradios = 1.0\n", ValueError, "'radios'.*'radius'"),
-        ("schema = 2\n[cloth]\n[[spheres]]\n[spheres.motion]\nkind = 'linera'\n", ValueError, "'linear'"),
-        ("schema = 2\n[cloth]\nstiffness = { shaer = 1.0 }\n", ValueError, "'shaer'.*'shear'"),
         (
             "schema = 1\n[cloth]\ndamping_model = 'point'\n",
             ValueError,
             "schema must be 2, .* got 1; .* delete damping_model.* as drag",
         ),
         ("schema = 3\n[cloth]\n", ValueError, "schema must be 2, the version read here, got 3$"),
-        ("schema = 2\n[cloth]\nmass = 'heavy'\n", TypeError, "mass must be"),
         ("schema = 2\ncloth = 3\n", TypeError, "mapping"),
         ("schema = \n", ValueError, "no TOML file"),
         ("\xff\xfe", ValueError, "no TOML file"),
@@ -97,11 +94,3 @@ def test_a_bad_file_is_named_with_its_fault(tmp_path, text, error, message):
     with pytest.raises(error, match=message) as caught:
         cs.load_scene(path)
     assert str(caught.value).startswith(str(path))
-
-
-def test_no_file_and_no_scene(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        cs.load_scene(tmp_path / "none.toml")
-    with pytest.raises(TypeError, match="scene must be a Scene"):
-        cs.save_scene("paper", tmp_path / "scene.toml")
-    assert not (tmp_path / "scene.toml").exists()

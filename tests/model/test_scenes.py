@@ -81,8 +81,3 @@ def test_oscillator_follows_the_documented_solution(damping):
     # RK4 over u t = 10.5 with u dt = 0.015: error about A u t (u dt)^4 / 120 = 9e-10.
     assert x[0, 1, 0] == pytest.approx(exact, abs=2e-9)
     assert x[0, 0].tolist() == [0, 0, 0] and x[0, 1, 1:].tolist() == [0, 0]
-
-
-def test_the_oscillator_has_an_amplitude_below_its_length():
-    with pytest.raises(ValueError, match="amplitude must be smaller than length = 1, got 1.0"):
-        scenes.oscillator(amplitude=1.0)

@@ -69,13 +69,6 @@ def test_an_offset_that_left_names_what_serves_instead():
         Sphere(offset="face")
 
 
-def test_from_dict_names_the_nearest_key():
-    with pytest.raises(ValueError, match="unknown key 'centre'.*did you mean 'center'"):
-        Sphere.from_dict({"centre": [0, 0, 0]})
-    with pytest.raises(TypeError, match="motion must be a mapping"):
-        Sphere.from_dict({"motion": "linear"})
-
-
 def test_a_restitution_that_was_given_stays_and_a_default_follows_the_response():
     for copied in (
         copy.copy,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from ..base.on_demand import later
 from ..errors import ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
 from ..methods.limiting import limiting_term
 from ..model.scene import Scene
@@ -94,7 +95,7 @@ class Judge:
         )
 
     def _warn_of_growth(self, member: int, dt: float) -> None:
-        from ..stability.limit import max_stable_dt
+        max_stable_dt = later("stability.limit").max_stable_dt
 
         self.warned_of_growth = True
         try:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check, frozen
+from ..base.on_demand import later
 from ..model.scene import Scene
 from ..model.wording import cloth_text, counted, spheres_text
 from ..typing import Backend, Integrator, Kernel, Precision
@@ -427,9 +428,9 @@ class Stepper:
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Lines and a picture of the state, for a notebook. For a batch, the picture shows the first member."""
-        from ..viewing.notebook import stepper_bundle
 
-        return stepper_bundle(self)
+        made: dict[str, Any] = later("viewing.notebook").stepper_bundle(self)
+        return made
 
     def __repr__(self) -> str:
         return f"<{'; '.join(self._lines())}>"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray
 
+from ..base.on_demand import later
 from ..errors import ContactError, UnstableError
 from ..model.motion import motion_from_dict
 from ..model.scene import Scene
@@ -33,9 +34,8 @@ class Plots:
         A Dataset of `stability_map` or `work_precision` has one plot, that of the command. `ax` may be given: axes of
         matplotlib, two of them for `work_precision`. The axes are returned.
         """
-        from ..viewing.plots import plot
 
-        return plot(self._dataset, kind, **options)
+        return later("viewing.plots").plot(self._dataset, kind, **options)
 
     def convergence(self, **options: Any) -> Any:
         """Error over dt, rtol or atol, a line for each value of another dimension."""
