@@ -96,26 +96,26 @@ PLACES = [(7, 0), (7, -9), (7, 9), (0, -12), (0, 12), (-7, -9), (-7, 9), (-7, 0)
 def label_lines(axes: Any) -> None:
     """Write each line's label at one of its points, an end if possible, where it crosses no line and no other label."""
     axes.figure.draw_without_rendering()  # lays out the axes
-    lines = [line for line in axes.lines if not line.get_label().startswith("_")]
-    known = [line.get_xydata()[np.isfinite(line.get_xydata()).all(axis=1)] for line in lines]
     paths = [line.get_transform().transform(line.get_xydata()) for line in axes.lines if len(line.get_xydata())]
     ink = np.concatenate([np.linspace(a, b, 60) for path in paths for a, b in zip(path, [*path[1:], path[-1]])])
-    taken: list[Any] = []
-    for line, points in zip(lines, known):
+    taken = np.empty((0, 2, 2))  # lower left and upper right corners of labels [pixels]
+    for line in axes.lines:
+        points = line.get_xydata()[np.isfinite(line.get_xydata()).all(axis=1)]
+        if line.get_label().startswith("_") or not len(points):
+            continue
         look = {"textcoords": "offset points", "fontsize": "small", "color": line.get_color(), "va": "center"}
+        text = axes.annotate(line.get_label(), points[-1], PLACES[0], annotation_clip=False, **look)
+        size, pixels = text.get_window_extent().size, axes.transData.transform(points)
         from_ends = sorted(range(len(points)), key=lambda k: min(k + 0.5, len(points) - 1 - k))
-        text = None
         for k, (dx, dy) in product(from_ends, PLACES):
-            if text is not None:
-                text.remove()
-            side = ("right", "center", "left")[np.sign(dx) + 1]
-            text = axes.annotate(line.get_label(), points[k], (dx, dy), ha=side, annotation_clip=False, **look)
-            box = text.get_window_extent()
-            crossed = ((ink > box.min - 2) & (ink < box.max + 2)).all(axis=1).any() or box.count_overlaps(taken)
-            if not crossed and axes.bbox.count_contains([box.min, box.max]) == 2:
+            low = pixels[k] + np.multiply((dx, dy), axes.figure.dpi / 72) - size * (0.5 - 0.5 * np.sign(dx), 0.5)
+            crossed = ((ink > low - 2) & (ink < low + size + 2)).all(axis=1).any()
+            crossed |= ((taken[:, 0] < low + size) & (taken[:, 1] > low)).all(axis=1).any()
+            if not crossed and axes.bbox.count_contains([low, low + size]) == 2:
                 break
-        if text is not None:
-            taken.append(box)
+        text.xy, text.xyann = points[k], (dx, dy)
+        text.set_ha(("right", "center", "left")[np.sign(dx) + 1])
+        taken = np.concatenate([taken, [[low, low + size]]])
 
 
 def save(drawn: Any, path: Path) -> None:
