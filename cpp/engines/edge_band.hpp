@@ -137,7 +137,8 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     void inspect(int begin, int end) {
         const TransposedLayout& layout = engine->layout_;
         const Real* const first = rows[std::size_t(upwards ? end - 1 : begin)].state;
-        finite &= all_finite(first, Blocks{end - begin, layout.vectors * layout.stride, layout.row_size()});
+        finite &= engine->kernels().all_finite(
+            first, Blocks{end - begin, layout.vectors * layout.stride, layout.row_size()});
     }
 
     void place_spheres(double t) {

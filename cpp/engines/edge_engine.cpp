@@ -326,7 +326,7 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
 
 template <class Real>
 void EdgeEngine<Real>::accelerations(double* a, int) {
-    const auto& take = state_row_kernels(plan_.kernels->set).template of<Real, double>().take_transposed;
+    const auto& take = kernels().state_rows.of_double.take_transposed;
     AlignedVector<double> window(std::size_t(layout_.in_one_strip() ? 0 : 3 * layout_.window));
     for (auto& band : bands(1)) {
         band->begin_call();

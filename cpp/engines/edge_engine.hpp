@@ -8,7 +8,6 @@
 #include "engines/field_bands.hpp"
 #include "engines/state_engine.hpp"
 #include "kernels/dispatch.hpp"
-#include "memory/field.hpp"
 #include "memory/strip_halos.hpp"
 #include "memory/transposed_layout.hpp"
 

@@ -3,7 +3,6 @@
 
 #include "engines/field_bands.hpp"
 #include "engines/state_engine.hpp"
-#include "memory/field.hpp"
 
 namespace clothsim {
 

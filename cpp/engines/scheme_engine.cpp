@@ -24,7 +24,6 @@
 #include "engines/edge_engine.hpp"
 #include "engines/gather_engine.hpp"
 #include "integrators/adaptive.hpp"
-#include "integrators/combine.hpp"
 #include "integrators/implicit.hpp"
 #include "integrators/methods.hpp"
 
@@ -114,11 +113,13 @@ public:
             errors[e] = combination(m.errors[e], h, 1 / tolerance.x, 1 / tolerance.v);
         const auto estimate = [&](int begin, int end) {
             for (std::size_t e = 0; e < m.errors.size(); ++e)
-                square_rows(field_, begin, end, this->memory_.data(), errors[e], row_squares_[e].data());
+                this->kernels().square(field_, begin, end, this->memory_.data(), errors[e],
+                                       row_squares_[e].data());
         };
         in_bands(threads, [&](FieldBand<Real>& band) {
             run_stages(band, t, this->state_known_, [&](int begin, int end) {
-                advance_rows(field_, begin, end, this->memory_.data(), result_.data(), result_sum_);
+                this->kernels().advance(field_, begin, end, this->memory_.data(), result_.data(),
+                                        result_sum_);
                 this->place_pins(PinTime::of_stage(t, h, 1), begin, end, result_);
                 if (!m.error_needs_end) estimate(begin, end);
             });
@@ -176,7 +177,7 @@ public:
         plan_stages(interpolated ? step_ : part * step_, previous_);
         if (interpolated) result_sum_ = combination(m.dense(part), step_);
         const auto finish = [&](int begin, int end) {
-            advance_rows(stage_field_, begin, end, previous_.data(), result_.data(), result_sum_);
+            this->kernels().advance(stage_field_, begin, end, previous_.data(), result_.data(), result_sum_);
             this->place_pins(PinTime::of_stage(step_begin_, step_, part), begin, end, result_);
         };
         in_bands(threads, [&](FieldBand<Real>& band) {
@@ -255,7 +256,8 @@ private:
         Combination<Real> sum;
         sum.drift = Real(drift);
         sum.add(acceleration(0), kick_in_x, kick);
-        advance_rows(field_, band.begin, band.end, this->memory_.data(), this->memory_.data(), sum);
+        this->kernels().advance(field_, band.begin, band.end, this->memory_.data(), this->memory_.data(),
+                                sum);
     }
 
     // The sums of a step of h from `from`, for `run_stages`.
@@ -281,7 +283,8 @@ private:
         const auto next_stage = [&](int s) {
             return [this, s, t](int begin, int end) {
                 auto& stage = stages_[(s + 1) & 1];
-                advance_rows(stage_field_, begin, end, from_, stage.data(), stage_sums_[std::size_t(s)]);
+                this->kernels().advance(stage_field_, begin, end, from_, stage.data(),
+                                        stage_sums_[std::size_t(s)]);
                 const double part = explicit_->stage[std::size_t(s + 1)].drift;
                 this->place_pins(PinTime::of_stage(t, planned_, part), begin, end, stage);
             };
@@ -301,7 +304,8 @@ private:
         std::vector<Contact> contacts;
         if (!this->plan_.spheres.empty()) contacts = this->contacts(t);
         run_stages(band, t0, false, [&](int begin, int end) {
-            advance_rows(field_, begin, end, this->memory_.data(), this->memory_.data(), result_sum_);
+            this->kernels().advance(field_, begin, end, this->memory_.data(), this->memory_.data(),
+                                    result_sum_);
             this->place_pins(PinTime::of_end(t, planned_), begin, end, this->memory_);
             if (!contacts.empty()) this->collide_rows(begin, end, contacts);
             this->watch(begin, end, t);

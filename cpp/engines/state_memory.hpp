@@ -12,7 +12,6 @@
 #include "engines/coefficients.hpp"
 #include "engines/engine.hpp"
 #include "memory/aligned_vector.hpp"
-#include "memory/finite.hpp"
 #include "memory/parts.hpp"
 #include "memory/row_band.hpp"
 
@@ -131,7 +130,7 @@ private:
     }
     template <class Outside>
     const RowKernels<Real, Outside>& row_kernels() const {
-        return state_row_kernels(plan_.kernels->set).template of<Real, Outside>();
+        return kernels().state_rows.template of<Outside>();
     }
 
     template <class In>
@@ -183,7 +182,7 @@ private:
         in_parts(all.count, int(std::min<std::ptrdiff_t>(parts(), all.count)),
                  [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
                      const Real* const first = memory_.data() + layout_.first() + begin * all.stride;
-                     if (!all_finite(first, Blocks{end - begin, all.size, all.stride})) is = false;
+                     if (!kernels().all_finite(first, Blocks{end - begin, all.size, all.stride})) is = false;
                  });
         return is;
     }

@@ -72,20 +72,6 @@ const KernelTable& choose_instruction_set(const std::string& name) {
                                 "; this processor runs, of those built: " + accepted);
 }
 
-namespace {}  // namespace
-
-const StateRowKernels& state_row_kernels([[maybe_unused]] InstructionSet set) {
-#if defined(CLOTHSIM_PORTABLE)
-    return StateRowKernelsOf<InstructionSet::portable>::kernels;
-#else
-    switch (set) {
-        case InstructionSet::avx512: return StateRowKernelsOf<InstructionSet::avx512>::kernels;
-        case InstructionSet::avx2: return StateRowKernelsOf<InstructionSet::avx2>::kernels;
-        default: return StateRowKernelsOf<InstructionSet::sse2>::kernels;
-    }
-#endif
-}
-
 std::string kernel_environment() {
     const char* const value = std::getenv("CLOTHSIM_ISA");
     return value ? value : "";

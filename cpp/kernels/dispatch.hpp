@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "kernels/kernel_table.hpp"
-#include "kernels/state_row_kernels.hpp"
 
 namespace clothsim {
 
@@ -16,9 +15,6 @@ std::vector<const KernelTable*> supported_instruction_sets();
 // `name` empty: the environment variable CLOTHSIM_ISA, else the best supported one. Throws
 // std::invalid_argument for a name that is not built or not supported.
 const KernelTable& choose_instruction_set(const std::string& name);
-
-// The kernels that move a state in and out.
-const StateRowKernels& state_row_kernels(InstructionSet set);
 
 // The environment variable that chooses the kernels of the next engine.
 std::string kernel_environment();

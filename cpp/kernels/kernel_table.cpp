@@ -1,10 +1,11 @@
 // CMake compiles this file for each instruction set: its table, with the kernels that serve every cloth.
 #include "kernels/kernel_table.hpp"
 
-#include "kernels/component_impl.hpp"
 #include "kernels/contact/contact_kernels.hpp"
 #include "kernels/edge/edge_general.hpp"
 #include "kernels/gather/gather_impl.hpp"
+#include "kernels/row_impl.hpp"
+#include "kernels/state_rows_impl.hpp"
 #include "kernels/this_instruction_set.hpp"
 
 namespace clothsim {
@@ -32,14 +33,14 @@ constexpr std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts() 
 
 template <class Real>
 constexpr RealKernels<Real> real_kernels() {
-    return {&gather_tile<ThisArch, Real>,
+    return {rows_kernels<ThisArch, Real>(),
+            state_row_kernels<Real>(),
+            &gather_tile<ThisArch, Real>,
             &sphere_tile<ThisArch, Real>,
             {&edge_rows_of_any<ThisArch, Real>, &edge_last_row_of_any<ThisArch, Real>,
              &edge_halo_of_any<ThisArch, Real>},
             &edge_finish<ThisArch, Real>,
             edge_parts<Real>(),
-            &component_is_beyond<ThisArch, Real>,
-            &component_extent<ThisArch, Real>,
             root_scale<Real, ThisArch>(),
             &fused_rest_length<ThisArch, Real>,
             int(Lanes<Real, ThisArch>::size)};

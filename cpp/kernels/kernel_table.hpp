@@ -5,10 +5,11 @@
 #include <cstddef>
 #include <string_view>
 
-#include "kernels/component_rows.hpp"
 #include "kernels/edge/edge_arguments.hpp"
 #include "kernels/gather/gather_arguments.hpp"
 #include "kernels/instruction_set.hpp"
+#include "kernels/row_arguments.hpp"
+#include "kernels/state_rows.hpp"
 #include "model/thread_grid.hpp"
 
 namespace clothsim {
@@ -61,14 +62,13 @@ struct EdgePartOf {
 };
 
 template <class Real>
-struct RealKernels {
+struct RealKernels : RowsKernels<Real> {
+    StateRowKernels<Real> state_rows;
     GatherKernel<Real> gather;
     SphereKernel<Real> sphere;
     EdgeKernels<Real> edge_of_any;
     EdgeFinishKernel<Real> edge_finish;
     std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts;  // null: not compiled in versions
-    BeyondKernel<Real> beyond;
-    ExtentKernel<Real> extent;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
     RestLength<Real> (*rest_length)(Real along_columns, Real along_rows);
     int lanes;

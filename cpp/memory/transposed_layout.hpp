@@ -18,10 +18,10 @@
 
 #include "kernels/contact/contact_arguments.hpp"
 #include "kernels/edge/edge_arguments.hpp"
-#include "kernels/state_row_kernels.hpp"
+#include "kernels/row_arguments.hpp"
+#include "kernels/state_rows.hpp"
 #include "memory/aligned_vector.hpp"
 #include "memory/caches.hpp"
-#include "memory/finite.hpp"
 #include "memory/row_band.hpp"
 #include "model/cloth.hpp"
 

@@ -1,12 +1,10 @@
 // Rows of mass points between an array of (x, y, z) and lane-transposed records: the kernels of one
-// instruction set. A row passes through registers once, in squares of four by four elements, which are
+// instruction set. A row passes through registers once, in squares of elements, which are
 // converted, shifted and transposed there. Plain loops take 1.07 to 1.35 of a `cs.step` of one step.
 #pragma once
 
 #include <cmath>
 #include <cstddef>
-
-#include "kernels/instruction_set.hpp"
 
 namespace clothsim {
 
@@ -56,25 +54,16 @@ struct RowKernels {
                             const RowShift&, Outside* row);
 };
 
+template <class Real>
 struct StateRowKernels {
-    RowKernels<float, float> float_float;
-    RowKernels<float, double> float_double;
-    RowKernels<double, float> double_float;
-    RowKernels<double, double> double_double;
+    RowKernels<Real, float> of_float;
+    RowKernels<Real, double> of_double;
 
-    template <class Real, class Outside>
+    template <class Outside>
     const RowKernels<Real, Outside>& of() const {
-        if constexpr (sizeof(Real) == 4 && sizeof(Outside) == 4) return float_float;
-        else if constexpr (sizeof(Real) == 4) return float_double;
-        else if constexpr (sizeof(Outside) == 4) return double_float;
-        else return double_double;
+        if constexpr (sizeof(Outside) == 4) return of_float;
+        else return of_double;
     }
-};
-
-// In an object file of its own.
-template <InstructionSet set>
-struct StateRowKernelsOf {
-    static const StateRowKernels kernels;
 };
 
 }  // namespace clothsim

@@ -1,0 +1,84 @@
+// Rows of a state or of accelerations as they lie in an engine's memory, and what the kernels do with them
+// whatever the springs are: extents, sums of integrators, whether numbers are finite.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+namespace clothsim {
+
+// One component of the mass points of some rows.
+template <class Real>
+struct ComponentRows {
+    const Real* first;
+    std::ptrdiff_t row, vector;  // elements from one to the next
+    int rows, vectors;
+};
+
+template <class Real>
+struct Extent {
+    Real low, high;
+};
+
+// Blocks of `size` elements, a multiple of a vector, and `stride` from one to the next.
+struct Blocks {
+    std::ptrdiff_t count, size, stride;
+};
+
+// Layout of states and accelerations of an engine, as far as the integrators need it. A row is `runs` runs of
+// `length` elements of x, each with its run of v and of the acceleration. Padding is part of a run. Its
+// velocity and acceleration are 0, so it stays in place.
+struct FieldLayout {
+    int runs, length;
+    // Elements of a state array: from the start to row 0, from row to row, from run to run, from x to v. The
+    // last is from a value to its compensation (0: not compensated).
+    std::ptrdiff_t origin, row, run, velocity, compensation;
+    // The same of accelerations. Several of them lie in one block, a slot each.
+    std::ptrdiff_t acceleration_origin, acceleration_row, acceleration_run;
+    int slots;
+    std::ptrdiff_t slot, block;
+
+    std::ptrdiff_t acceleration_size(int count) const { return (count + slots - 1) / slots * block; }
+    std::ptrdiff_t acceleration(int index) const { return index / slots * block + index % slots * slot; }
+};
+
+// dx = drift v + sum x_l a_l,  dv = sum v_l a_l
+template <class Real>
+struct Combination {
+    static constexpr int most = 16;  // slopes in a sum: room for the largest method
+    Real drift = 0;
+    int count = 0;
+    std::array<const Real*, most> a{};
+    std::array<Real, most> x{}, v{};
+
+    void add(const Real* acceleration, double in_x, double in_v) {
+        if (in_x == 0 && in_v == 0) return;
+        a[std::size_t(count)] = acceleration;
+        x[std::size_t(count)] = Real(in_x);
+        v[std::size_t(count)] = Real(in_v);
+        ++count;
+    }
+};
+
+// Sums of squares of dx and of dv over a row.
+struct RowSquares {
+    double x = 0, v = 0;
+};
+
+template <class Real>
+struct RowsKernels {
+    // Whether all are on one side of a value, or at it; not if one is no number.
+    bool (*beyond)(const ComponentRows<Real>&, bool above, Real value);
+    // The smallest and the largest; what is no number does not count.
+    Extent<Real> (*extent)(const ComponentRows<Real>&);
+    bool (*all_finite)(const Real*, const Blocks&);
+    // Rows [begin, end) of `to` become those of `from` plus the combination; `to` may be `from`. A
+    // compensated state keeps what rounding takes.
+    void (*advance)(const FieldLayout&, int begin, int end, const Real* from, Real* to,
+                    const Combination<Real>&);
+    // `state` gives the velocities.
+    void (*square)(const FieldLayout&, int begin, int end, const Real* state, const Combination<Real>&,
+                   RowSquares*);
+};
+
+}  // namespace clothsim

@@ -1,0 +1,151 @@
+// What row_arguments.hpp declares. Nothing is fused, and sums do not depend on the number of lanes: every
+// instruction set gives the same bits.
+#pragma once
+
+#include <limits>
+
+#include "kernels/row_arguments.hpp"
+#include "kernels/vector3.hpp"
+
+namespace clothsim {
+namespace {
+
+template <class V, class Real, class Visit>
+CLOTHSIM_INLINE void each_vector(const ComponentRows<Real>& points, const Visit& visit) {
+    for (int r = 0; r < points.rows; ++r)
+        for (int k = 0; k < points.vectors; ++k)
+            visit(V::load_unaligned(points.first + r * points.row + k * points.vector));
+}
+
+template <class Arch, class Real>
+bool component_is_beyond(const ComponentRows<Real>& points, bool above, Real value) {
+    using V = Lanes<Real, Arch>;
+    auto good = V(value) == V(value);
+    if (above)
+        each_vector<V>(points,
+                       [&](const V& x) __attribute__((always_inline)) { good = good & (x >= V(value)); });
+    else
+        each_vector<V>(points,
+                       [&](const V& x) __attribute__((always_inline)) { good = good & (x <= V(value)); });
+    return xsimd::all(good);
+}
+
+template <class Arch, class Real>
+Extent<Real> component_extent(const ComponentRows<Real>& points) {
+    using V = Lanes<Real, Arch>;
+    V low(std::numeric_limits<Real>::max()), high(std::numeric_limits<Real>::lowest());
+    each_vector<V>(points, [&](const V& x) __attribute__((always_inline)) {
+        low = xsimd::select(x < low, x, low);
+        high = xsimd::select(x > high, x, high);
+    });
+    return {xsimd::reduce_min(low), xsimd::reduce_max(high)};
+}
+
+template <class Arch, class Real>
+bool all_finite(const Real* p, const Blocks& blocks) {
+    using V = Lanes<Real, Arch>;
+    const V largest(std::numeric_limits<Real>::max());
+    auto good = largest == largest;
+    for (std::ptrdiff_t b = 0; b < blocks.count; ++b)
+        for (std::ptrdiff_t i = 0; i < blocks.size; i += std::ptrdiff_t(V::size))
+            good = good & (xsimd::abs(V::load_unaligned(p + b * blocks.stride + i)) <= largest);
+    return xsimd::all(good);
+}
+
+// `work(row, where in the state, dx, dv)` for every block of `count` vectors of the rows, which stay in
+// registers while accelerations are added; `from` gives the velocities of the drift.
+template <class V, int count, class Real, class Work>
+CLOTHSIM_INLINE void each_block(const FieldLayout& f, int begin, int end, const Real* from,
+                                const Combination<Real>& sum, const Work& work) {
+    constexpr int W = int(V::size);
+    for (int r = begin; r < end; ++r)
+        for (int k = 0; k < f.runs; ++k)
+            for (int o = 0; o < f.length; o += count * W) {
+                const std::ptrdiff_t state = f.origin + r * f.row + k * f.run + o;
+                const std::ptrdiff_t at =
+                    f.acceleration_origin + r * f.acceleration_row + k * f.acceleration_run + o;
+                V dx[count], dv[count];
+                for (int i = 0; i < count; ++i) {
+                    dx[i] = V(sum.drift) * V::load_unaligned(from + state + f.velocity + i * W);
+                    dv[i] = V(Real(0)) * dx[i];
+                }
+                for (int l = 0; l < sum.count; ++l) {
+                    const V x(sum.x[std::size_t(l)]), v(sum.v[std::size_t(l)]);
+                    for (int i = 0; i < count; ++i) {
+                        const V a = V::load_unaligned(sum.a[std::size_t(l)] + at + i * W);
+                        dx[i] = dx[i] + x * a;
+                        dv[i] = dv[i] + v * a;
+                    }
+                }
+                work(r, state, dx, dv);
+            }
+}
+
+// `work` with the number of vectors that divides the runs of a field: the three components of the edge
+// kernel's vectors or, in the gather kernel, 64 bytes.
+template <class V, class Work>
+CLOTHSIM_INLINE void in_blocks(const FieldLayout& f, const Work& work) {
+    constexpr int W = int(V::size), in_line = 64 / int(sizeof(V));
+    if (f.length == 3 * W) work(std::integral_constant<int, 3>{});
+    else work(std::integral_constant<int, in_line>{});
+}
+
+template <class Arch, class Real>
+void advance_rows(const FieldLayout& f, int begin, int end, const Real* from, Real* to,
+                  const Combination<Real>& sum) {
+    using V = Lanes<Real, Arch>;
+    constexpr int W = int(V::size);
+    const auto add = [&](std::ptrdiff_t at, const V& increment) __attribute__((always_inline)) {
+        const V old = V::load_unaligned(from + at);
+        if (f.compensation == 0) return (old + increment).store_unaligned(to + at);
+        const V all = increment + V::load_unaligned(from + at + f.compensation), next = old + all;
+        (all - (next - old)).store_unaligned(to + at + f.compensation);
+        next.store_unaligned(to + at);
+    };
+    in_blocks<V>(f, [&](auto count) __attribute__((always_inline)) {
+        each_block<V, count>(f, begin, end, from, sum,
+                             [&](int, std::ptrdiff_t at, const V* dx, const V* dv)
+                                 __attribute__((always_inline)) {
+                                     for (int i = 0; i < count; ++i) {
+                                         add(at + i * W, dx[i]);
+                                         add(at + f.velocity + i * W, dv[i]);
+                                     }
+                                 });
+    });
+}
+
+template <class Arch, class Real>
+void square_rows(const FieldLayout& f, int begin, int end, const Real* state, const Combination<Real>& sum,
+                 RowSquares* rows) {
+    using V = Lanes<Real, Arch>;
+    constexpr int W = int(V::size);
+    in_blocks<V>(f, [&](auto count) __attribute__((always_inline)) {
+        for (int r = begin; r < end; ++r) {
+            V total[2][count];
+            for (int i = 0; i < 2 * count; ++i) total[i / count][i % count] = V(Real(0));
+            each_block<V, count>(f, r, r + 1, state, sum,
+                                 [&](int, std::ptrdiff_t, const V* dx, const V* dv)
+                                     __attribute__((always_inline)) {
+                                         for (int i = 0; i < count; ++i) {
+                                             total[0][i] = total[0][i] + dx[i] * dx[i];
+                                             total[1][i] = total[1][i] + dv[i] * dv[i];
+                                         }
+                                     });
+            rows[r] = {};
+            for (int i = 0; i < count; ++i)
+                for (int l = 0; l < W; ++l) {
+                    rows[r].x += double(total[0][i].get(std::size_t(l)));
+                    rows[r].v += double(total[1][i].get(std::size_t(l)));
+                }
+        }
+    });
+}
+
+template <class Arch, class Real>
+constexpr RowsKernels<Real> rows_kernels() {
+    return {&component_is_beyond<Arch, Real>, &component_extent<Arch, Real>, &all_finite<Arch, Real>,
+            &advance_rows<Arch, Real>, &square_rows<Arch, Real>};
+}
+
+}  // namespace
+}  // namespace clothsim
