@@ -12,7 +12,7 @@
 #include "contact/near_spheres.hpp"
 #include "driver/energy_watch.hpp"
 #include "driver/simulation.hpp"
-#include "kernels/dispatch.hpp"
+#include "kernels/kernel_table.hpp"
 #include "memory/threads.hpp"
 
 namespace clothsim {

@@ -31,11 +31,11 @@
 #include "contact/offset.hpp"
 #include "contact/state_points.hpp"
 #include "kernels/contact/contact_kernels.hpp"
-#include "kernels/dispatch.hpp"
+#include "kernels/kernel_table.hpp"
 #include "measure/diagnostics.hpp"
 #include "measure/impulses.hpp"
 #include "memory/aligned_vector.hpp"
-#include "memory/parts.hpp"
+#include "memory/threads.hpp"
 #include "memory/plan.hpp"
 
 namespace clothsim {

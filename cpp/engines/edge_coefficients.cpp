@@ -52,6 +52,7 @@ void EdgeEngine<Real>::build_coefficients() {
     whole_vectors_ = int(std::find_if(coefficient_class_.begin(), coefficient_class_.end(),
                                       [](std::uint8_t of_vector) { return of_vector != 0; }) -
                          coefficient_class_.begin());
+    if (layout_.padded()) whole_vectors_ = std::min(whole_vectors_, layout_.vectors - 3);
 }
 
 // The kernel adds forces where it divides by masses, so that a cloth without either pays for neither.

@@ -7,7 +7,7 @@
 
 #include "engines/field_bands.hpp"
 #include "engines/state_engine.hpp"
-#include "kernels/dispatch.hpp"
+#include "kernels/kernel_table.hpp"
 #include "memory/strip_halos.hpp"
 #include "memory/transposed_layout.hpp"
 

@@ -1,6 +1,6 @@
 #include "engines/edge_engine.hpp"
 #include "engines/gather_engine.hpp"
-#include "engines/scheme_engine.hpp"
+#include "engines/engine.hpp"
 #include "integrators/methods.hpp"
 
 namespace clothsim {

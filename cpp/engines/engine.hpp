@@ -4,10 +4,10 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "contact/contact_report.hpp"
-#include "engines/saved_state.hpp"
 #include "integrators/adaptive.hpp"
 #include "measure/impulses.hpp"
 #include "measure/watched.hpp"
@@ -18,6 +18,29 @@ namespace clothsim {
 
 // Extents of a cloth from the origin to its middle, from which on single keeps positions relative to there.
 inline constexpr double extents_that_are_far = 8;
+
+// The whole state of a cloth between steps: from it, an engine of any layout continues bit for bit.
+struct SavedState {
+    // Of shape (rows, columns, 3) in C order: positions relative to the origin [m], velocities [m/s]. In
+    // single the low parts are what compensation adds to them; in double they are empty.
+    std::vector<double> x, v, x_low, v_low;
+    Vec3 origin = Vec3::Zero();  // m
+    std::vector<double> impulses;  // of Impulses [N s]
+};
+
+// Three components of all points from the first on (x, y, z, vx, vy, vz), or what compensation adds to them.
+struct SavedPart {
+    bool low;
+    int first;
+    std::vector<double> SavedState::* values;
+};
+inline std::span<const SavedPart> saved_parts(bool compensated) {
+    static constexpr SavedPart all[]{{false, 0, &SavedState::x},
+                                     {false, 3, &SavedState::v},
+                                     {true, 0, &SavedState::x_low},
+                                     {true, 3, &SavedState::v_low}};
+    return {all, compensated ? 4u : 2u};
+}
 
 // Counts and extremes over the states so far. A checkpoint holds a copy, so that steps which are taken back
 // leave no trace.
@@ -122,5 +145,7 @@ protected:
 double runaway_speed(const Cloth& cloth, double dt, double stable_dt);
 
 std::unique_ptr<Engine> make_engine(const Plan& plan);
+// The engine of every integrator but the fused RK4 of the kernels.
+std::unique_ptr<Engine> make_scheme_engine(const Plan& plan);
 
 }  // namespace clothsim

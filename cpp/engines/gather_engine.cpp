@@ -4,7 +4,6 @@
 
 #include <optional>
 
-#include "memory/caches.hpp"
 #include "memory/threads.hpp"
 
 namespace clothsim {
@@ -101,9 +100,6 @@ GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
     g.features = plan_.features();
     g.lanes = lanes_.data();
     const std::ptrdiff_t origin = layout_.origin;
-    const std::size_t values = memory_.size() + stage_a_.size() + stage_b_.size() +
-        first_acceleration_.size() + acceleration_sum_.size();
-    g.from_memory = std::ptrdiff_t(values * sizeof(Real)) > bytes_swept_in_cache;
     g.inverse_mass = inverse_mass_.empty() ? nullptr : inverse_mass_.data() + origin;
     g.applied = applied_.empty() ? nullptr : applied_.data() + origin;
     g.free = free_.data() + origin;

@@ -16,7 +16,7 @@
 // soon as its accelerations are known, so that the row is still in cache. Explicit sweeps follow each other
 // without barriers. Splittings overwrite the state in place and need a barrier between drift and kick.
 // After the last arrow: driven pins are placed, spheres respond, depths and speeds are watched.
-#include "engines/scheme_engine.hpp"
+#include "engines/engine.hpp"
 
 #include <algorithm>
 #include <array>

@@ -12,8 +12,8 @@
 #include "engines/coefficients.hpp"
 #include "engines/engine.hpp"
 #include "memory/aligned_vector.hpp"
-#include "memory/parts.hpp"
 #include "memory/row_band.hpp"
+#include "memory/threads.hpp"
 
 namespace clothsim {
 

@@ -1,7 +1,8 @@
 // Error control of one cloth: what the caller asks, what the engine offers, and the step size controller.
 #pragma once
 
-#include <cstdint>
+#include <algorithm>
+#include <cmath>
 
 namespace clothsim {
 
@@ -47,6 +48,33 @@ public:
 
     double previous_error = 1e-4;  // of the last accepted step
     bool rejected = false;         // the last step that was tried
+
+private:
+    static constexpr double safety = 0.9;  // of a step; not tuned: customary, adaptive.hpp
+    static constexpr double integral_part = 0.4;  // of 1 / order, taken from the proportional one
+    static constexpr double least_factor = 0.2, most_factor = 5;
 };
+
+inline bool StepController::judge(double tried, double error, int order) {
+    if (!std::isfinite(error)) {
+        h = tried * least_factor;
+        rejected = true;
+        return false;
+    }
+    const double beta = integral_part / order;
+    const double alpha = 1.0 / order - 0.75 * beta;
+    const double e = std::max(error, 1e-10);
+    if (error > 1) {
+        h = tried * std::max(least_factor, safety * std::pow(e, -1.0 / order));
+        rejected = true;
+        return false;
+    }
+    double factor = safety * std::pow(e, -alpha) * std::pow(previous_error, beta);
+    factor = std::clamp(factor, least_factor, rejected ? 1.0 : most_factor);
+    h = tried * factor;
+    previous_error = std::max(e, 1e-4);
+    rejected = false;
+    return true;
+}
 
 }  // namespace clothsim

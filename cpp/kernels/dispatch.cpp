@@ -1,4 +1,4 @@
-#include "kernels/dispatch.hpp"
+#include "kernels/kernel_table.hpp"
 
 #include <cstdlib>
 #include <stdexcept>

@@ -6,7 +6,7 @@
 #include "kernels/gather/gather_impl.hpp"
 #include "kernels/row_impl.hpp"
 #include "kernels/state_rows_impl.hpp"
-#include "kernels/this_instruction_set.hpp"
+#include "kernels/lanes.hpp"
 
 namespace clothsim {
 namespace {

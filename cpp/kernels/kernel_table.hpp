@@ -3,7 +3,9 @@
 
 #include <array>
 #include <cstddef>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "kernels/edge/edge_arguments.hpp"
 #include "kernels/gather/gather_arguments.hpp"
@@ -102,5 +104,16 @@ const RealKernels<Real>& kernels_of(const KernelTable& table) {
     if constexpr (sizeof(Real) == 4) return table.single;
     else return table.double_;
 }
+
+// The instruction sets that were built, best first, and those of them that this processor has.
+const std::vector<const KernelTable*>& built_instruction_sets();
+std::vector<const KernelTable*> supported_instruction_sets();
+
+// `name` empty: the environment variable CLOTHSIM_ISA, else the best supported one. Throws
+// std::invalid_argument for a name that is not built or not supported.
+const KernelTable& choose_instruction_set(const std::string& name);
+
+// The environment variable that chooses the kernels of the next engine.
+std::string kernel_environment();
 
 }  // namespace clothsim

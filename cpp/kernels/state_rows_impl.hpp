@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <limits>
 
+#include "kernels/lanes.hpp"
 #include "kernels/state_rows.hpp"
-#include "kernels/this_instruction_set.hpp"
 
 namespace clothsim {
 namespace {

@@ -35,7 +35,4 @@ inline std::ptrdiff_t bytes_kept_in_cache() { return second_level_cache() / 4 * 
 // More than this comes from memory each time it is gone over.
 inline constexpr std::ptrdiff_t bytes_in_shared_cache = 4 * megabyte;
 
-// With all that a step keeps, more than this comes from memory in each of the gather kernel's stages.
-inline constexpr std::ptrdiff_t bytes_swept_in_cache = 4 * bytes_in_shared_cache;
-
 }  // namespace clothsim

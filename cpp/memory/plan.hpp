@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "kernels/dispatch.hpp"
+#include "kernels/kernel_table.hpp"
 #include "model/scene.hpp"
 
 namespace clothsim {

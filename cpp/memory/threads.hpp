@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <functional>
 #include <thread>
 
@@ -77,6 +78,14 @@ void in_team(int wanted, Begin begin, Work work) {
 template <class Work>
 void in_team(int wanted, Work work) {
     in_team(wanted, [](int) {}, work);
+}
+
+// `work(begin, end, part)` for `parts` parts of [0, count) of about equal size.
+template <class Work>
+void in_parts(std::ptrdiff_t count, int parts, Work work) {
+    in_team(parts, [&](int thread, int team) {
+        for (int s = thread; s < parts; s += team) work(count * s / parts, count * (s + 1) / parts, s);
+    });
 }
 
 }  // namespace clothsim

@@ -2,7 +2,7 @@
 #include "kernels/contact/contact_kernels.hpp"
 
 #include "kernels/contact/cell_impl.hpp"
-#include "kernels/this_instruction_set.hpp"
+#include "kernels/lanes.hpp"
 
 namespace clothsim {
 namespace {

@@ -2,7 +2,7 @@
 // double, and for each CLOTHSIM_PART.
 #include "kernels/edge/edge_row.hpp"
 #include "kernels/kernel_table.hpp"
-#include "kernels/this_instruction_set.hpp"
+#include "kernels/lanes.hpp"
 
 namespace clothsim {
 

@@ -351,18 +351,11 @@ template <class Arch, class Real, EdgeSet set>
 inline constexpr int vectors_written_out =
     set.damped && 32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(Lanes<Real, Arch>::size) : 0;
 
-// Whether the last lane has a column in each vector: in the last but one, a column follows in it.
-template <class Real>
-bool lanes_are_full(const EdgeArguments<Real>& e, int lanes) {
-    return e.reach[2 * (e.vectors - 2) * lanes + lanes - 1] != 0;
-}
-
 template <class Arch, class Real, EdgeSet set, Stage stage>
 CLOTHSIM_INLINE void edge_rows_in(EdgeArguments<Real>& e, int begin, int end) {
     constexpr int fixed = vectors_written_out<Arch, Real, set>;
     if constexpr (fixed > 0 && stage != Stage::evaluate)
-        if (e.ahead == 0 && e.vectors == fixed && e.whole_vectors == fixed - 2 &&
-            lanes_are_full(e, int(Lanes<Real, Arch>::size)))
+        if (e.ahead == 0 && e.vectors == fixed && e.whole_vectors == fixed - 2)
             return edge_rows_of<Arch, Real, set, stage, fixed>(e, begin, end);
     edge_rows_of<Arch, Real, set, stage, 0>(e, begin, end);
 }

@@ -57,7 +57,6 @@ struct GatherArguments : StepConstants<Real> {
     std::ptrdiff_t stride;  // elements from row to row
     std::ptrdiff_t plane;   // elements from component to component
     int rows;
-    bool from_memory;  // the cloth does not stay in the caches
     Stage stage;
     Features features;
     SpringCoefficients<Real> spring[spring_kind_count];

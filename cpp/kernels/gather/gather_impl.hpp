@@ -125,21 +125,6 @@ CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t
     });
 }
 
-// Ask for what the next row of a cloth from memory takes: more streams than the processor follows by itself.
-template <class Real>
-CLOTHSIM_INLINE void fetch_next_row(const GatherArguments<Real>& g, std::ptrdiff_t at) {
-    const auto fetch = [&](const Real* p, int planes, int rows = 1) __attribute__((always_inline)) {
-        for (int k = 0; k < planes; ++k) __builtin_prefetch(p + at + k * g.plane + rows * g.stride, 0, 2);
-    };
-    const bool first = g.stage == Stage::first || g.stage == Stage::evaluate, last = g.stage == Stage::fourth;
-    fetch(g.source, 6, 3);
-    if (first || last) fetch(g.first_acceleration, 3);
-    if (!first) fetch(g.state, 6);
-    if (!first) fetch(g.acceleration_sum, 3);
-    if (!last && g.stage != Stage::evaluate) fetch(g.target, 6);
-    if (last && g.compensation) fetch(g.compensation, 6);
-}
-
 template <class V, class Real, bool damped>
 __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const Tile& tile) {
     const V zero(Real(0));
@@ -157,7 +142,6 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const
             // are registers.
             asm("" : "+r"(at));
             const Real* const point = g.source + at;
-            if (__builtin_expect(g.from_memory, 0)) fetch_next_row(g, at);
             const Vector3<V> x = position<V>(point, planes), v = velocity<V>(point, planes);
             Vector3<V> a{zero, zero, zero};
             add_springs<damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)], present,
