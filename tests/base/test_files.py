@@ -8,7 +8,6 @@ import shutil
 import stat
 import threading
 import warnings
-from pathlib import Path
 
 import clothsim as cs
 import numpy as np
@@ -117,16 +116,6 @@ def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == [name]
 
 
-def test_a_save_leaves_the_parts_of_another_save_alone(tmp_path):
-    path = tmp_path / "a.txt"
-    with files.replacing(path) as part:
-        part.write_text("slow")
-        files.write_bytes(path, b"quick")
-        assert part.read_text() == "slow" and path.read_text() == "quick"
-    assert path.read_text() == "slow"
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_a_block_that_raises_changes_nothing(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("old")
@@ -146,28 +135,6 @@ def test_odd_places_are_refused(tmp_path):
             cs.save_scene(SCENE, place)
         assert str(place) in str(caught.value)
     assert cs.load_scene(cs.save_scene(SCENE, tmp_path / ("a" * 255))) == SCENE
-
-
-# Writes of a module that go into a folder of `files`, or into memory.
-WITHIN = {
-    "base/files.py": None,
-    "base/plots.py": ".savefig(part",
-    "viewing/plots.py": "self.savefig(file",
-    "viewing/formats": None,
-}
-
-
-def test_every_module_writes_its_files_by_the_helper():
-    package = Path(cs.__file__).parent
-    wanted = re.compile(r"""\.write_text\(|(?<!files)\.write_bytes\(|\.savefig\(|open\([^)]*["'][wax]b?["']|np\.save""")
-    found = []
-    for path in sorted(package.rglob("*.py")):
-        name = path.relative_to(package).as_posix()
-        for line in path.read_text().splitlines():
-            allowed = next((WITHIN[start] or "" for start in WITHIN if name.startswith(start)), "part.open(")
-            if wanted.search(line) and allowed not in line and ">>>" not in line:
-                found.append(f"{name}: {line.strip()}")
-    assert found == []
 
 
 # Damage
@@ -220,11 +187,8 @@ def test_damage_is_a_value_error_with_the_path_or_harmless(name, tmp_path):
     ("change", "words"),
     [
         ({"x": RUN.x[:, :2]}, r"x must be float64 of shape \(4, 3, 3, 3\), got float64 of shape \(4, 2, 3, 3\)"),
-        ({"v": RUN.v.astype(np.float32)}, "v must be float64 .* got float32"),
         ({"x": np.where(RUN.x == RUN.x[1, 1, 1], np.nan, RUN.x)}, "x must be finite numbers"),
         ({"t": RUN.t[::-1]}, "t must be increasing times"),
-        ({"t": RUN.t[:, None]}, r"t must be float64 of shape \(frames,\)"),
-        ({"report": "[]"}, "report must be a mapping"),
         ({"report": "{}"}, "report lacks as_printed, backend,"),
         ({"report": "[" * 100_000}, "recursion"),
         ({"scene": '{"schema": 2, "cloth": {"shape": [3, 4]}}'}, r"shape \(4, 3, 4, 3\)"),
@@ -236,20 +200,3 @@ def test_arrays_that_do_not_fit_the_scene_are_refused(change, words, tmp_path):
     path = files.write_npz(tmp_path / "run.npz", {**arrays, **change})
     with pytest.raises(ValueError, match=f"^{re.escape(str(path))} is no run of clothsim: .*{words}"):
         cs.load_run(path)
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"a = " + b"[" * 50_000, "no TOML file"),
-        (b"schema = " + b"1" * 5_000, "no TOML file"),
-        (b"schema = 2\n[cloth]\nshape = [" + b"9" * 4_000 + b", 3]\n", "shape"),
-        (b"schema = 2\n[cloth]\nmass = 1" + b"0" * 4_000 + b"\n", "mass"),
-    ],
-)
-def test_odd_toml_is_a_value_error_with_the_path(content, words, tmp_path):
-    path = tmp_path / "odd.toml"
-    path.write_bytes(content + b"[file]\ncomplete = true\n")
-    with pytest.raises(ValueError, match=words) as caught:
-        cs.load_scene(path)
-    assert str(caught.value).startswith(str(path)) and len(str(caught.value)) < 1000

@@ -7,7 +7,7 @@ import re
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.hard_cases.forces import drum
+from clothsim.hard_cases.cases import drum
 
 CASES = cs.scenes.hard_cases()
 LONG, MILLION = 10_000, 10**6  # steps, from which on the default kernel is enough, and from which on a case is slow

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from .case import Figure, HardCase, HardCaseResult
-from .contacts import contact
-from .forces import masses, stiffness, time_steps
-from .geometries import geometry
+from .cases import contact, geometry, masses, stiffness, time_steps
 
 __all__ = ["Figure", "HardCase", "HardCaseResult", "hard_cases"]
 

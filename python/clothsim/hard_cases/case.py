@@ -14,7 +14,6 @@ import clothsim as cs
 from clothsim.typing import Precision
 
 from ..base import check
-from ..base.clocks import Stopwatch
 
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 
@@ -62,12 +61,9 @@ class HardCaseResult:
     figures : tuple of Figure
     passed : bool
         Whether all of them are as expected.
-    wall_time : float
-        Wall time of the run and of its comparison [s].
     """
 
     figures: tuple[Figure, ...]
-    wall_time: float
 
     @property
     def passed(self) -> bool:
@@ -117,15 +113,6 @@ class HardCase:
         **options
             Others of `Stepper`: kernel, threads.
 
-        Returns
-        -------
-        HardCaseResult
-
-        Raises
-        ------
-        ValueError, TypeError
-            If an argument is not as above.
-
         Examples
         --------
         >>> import clothsim as cs
@@ -136,11 +123,6 @@ class HardCase:
         m from above the centre 1e-12
         """
         check.choice("precision", precision, self.precisions)
-        with Stopwatch() as watch:
-            figures = self._figures(precision, options)
-        return HardCaseResult(tuple(figures), watch.seconds)
-
-    def _figures(self, precision: Precision, options: dict[str, Any]) -> list[Figure]:
         stepper = cs.Stepper(self.scene, precision=precision, **{"threads": 1, **options})
         error = None
         with warnings.catch_warnings():
@@ -153,7 +135,7 @@ class HardCase:
         figures = [Figure("UnstableError", float(error is not None), self.unstable, self.unstable)]
         for judge in self.judges:
             figures += judge(self, end)
-        return figures
+        return HardCaseResult(tuple(figures))
 
 
 def moves_like_the_reference(double: float, single: float) -> Judge:

@@ -104,11 +104,6 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
     dict
         "points" and "triangles": depths [m], >= 0, floats, or arrays of shape (B,) for a batch.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
-
     Examples
     --------
     The corners of a level square just touch a sphere; its middle dips in:
@@ -171,11 +166,6 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     float or numpy.ndarray
         Dimensionless, >= -1; negative where every spring is compressed, 0 for a scene without
         springs. An array of shape (B,) for a batch.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
 
     Examples
     --------

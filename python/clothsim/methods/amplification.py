@@ -27,11 +27,6 @@ def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt
     numpy.ndarray
         Shape (..., 2, 2).
 
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
-
     Examples
     --------
     >>> from clothsim.methods.amplification import amplification_matrix

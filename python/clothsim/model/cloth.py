@@ -116,11 +116,6 @@ class Cloth(Record):
         The flat sheet [m], shape (rows, columns, 3), read-only: point (row, column) is at
         (column size[1]/(columns - 1), 0, row size[0]/(rows - 1)).
 
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above; the message names it, what came and what is accepted.
-
     Examples
     --------
     >>> import clothsim as cs
@@ -189,19 +184,6 @@ class Cloth(Record):
             )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.
-
-        Returns
-        -------
-        dict
-            One key per argument. Driven pins are a list of mappings with "points" and their "motion".
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Cloth(pins={(0, 0): cs.Linear((1, 0, 0))}).to_dict()["pins"]
-        [{'points': [[0, 0]], 'motion': {'kind': 'linear', 'velocity': [1.0, 0.0, 0.0]}}]
-        """
         if not isinstance(self.pins, Mapping):
             return super().to_dict()
         return {**self.replace(pins=()).to_dict(), "pins": groups_of(self.pins)}
@@ -281,11 +263,6 @@ class Cloth(Record):
         -------
         int
             The number is 0 for a family that this cloth leaves out.
-
-        Raises
-        ------
-        ValueError
-            For any other name.
 
         Examples
         --------

@@ -47,11 +47,6 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
         fields ``group_x``, ``group_y``, ``thread_x``, ``thread_y``, ``dispatch_x``,
         ``dispatch_y`` and ``index``.
 
-    Raises
-    ------
-    ValueError, TypeError
-        For a shape that is not two integers >= 1, or another group.
-
     Examples
     --------
     >>> import clothsim as cs
@@ -83,11 +78,6 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     -------
     numpy.ndarray
         Indices of the corners, shape (2 (rows - 1) (columns - 1), 3).
-
-    Raises
-    ------
-    ValueError, TypeError
-        For a shape that is not two integers >= 1.
 
     Examples
     --------

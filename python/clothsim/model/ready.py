@@ -45,10 +45,6 @@ def paper_static(
     as_printed : bool, default False
         True takes the paper's collision response as printed; see `Sphere`.
 
-    Returns
-    -------
-    Scene
-
     Examples
     --------
     >>> import clothsim as cs
@@ -90,10 +86,6 @@ def paper_moving(
     deceleration : float, default 7.0
         Deceleration between the turning points, the k of `Reciprocate`.
 
-    Returns
-    -------
-    Scene
-
     Examples
     --------
     >>> import clothsim as cs
@@ -113,10 +105,6 @@ def paper_swing(bend: bool = False) -> Scene:
     ----------
     bend : bool, default False
         True adds the 1,920 bend springs.
-
-    Returns
-    -------
-    Scene
 
     Examples
     --------
@@ -166,15 +154,6 @@ def hanging(
     springs : sequence of str, default ("structural",)
         Families present. The formula above holds only for structural springs alone.
 
-    Returns
-    -------
-    Scene
-
-    Raises
-    ------
-    ValueError, TypeError
-        If `Cloth` refuses an argument.
-
     Examples
     --------
     >>> import clothsim as cs
@@ -219,15 +198,6 @@ def oscillator(
         Rest length of the spring [m].
     damping : float, default 0.0
         Damping of the spring [N s/m].
-
-    Returns
-    -------
-    Scene
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above.
 
     Examples
     --------

@@ -63,11 +63,6 @@ class Scene(Record):
     initial_position, initial_velocity : numpy.ndarray
         Initial state [m], [m/s], shape (rows, columns, 3), read-only.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above; the message names it, what came and what is accepted.
-
     Examples
     --------
     >>> import clothsim as cs
@@ -217,11 +212,6 @@ class Scene(Record):
             guaranteed to be stable [s], and "limited_by", the term that limits it, with its springs and the value below
             which the other term limits the step. Printed, it is a readable table.
 
-        Raises
-        ------
-        ValueError, TypeError
-            If an argument is not as above.
-
         Examples
         --------
         >>> import clothsim as cs
@@ -281,49 +271,10 @@ class Scene(Record):
         return made
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data: numbers, strings, lists and dicts, as JSON and TOML can hold them.
-
-        Returns
-        -------
-        dict
-            "schema", the version of the layout (2), and the arguments of the constructor; those
-            that are None are left out. ``from_dict`` makes an equal scene of it.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> data = cs.scenes.paper_static().to_dict()
-        >>> data["schema"], data["spheres"][0]["center"]
-        (2, [0.5, -0.5, 0.5])
-        """
         return {"schema": SCHEMA, **super().to_dict()}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scene:
-        """The scene that `data` (as from ``to_dict``) describes.
-
-        Parameters
-        ----------
-        data : mapping
-            "schema" and "cloth", and any other argument of the constructor.
-
-        Returns
-        -------
-        Scene
-
-        Raises
-        ------
-        ValueError
-            For another schema version, an unknown or missing key, or a refused value.
-        TypeError
-            If a part has a wrong type, for example a number in place of a mapping.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Scene.from_dict({"schema": 2, "cloth": {"shape": [4, 4]}}).cloth.shape
-        (4, 4)
-        """
         arguments = cls._arguments(data, "schema")
         schema = check.integer("schema", arguments.pop("schema"))
         if schema != SCHEMA:

@@ -54,10 +54,6 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     ----------
     path : path-like
 
-    Returns
-    -------
-    Scene
-
     Raises
     ------
     ValueError

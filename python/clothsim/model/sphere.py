@@ -89,11 +89,6 @@ class Sphere(Record):
         With the response "continuous", how fast points that the sphere starts on are pushed out
         [m/s], > 0. This motion adds nothing to their velocity.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above; the message names it, what came and what is accepted.
-
     Examples
     --------
     >>> import clothsim as cs
@@ -155,30 +150,6 @@ class Sphere(Record):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Sphere:
-        """The sphere that `data` (as from ``to_dict``) describes.
-
-        Parameters
-        ----------
-        data : mapping
-            Arguments of the constructor; `motion` a mapping with its "kind".
-
-        Returns
-        -------
-        Sphere
-
-        Raises
-        ------
-        ValueError
-            For an unknown key or a value that the constructor refuses.
-        TypeError
-            If `data` is no mapping.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Sphere.from_dict({"radius": 0.1, "motion": {"kind": "linear", "velocity": [0, 1, 0]}}).motion
-        Linear(velocity=(0.0, 1.0, 0.0))
-        """
         arguments = cls._arguments(data)
         if arguments.get("motion") is not None:
             arguments["motion"] = motion_from_dict(arguments["motion"])
@@ -248,11 +219,6 @@ class Sphere(Record):
         -------
         float
             Offset [m].
-
-        Raises
-        ------
-        TypeError
-            If `cloth` is no Cloth.
 
         Examples
         --------

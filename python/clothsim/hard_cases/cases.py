@@ -1,0 +1,346 @@
+"""The hard cases, by what is hard in them.
+
+Bounds are about five to twenty times the measured figures, which docs/stability.md lists.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import clothsim as cs
+from clothsim.typing import Precision
+
+from .case import (
+    NO_GRAVITY,
+    End,
+    Figure,
+    Floats,
+    HardCase,
+    Judge,
+    blows_up,
+    ends_at,
+    gains_energy,
+    moves_like_the_reference,
+    noise,
+    sheet,
+)
+
+
+def stiffness() -> dict[str, HardCase]:
+    """Springs of 1e6 to 1e12 N/m, and of 1e7 beside 1 N/m."""
+    cases = {}
+    for k, double, single in ((1e6, 3e-13, 1e-4), (1e9, 3e-11, 1e-2), (1e12, 1e-11, 1e-2)):
+        cloth = sheet(stiffness=k, damping=1e-3 * k**0.5)
+        scene = cs.Scene(cloth, position=cloth.rest_positions + noise(cloth, 1e-3))
+        cases[f"stiffness {k:.0e} N/m".replace("e+", "e")] = HardCase(
+            scene,
+            0.9 * cs.max_stable_dt(scene),
+            1000,
+            "waves of a thousand to a million Hz beside gravity",
+            "the reference's motion; damping takes energy out",
+            (moves_like_the_reference(double, single), gains_energy(0.0, 0.0)),
+        )
+    for strong in ("structural", "shear"):
+        families = {f: 1e7 if f == strong else 1.0 for f in ("structural", "shear", "bend")}
+        scene = cs.Scene(sheet(stiffness=families))
+        cases[f"{strong} springs of 1e7 beside 1 N/m"] = HardCase(
+            scene,
+            0.9 * cs.max_stable_dt(scene),
+            2000,
+            "one family is 10 million times stiffer than the others",
+            "the reference's motion; energy is kept",
+            (moves_like_the_reference(1e-13, 1e-5), gains_energy(1e-7, 1e-5, 1e-5)),
+        )
+    return cases
+
+
+def time_steps() -> dict[str, HardCase]:
+    """Right below and right above the limit, very small steps, very many steps."""
+    cloth = sheet(stiffness=900.0)
+    scene = cs.Scene(cloth, gravity=NO_GRAVITY, velocity=noise(cloth, 1e-5))
+    limit = cs.max_stable_dt(scene, x=cloth.rest_positions) / 0.97  # which is 3 % below the limit
+    return {
+        "dt at 0.95 of the limit": HardCase(
+            scene,
+            0.95 * limit,
+            4000,
+            "every wave turns by almost half a turn a step",
+            "no energy gained",
+            (gains_energy(1e-12, 1e-5),),
+        ),
+        "dt at 1.05 of the limit": HardCase(
+            scene,
+            1.05 * limit,
+            4000,
+            "the fastest wave grows by two fifths a step",
+            "UnstableError while the cloth still has its size",
+            (blows_up(within=300),),
+            unstable=True,
+        ),
+        "dt 5e-6 s in single": HardCase(
+            cs.Scene(sheet((12, 12), damping=100.0)),
+            5e-6,
+            50_000,
+            "a step moves a point by less than float32 can tell",
+            "the motion in double, to 1e-7 m after 0.25 s",
+            (_ends_like_double(1e-7),),
+            precisions=("single",),
+        ),
+        "a million steps": HardCase(
+            drum((4, 4), damping=0.0),
+            5e-6,
+            1_000_000,
+            "rounding adds up",
+            "energy is kept",
+            (gains_energy(1e-11, 2e-5, 2e-5),),
+        ),
+        "a million steps in single": HardCase(
+            drum((4, 4)),
+            5e-6,
+            1_000_000,
+            "rounding adds up, in float32 at steps that float32 alone could not take",
+            "the motion in double, to 2e-7 m after 5 s",
+            (_ends_like_double(2e-7),),
+            precisions=("single",),
+        ),
+    }
+
+
+def drum(shape: tuple[int, int], damping: float = 100.0) -> cs.Scene:
+    """A cloth with the paper's springs and masses, stretched by a tenth and pinned along its border.
+
+    It swings in gravity without folding, so that rounding is not amplified: two computations of it
+    can be compared after any time.
+    """
+    clamped = np.ones(shape, bool)
+    clamped[1:-1, 1:-1] = False
+    cloth = sheet(shape, pins=clamped, damping=damping)
+    return cs.Scene(cloth, position=1.1 * cloth.rest_positions)
+
+
+def _ends_like_double(bound: float) -> Judge:
+    def judge(case: HardCase, end: End) -> list[Figure]:
+        start = case.scene.initial_position, case.scene.initial_velocity
+        other: Precision = "double" if end.precision == "single" else "single"
+        expected, _ = cs.step(
+            case.scene, *start, case.dt, case.steps, t=0.0, precision=other, threads=1, kernel=end.stepper.kernel
+        )
+        error = float(np.linalg.norm(end.x - expected, axis=-1).max())
+        return [Figure("m between single and double", error, 0, bound)]
+
+    return judge
+
+
+def masses() -> dict[str, HardCase]:
+    """One light or heavy point."""
+    cases = {}
+    for name, ratio in (("lighter", 1e-6), ("heavier", 1e6)):
+        mass = np.ones((8, 8))
+        mass[3, 4] = ratio
+        scene = cs.Scene(sheet(mass=mass, stiffness=1000.0))
+        cases[f"a point 1e6 times {name}"] = HardCase(
+            scene,
+            0.9 * cs.max_stable_dt(scene),
+            2000,
+            "one point is a thousand times faster or slower than the others",
+            "the reference's motion; energy is kept",
+            (moves_like_the_reference(2e-13, 1e-4), gains_energy(1e-12, 1e-6, 1e-7)),
+        )
+    return cases
+
+
+def geometry() -> dict[str, HardCase]:
+    """Points that coincide, springs without length, narrow cloths, far places."""
+    tiny = sheet(size=(1e-300, 1e-300), stiffness=100.0, pins=())
+    linear = cs.Scene(tiny, gravity=NO_GRAVITY, position=noise(tiny, 1.0))
+    cloth = sheet(stiffness=1000.0, damping=1.0)
+    coincident = cloth.rest_positions.copy()
+    coincident[3, 3] = coincident[3, 4]
+    at_once = np.full((8, 8, 3), 0.25)
+    free = cloth.replace(pins=())
+    undamped = sheet(stiffness=1000.0, pins=())
+    noisy = cs.Scene(undamped, gravity=NO_GRAVITY, position=at_once + noise(undamped, 1e-9))
+    collapsed = cs.Scene(cloth, position=at_once)
+    fine = 0.005 * cs.max_stable_dt(noisy)
+    half = 0.5 * cs.max_stable_dt(cs.Scene(cloth))
+    here = cs.Scene(cloth, cs.Sphere((0.5, -0.4, 0.5), 0.25, offset="none", response="ray"))
+    far = np.array([1e6, 1e6, 1e6])
+    there = cs.Scene(
+        cloth,
+        cs.Sphere(tuple(far + here.spheres[0].center), 0.25, offset="none", response="ray"),
+        position=cloth.rest_positions + far,
+    )
+    return {
+        "zero rest length": HardCase(
+            linear,
+            0.02 * cs.max_stable_dt(linear),
+            5000,
+            "springs of 1e-300 m are linear in every direction, also through zero length",
+            "the sum of the sheet's normal modes",
+            (ends_at(_normal_modes, "m from the normal modes", 1e-4, 1e-4), moves_like_the_reference(1e-11, 1e-3)),
+        ),
+        "coincident points": HardCase(
+            cs.Scene(cloth, position=coincident),
+            half,
+            500,
+            "a spring without length has no direction",
+            "it exerts no force until its ends part: the reference's motion",
+            (moves_like_the_reference(1e-11, 1e-3), gains_energy(0.0, 0.0)),
+        ),
+        "collapsed cloth": HardCase(
+            cs.Scene(free, position=at_once),
+            1e-3,
+            1000,
+            "all points in one place: no spring has a direction",
+            "it falls like one point",
+            (ends_at(_fallen, "m from free fall", 1e-12, 1e-6),),
+        ),
+        "collapsed cloth with two pins": HardCase(
+            collapsed,
+            half,
+            2000,
+            "the fall parts points by rounding alone, and the springs drive them on",
+            "any motion that gains no energy",
+            (gains_energy(0.0, 0.0),),
+        ),
+        "collapsed cloth with noise": HardCase(
+            noisy,
+            fine,
+            8000,
+            "points 1e-9 m apart whose springs want 0.14 m: directions turn in no time",
+            "an explosion that keeps its energy to 3e-5",
+            (gains_energy(3e-5, 3e-5, 3e-5),),
+        ),
+        "1e6 m away": HardCase(
+            there,
+            5e-4,
+            1000,
+            "float32 tells points there apart by 6 cm",
+            "the motion at the origin, contact included",
+            (ends_at(lambda case: _moved(here, case, far), "m from the motion here", 5e-8, 5e-6),),
+        ),
+        **_strips(),
+    }
+
+
+def _strips() -> dict[str, HardCase]:
+    cases = {}
+    for shape in ((1, 2), (1, 12), (12, 1), (2, 12)):
+        scene = cs.Scene(sheet(shape, stiffness=1000.0, damping=1.0, pins=[(0, 0)]))
+        cases["a strip of {} x {}".format(*shape)] = HardCase(
+            scene,
+            0.5 * cs.max_stable_dt(scene),
+            400,
+            "no cell, or one row of them; families without a spring",
+            "the reference's motion",
+            (moves_like_the_reference(5e-12, 5e-4),),
+        )
+    return cases
+
+
+def _fallen(case: HardCase) -> Floats:
+    t = case.steps * case.dt
+    return case.scene.initial_position + np.array(case.scene.gravity) * t * t / 2
+
+
+def _moved(here: cs.Scene, case: HardCase, by: Floats) -> Floats:
+    start = here.initial_position, here.initial_velocity
+    return cs.step(here, *start, case.dt, case.steps, t=0.0)[0] + by
+
+
+def _normal_modes(case: HardCase) -> Floats:
+    """x(t) = cos(sqrt(L) t) x(0), L the spring Laplacian per unit mass."""
+    cloth = case.scene.cloth
+    table = cloth.spring_table()
+    laplacian = np.zeros((cloth.rows * cloth.columns,) * 2)
+    for a, b, sign in (("i", "i", 1), ("j", "j", 1), ("i", "j", -1), ("j", "i", -1)):
+        np.add.at(laplacian, (table[a], table[b]), sign * table["stiffness"])
+    squares, modes = np.linalg.eigh(laplacian / cloth.mass_per_point[0, 0])
+    phase = np.cos(np.sqrt(squares.clip(0)) * case.steps * case.dt)
+    start = case.scene.initial_position.reshape(-1, 3)
+    return np.reshape(modes @ (phase[:, None] * (modes.T @ start)), (*cloth.shape, 3))
+
+
+def contact() -> dict[str, HardCase]:
+    """Points and pins inside a sphere from the start, and a sphere that is faster than the test."""
+    soft = sheet(stiffness=1000.0, damping=1.0)
+    loose = sheet((2, 2), stiffness=0.0, pins=())
+    inside, centre = loose.rest_positions + 10.0, loose.rest_positions + 10.0
+    inside[0, 0], centre[0, 0] = (0.03, -0.04, 0.12), (0.0, 0.0, 0.0)
+    unit = cs.Sphere((0.0, 0.0, 0.0), 0.5, offset="none", response="ray")
+    at_pin = cs.Sphere((0.0, 0.0, 0.0), 0.3, offset="none", restitution=0.5, response="ray")
+    in_sheet = cs.Sphere((0.5, 0.0, 0.5), 0.25, offset="none", restitution=0.5, response="ray")
+    fast = cs.Sphere((0.5, -2.0, 0.5), 0.25, cs.Linear((0.0, 100.0, 0.0)), offset="none", response="ray")
+    settled = 0.2 * cs.max_stable_dt(cs.Scene(soft))
+    return {
+        "pins inside a sphere": HardCase(
+            cs.Scene(soft, at_pin),
+            settled,
+            1000,
+            "what holds the cloth may not move, what hangs on it may not stay",
+            "pins stay to the last bit; free points leave the sphere",
+            (_pins_stay, _free_points_out(1e-12)),
+        ),
+        "a sphere that starts inside the cloth": HardCase(
+            cs.Scene(soft, in_sheet),
+            settled,
+            1000,
+            "points inside at rest have no ray to go back along",
+            "free points leave the sphere, at less than 10 m/s",
+            (_free_points_out(1e-12), _speeds(0.0, 10.0)),
+        ),
+        "a point at rest inside": HardCase(
+            cs.Scene(loose, unit, NO_GRAVITY, position=inside),
+            1e-3,
+            1,
+            "no velocity, so no ray",
+            "it is moved out along the normal",
+            (ends_at(lambda case: _only(case, (3 / 26, -4 / 26, 12 / 26)), "m from the foot of the normal", 1e-15, 1e-7),),
+        ),
+        "a point at the exact centre": HardCase(
+            cs.Scene(loose, unit, NO_GRAVITY, position=centre),
+            1e-3,
+            1,
+            "no velocity and no normal",
+            "it leaves upwards, the documented direction",
+            (ends_at(lambda case: _only(case, (0.0, 0.5, 0.0)), "m from above the centre", 1e-12, 1e-7),),
+        ),
+        "a sphere at 100 m/s": HardCase(
+            cs.Scene(soft, fast, NO_GRAVITY),
+            1e-4,
+            180,
+            "it moves by 1 cm a step and is through the sheet in 50",
+            "the reference's motion; points leave at up to twice its speed, none is left inside",
+            (moves_like_the_reference(1e-13, 1e-5), _speeds(150.0, 201.0), _free_points_out(0.0)),
+        ),
+    }
+
+
+def _only(case: HardCase, place: tuple[float, float, float]) -> Floats:
+    expected = case.scene.initial_position.copy()
+    expected[0, 0] = place
+    return expected
+
+
+def _pins_stay(case: HardCase, end: End) -> list[Figure]:
+    pinned = case.scene.cloth.pinned
+    moved = np.abs(end.x - case.scene.initial_position)[pinned].max()
+    return [Figure("m that pins moved", float(moved), 0, 0)]
+
+
+def _free_points_out(depth: float) -> Judge:
+    def judge(case: HardCase, end: End) -> list[Figure]:
+        (sphere,) = case.scene.spheres
+        free = end.x[~case.scene.cloth.pinned]
+        distance = np.linalg.norm(free - sphere.center_at(case.steps * case.dt), axis=-1).min()
+        return [Figure("m inside", float(max(0.0, sphere.radius - distance)), 0, depth)]
+
+    return judge
+
+
+def _speeds(least: float, most: float) -> Judge:
+    def judge(case: HardCase, end: End) -> list[Figure]:
+        fastest = float(np.linalg.norm(end.v, axis=-1).max())
+        return [Figure("fastest point [m/s]", fastest, least, most)]
+
+    return judge
