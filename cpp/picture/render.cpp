@@ -129,6 +129,8 @@ public:
             heights_.assign(nearest.nearness.begin(), nearest.nearness.end());
     }
 
+    // Metres above a sheet at which it does not shade itself where the light grazes it.
+    double slack() const { return heights_.empty() ? 0.0 : map_slack / view_.scale; }
     // Part of the light that reaches a point, 0 to 1. A ball throws no shadow on itself.
     double lit(const Triple& point, const Ball* on = nullptr) const {
         if (!picture_.shading.shadow) return 1;
@@ -264,7 +266,7 @@ private:
                 for (const Plane& plane : picture_.planes) depth = std::max(depth, below(plane, point));
                 color = depth_color(shading_, depth);
             }
-            if (std::isnan(lit)) lit = shadow_.lit(point);
+            if (std::isnan(lit)) lit = shadow_.lit(point + shadow_.slack() * normal);
             const auto near = [&](double part) {  // to a line of the grid, in cells
                 return part < shading_.grid_line || part > 1 - shading_.grid_line;
             };
