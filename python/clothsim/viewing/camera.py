@@ -79,7 +79,14 @@ class Camera:
             object.__setattr__(self, name, check.number(name, getattr(self, name), minimum=0, exclusive=True))
 
     def axes(self) -> Floats:
-        """Right, up and towards-the-eye unit vectors as rows, shape (3, 3)."""
+        """Right, up and towards-the-eye unit vectors as rows, shape (3, 3).
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Camera((0, 0, 2), (0, 0, 0), 1.0, 1.0).axes().tolist()
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+        """
         depth = np.array(self.direction, float)
         depth /= np.linalg.norm(depth)
         up = (0.0, 1.0, 0.0) if np.hypot(depth[0], depth[2]) > 1e-9 else (0.0, 0.0, -1.0)
@@ -89,9 +96,23 @@ class Camera:
 
     @classmethod
     def around(cls, direction: Any, points: npt.ArrayLike, margin: float = 0.03) -> Camera:
-        """The orthographic view along `direction` that holds all `points` [m], shape (n, 3), no taller than wide.
+        """The orthographic view along `direction` that holds all points, no taller than wide.
 
-        `margin` is the space around them, as a part of their larger extent.
+        Parameters
+        ----------
+        direction : sequence of 3 floats
+            From the points to the eye.
+        points : array_like
+            Points [m], shape (..., 3).
+        margin : float, default 0.03
+            Space around them, as a part of their larger extent.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> camera = cs.Camera.around((0, 0, 1), [(0, 0, 0), (2, 1, 0)], margin=0.0)
+        >>> camera.width, camera.height
+        (2.0, 1.0)
         """
         axes = cls(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
         seen = np.asarray(points, float).reshape(-1, 3) @ axes.T

@@ -136,8 +136,17 @@ class Picture:
     def save(self, path: str | Path) -> Path:
         """Write the picture to a file and return its path.
 
-        ".png" needs no package; other formats need Pillow (extra "plot"), and are refused by ImportError without it. A
-        missing folder or a suffix that names no format is a ValueError.
+        Parameters
+        ----------
+        path : path-like
+            ".png" needs no package; other formats need Pillow (extra "plot").
+
+        Examples
+        --------
+        >>> import tempfile, clothsim as cs
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     cs.picture(cs.scenes.paper_static(), width=64).save(folder + "/cloth.png").name
+        'cloth.png'
         """
         path = file_path("path", path)
         if path.suffix.lower() == ".png":
