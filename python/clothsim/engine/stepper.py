@@ -36,15 +36,17 @@ class Stepper:
     integrator, precision, threads, kernel, backend
         As for `step`. With the backend "gpu" the state stays on the adapter.
 
-    Wrong arguments of a method change nothing. One thread at a time may advance a stepper: others get a RuntimeError.
-
     Attributes
     ----------
     x, v : numpy.ndarray
-        Positions [m] and velocities [m/s], read-only copies, of the shape and dtype that the state was given in. Other names
-        are `positions` and `velocities`.
+        Positions [m] and velocities [m/s], read-only copies, of the shape and dtype that the state was given in; also
+        `positions` and `velocities`.
     t : float
-        Time of the state [s], also `time`.
+        Time of the state [s]; also `time`.
+
+    Notes
+    -----
+    Wrong arguments of a method change nothing. One thread at a time may use a stepper: others get a RuntimeError.
 
     Examples
     --------
@@ -102,18 +104,13 @@ class Stepper:
         Raises
         ------
         UnstableError
-            If the state stops being finite; if nine tenths of the kinetic and elastic energy come out of
-            nothing (docs/stability.md); or, with a time step above `max_stable_dt`, if a point
-            crosses the whole sheet within a step. The state is inspected at least every 128
-            steps. The stepper then returns to the state before the failing step. All members of a
-            batch return to that step, with the bits that they have when run alone. After `freeze` of the failed member,
-            the other members can continue.
+            If the state stops being finite; if nine tenths of the kinetic and elastic energy come out of nothing
+            (docs/stability.md); or, with a step above `max_stable_dt`, if a point crosses the whole sheet within a step.
         ContactError
-            If spheres trap a mass point. The stepper then stands at the state before that step.
+            If spheres trap a mass point. After either error all members stand at the state before that step, with the bits
+            that they have when run alone. After `freeze` of the failed member, the others can continue.
         KeyboardInterrupt
             On Ctrl-C. The stepper then stands at a whole step, at the time `time`.
-        RuntimeError
-            If another thread is advancing this stepper, or the graphics adapter stops answering: the state is then lost.
 
         Warns
         -----
@@ -203,9 +200,8 @@ class Stepper:
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
         """Replace the scene, and keep the state.
 
-        Positions, velocities (with the compensation of "single"), the clock, the energy of
-        contacts and frozen members stay. Newly pinned points stop where they are. Points that are no longer pinned
-        start from rest. The new scene's initial state is ignored.
+        Positions, velocities (with the compensation of "single"), the clock and frozen members stay. Newly pinned points stop
+        where they are. Points that are no longer pinned start from rest. The new scene's initial state is ignored.
 
         Parameters
         ----------
@@ -270,10 +266,7 @@ class Stepper:
     def snapshot(self) -> Snapshot:
         """The whole state, to be continued bit for bit by `restore`.
 
-        Returns
-        -------
-        Snapshot
-            ``snapshot.save(path)`` writes the snapshot to a file, and ``Snapshot.load(path)`` reads it.
+        ``snapshot.save(path)`` writes it to a file, and ``Snapshot.load(path)`` reads it.
 
         Examples
         --------
@@ -306,10 +299,6 @@ class Stepper:
         ----------
         snapshot : Snapshot
             From `snapshot`, in this process or unpickled in another.
-
-        Returns
-        -------
-        Stepper
 
         Examples
         --------

@@ -195,7 +195,7 @@ def acceleration(
     Returns
     -------
     numpy.ndarray
-        Accelerations [m/s^2], float64, of the shape of `x`; 0 for pinned points.
+        [m/s^2], float64, of the shape of `x`; 0 for pinned points.
 
     Examples
     --------
