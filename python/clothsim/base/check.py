@@ -78,6 +78,8 @@ def number(
     name: str, value: Any, *, minimum: float = -math.inf, exclusive: bool = False, maximum: float = math.inf
 ) -> float:
     """`value` as a finite float >= `minimum` (> with `exclusive`) and <= `maximum`."""
+    if type(value) is float and minimum < value < maximum:
+        return value
     return float(_within(name, value, float, "a finite number", minimum, maximum, exclusive))
 
 

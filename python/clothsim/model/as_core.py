@@ -18,10 +18,10 @@ def core_cloth(cloth: Cloth) -> _core.Cloth:
 
 
 def _made(cloth: Cloth) -> _core.Cloth:
-    row_spacing, column_spacing = cloth.spacing
+    (rows, columns), (row_spacing, column_spacing) = cloth.shape, cloth.spacing
     return _core.Cloth(
-        rows=cloth.rows,
-        columns=cloth.columns,
+        rows=rows,
+        columns=columns,
         row_spacing=row_spacing,
         column_spacing=column_spacing,
         stiffness=cloth.family_stiffness,
@@ -36,6 +36,8 @@ def _made(cloth: Cloth) -> _core.Cloth:
 def core_pins(scene: Scene) -> dict[str, Any]:
     """Driven pins as the core takes them: their motions, and (point, start, motion) in the order of points."""
     groups = scene.driven_pins
+    if not groups:
+        return {"pin_motions": [], "driven_pins": []}
     columns = scene.cloth.columns
     pins = [
         (int(r) * columns + int(c), start, k)

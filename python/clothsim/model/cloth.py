@@ -49,6 +49,9 @@ _ENDS: tuple[tuple[Family, tuple[int, int], tuple[int, int]], ...] = (
 )
 
 
+# What can be replaced beside everything else: arrays and pins stay.
+_FORCES = {"stiffness", "damping"}
+
 # Springs that `spring_table` fills between two chances for Ctrl-C: some 10 ms. Half costs nothing.
 _SPRINGS_AT_ONCE = 2**18
 
@@ -183,6 +186,15 @@ class Cloth(Record):
                 f"{least:g} kg for a mass point, and {largest:g} as the largest stiffness or damping"
             )
 
+    def replace(self, **changes: Any) -> Cloth:
+        if not changes.keys() <= _FORCES:
+            return super().replace(**changes)
+        cloth = self._copy(("_core",), **{name: _per_family(name, one, self.springs) for name, one in changes.items()})
+        cloth._check_rates()
+        return cloth
+
+    replace.__doc__ = Record.replace.__doc__
+
     def to_dict(self) -> dict[str, Any]:
         if not isinstance(self.pins, Mapping):
             return super().to_dict()
@@ -202,19 +214,16 @@ class Cloth(Record):
 
     @property
     def spacing(self) -> tuple[float, float]:
-        row, column = (s / (n - 1) if n > 1 else 0.0 for s, n in zip(self.size, self.shape, strict=True))
-        return row, column
+        (height, width), (rows, columns) = self.size, self.shape
+        return height / (rows - 1) if rows > 1 else 0.0, width / (columns - 1) if columns > 1 else 0.0
 
     @property
     def family_stiffness(self) -> dict[str, float]:
-        return self._families_of(self.stiffness)
+        return dict.fromkeys(self.springs, self.stiffness) if isinstance(self.stiffness, float) else dict(self.stiffness)
 
     @property
     def family_damping(self) -> dict[str, float]:
-        return self._families_of(self.damping)
-
-    def _families_of(self, value: float | Mapping[str, float]) -> dict[str, float]:
-        return {f: value[f] if isinstance(value, Mapping) else value for f in self.springs}
+        return dict.fromkeys(self.springs, self.damping) if isinstance(self.damping, float) else dict(self.damping)
 
     @property
     def damped(self) -> bool:
@@ -345,7 +354,7 @@ def _springs(value: Any) -> tuple[Family, ...]:
 
 
 def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mapping[str, float]:
-    if not isinstance(value, Mapping):
+    if isinstance(value, float) or not isinstance(value, Mapping):
         return check.number(name, value, minimum=0)
     given = check.keys(name, value, springs, required=springs)
     numbers = {f: check.number(f"{name}[{f!r}]", given[f], minimum=0) for f in springs}

@@ -125,6 +125,8 @@ def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """
     if not values:
         return scene
+    if values.keys() <= set(_CLOTH):
+        return scene.replace(cloth=scene.cloth.replace(**values))
     values = dict(values)
     scene = values.pop("scene", scene)
     check.instance("scene", scene, Scene)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import partial
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -56,7 +56,7 @@ class Record:
 
     def _values(self) -> dict[str, Any]:
         """The arguments by name."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
+        return {name: getattr(self, name) for name in self.__match_args__}  # type: ignore[attr-defined]
 
     def __reduce__(self) -> tuple[Any, ...]:
         values = {n: dict(v) if isinstance(v, MappingProxyType) else v for n, v in self._values().items()}
@@ -83,6 +83,14 @@ class Record:
         0.5
         """
         return type(self)(**{**self._values(), **changes})
+
+    def _copy(self: Self, forget: Collection[str], **values: Any) -> Self:
+        """A copy with other values, which are checked already, and with all that is kept of this record but `forget`."""
+        made = object.__new__(type(self))
+        made.__dict__.update(self.__dict__, **values)
+        for name in forget:
+            made.__dict__.pop(name, None)
+        return made
 
     def to_dict(self) -> dict[str, Any]:
         """The arguments as numbers, strings, lists and dicts, as JSON and TOML can hold them; None is left out.

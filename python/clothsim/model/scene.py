@@ -117,6 +117,15 @@ class Scene(Record):
         )
         self._check_driven_pins()
 
+    def replace(self, **changes: Any) -> Scene:
+        cloth, own = changes.get("cloth"), self.cloth
+        if isinstance(cloth, Cloth) and len(changes) == 1 and cloth.pins is own.pins and cloth.shape is own.shape:
+            if cloth.size is own.size:  # all other arguments fit
+                return self._copy(("engines", "_plans"), cloth=cloth)
+        return super().replace(**changes)
+
+    replace.__doc__ = Record.replace.__doc__
+
     def _check_driven_pins(self) -> None:
         """Refuse a motion that does not begin at the pin's initial place."""
         for (r, c), motion in self.cloth.driven.items():
