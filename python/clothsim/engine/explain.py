@@ -70,6 +70,7 @@ def explain(
     kernel = options.chosen_kernel
     plan = core_plan(scene, options)
     compensated = precision == "single"
+    fused = METHODS[integrator].in_kernels and not (kernel == "gather" and cloth.driven)
     everything = {
         **{f"{family} springs": family in cloth.families for family in FAMILIES},
         "spring damping": any(cloth.family_damping.values()),
@@ -99,13 +100,7 @@ def explain(
             ),
             "max_stable_dt": term.max_stable_dt,
             "limited_by": str(term),
-            "step_loop": (
-                "stage by stage, as pins are driven: 1.3 to 1.8 times the time of the fused loop"
-                if METHODS[integrator].in_kernels and cloth.driven
-                else "fused"
-                if METHODS[integrator].in_kernels
-                else "stage by stage"
-            ),
+            "step_loop": "fused" if fused else "stage by stage",
             "kernel": kernel,
             "arithmetic": "fused" if kernel == "edge" and _core.fuses(plan.instruction_set) else "not fused",
             "precision": precision,
