@@ -1,18 +1,9 @@
-#include "engines/edge_engine.hpp"
-#include "engines/gather_engine.hpp"
 #include "engines/engine.hpp"
-#include "integrators/methods.hpp"
+
+#include <cmath>
+#include <limits>
 
 namespace clothsim {
-namespace {
-
-template <class Real>
-std::unique_ptr<Engine> make(const Plan& plan) {
-    if (plan.kernel == Kernel::gather) return std::make_unique<GatherEngine<Real>>(plan);
-    return std::make_unique<EdgeEngine<Real>>(plan, true);
-}
-
-}  // namespace
 
 bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes) {
     step_size = clock.dt;
@@ -57,13 +48,6 @@ void Engine::accept_in_contact(double t0, double t1, int threads) {
 double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {
     if (dt <= stable_dt) return std::numeric_limits<double>::infinity();
     return std::hypot((cloth.rows - 1) * cloth.row_spacing, (cloth.columns - 1) * cloth.column_spacing) / dt;
-}
-
-std::unique_ptr<Engine> make_engine(const Plan& plan) {
-    // The gather kernel's own steps know pins that rest, as the compute shader does.
-    const bool pins_move = plan.has_driven_pins() && plan.kernel == Kernel::gather;
-    if (!method_of(plan.integrator).in_kernels || pins_move) return make_scheme_engine(plan);
-    return plan.precision == Precision::single ? make<float>(plan) : make<double>(plan);
 }
 
 }  // namespace clothsim

@@ -145,7 +145,5 @@ protected:
 double runaway_speed(const Cloth& cloth, double dt, double stable_dt);
 
 std::unique_ptr<Engine> make_engine(const Plan& plan);
-// The engine of every integrator but the fused RK4 of the kernels.
-std::unique_ptr<Engine> make_scheme_engine(const Plan& plan);
 
 }  // namespace clothsim

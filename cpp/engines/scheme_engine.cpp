@@ -391,13 +391,19 @@ private:
 
 template <class Real>
 std::unique_ptr<Engine> make(const Plan& plan) {
-    if (plan.kernel == Kernel::gather) return std::make_unique<SchemeEngine<Real, GatherEngine<Real>>>(plan);
+    const bool gather = plan.kernel == Kernel::gather;
+    // The gather kernel's own steps know pins that rest, as the compute shader does.
+    if (method_of(plan.integrator).in_kernels && !(gather && plan.has_driven_pins())) {
+        if (gather) return std::make_unique<GatherEngine<Real>>(plan);
+        return std::make_unique<EdgeEngine<Real>>(plan, true);
+    }
+    if (gather) return std::make_unique<SchemeEngine<Real, GatherEngine<Real>>>(plan);
     return std::make_unique<SchemeEngine<Real, EdgeEngine<Real>>>(plan);
 }
 
 }  // namespace
 
-std::unique_ptr<Engine> make_scheme_engine(const Plan& plan) {
+std::unique_ptr<Engine> make_engine(const Plan& plan) {
     return plan.precision == Precision::single ? make<float>(plan) : make<double>(plan);
 }
 
