@@ -9,7 +9,6 @@
 #include "bindings/bindings.hpp"
 #include "bindings/unlocked.hpp"
 #include "contact/exact.hpp"
-#include "contact/near_spheres.hpp"
 #include "driver/energy_watch.hpp"
 #include "driver/simulation.hpp"
 #include "kernels/kernel_table.hpp"

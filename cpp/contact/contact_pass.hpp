@@ -1,5 +1,5 @@
-// The pass of continuous contacts after a step of any integrator. The pass sees the state at the start of the
-// step, and the end of the step without spheres.
+// The contact pass after a step of any integrator. "reflect" and "ray" look at the state at the end of the
+// step, sphere after sphere. Then "continuous" also sees the state at its start.
 //
 //      start of step      free end                        response
 //
@@ -20,6 +20,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -48,7 +49,8 @@ public:
           layout_(layout),
           points_(layout_, plan.cloth.columns),
           impulses_(impulses),
-          kernel_(plan.kernels->contact.of<Real>(plan.kernel == Kernel::gather)) {
+          kernel_(plan.kernels->contact.of<Real>(plan.kernel == Kernel::gather)),
+          inside_kernel_(plan.kernels->contact.inside<Real>()) {
         bool cells = false;
         for (const Sphere& sphere : plan.spheres)
             if (sphere.response == Response::continuous) {
@@ -57,7 +59,7 @@ public:
                 cells |= sphere.cells;
                 bounces_ |= sphere.restitution > 0;
             }
-        if (spheres_.empty()) return;
+        if (plan.spheres.empty()) return;
         diagonal_ = std::hypot(plan.cloth.row_spacing, plan.cloth.column_spacing);
         const int lanes = kernels_of<Real>(*plan.kernels).lanes;
         geometry_ = layout.geometry(lanes);
@@ -76,14 +78,13 @@ public:
                     mass_[index(r, j) * std::size_t(lanes) + std::size_t(l)] = Real(plan.cloth.mass[point]);
                 }
         lanes_ = lanes;
+        touched_.assign(std::size_t(geometry_.rows), false);
         if (cells)
             cell_pass_.emplace(plan.cloth, layout, geometry_, lanes, plan.kernels->contact,
                                plan.kernel == Kernel::gather);
     }
     ContactPass(const ContactPass&) = delete;
 
-    bool needed() const { return !spheres_.empty(); }
-    const std::vector<const Sphere*>& spheres() const { return spheres_; }
     void forget() {
         current_ = false;
         if (cell_pass_) cell_pass_->forget();
@@ -91,20 +92,24 @@ public:
 
     // Before a step: the state it starts from.
     void keep(const AlignedVector<Real>& memory) {
-        if (!current_) before_ = memory;
+        if (!current_ && !spheres_.empty()) before_ = memory;
     }
 
     // `rounding`: relative, of the state.
     ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt, double rounding,
                           int threads) {
         memory_ = &memory;
+        report_ = {};
+        std::fill(touched_.begin(), touched_.end(), false);
+        for (const Sphere& sphere : plan_.spheres)
+            if (sphere.response != Response::continuous) respond_at_end(sphere, t1, dt, threads);
+        if (spheres_.empty()) return report_;
         swept_.clear();
         for (const Sphere* sphere : spheres_) {
             const double band = band_of_cells(sphere->contact_radius, diagonal_, sizeof(Real) == 4);
             swept_.push_back(swept(*sphere, t0, t1, dt, rounding, band));
         }
         current_ = true;
-        report_ = {};
         if (cell_pass_) respond_to_cells(threads);
         else respond_to_points(threads);
         return report_;
@@ -113,7 +118,8 @@ public:
     // Whether the pass has inspected a mass point of the row: any other is outside the spheres.
     bool touched(int row) const {
         const auto first = open_.begin() + std::ptrdiff_t(index(row, 0));
-        return std::any_of(first, first + geometry_.vectors, [](std::uint8_t open) { return open != 0; });
+        return touched_[std::size_t(row)] ||
+            std::any_of(first, first + geometry_.vectors, [](std::uint8_t open) { return open != 0; });
     }
 
     // Energies that contact/exact.hpp needs.
@@ -151,6 +157,46 @@ private:
 
     std::size_t index(int row, int vector) const {
         return std::size_t(row) * std::size_t(geometry_.vectors) + std::size_t(vector);
+    }
+
+    // "reflect" and "ray", which see the end of the step alone.
+    void respond_at_end(const Sphere& sphere, double t, double dt, int threads) {
+        struct Ends {
+            ContactPass* pass;
+            Contact contact;
+            std::atomic<std::int64_t> responses{0};
+            std::atomic<bool> changed{false};
+        } ends{this, Contact(sphere, t, 2 * double(Real(dt / 2)))};  // as the shader has it
+        Real center[3];
+        for (int k = 0; k < 3; ++k) center[k] = Real(ends.contact.center[k]);
+        constexpr double margin = outer_epsilons * double(std::numeric_limits<Real>::epsilon());
+        const Real radius2 = Real(sphere.contact_radius * sphere.contact_radius * (1 + margin));
+        ContactArguments<Real> a{};
+        a.geometry = geometry_;
+        a.state = memory_->data() + layout_.first();
+        a.context = &ends;
+        a.unresolved = [](void* context, int row, int vector, std::uint64_t lanes) {
+            Ends& all = *static_cast<Ends*>(context);
+            for (; lanes != 0; lanes &= lanes - 1) {
+                const int column = all.pass->layout_.column(vector, __builtin_ctzll(lanes), all.pass->lanes_);
+                if (column >= all.pass->plan_.cloth.columns) continue;
+                all.pass->touched_[std::size_t(row)] = true;
+                const int point = row * all.pass->plan_.cloth.columns + column;
+                if (all.pass->pinned(point) || !touches(all.contact, all.pass->position(point))) continue;
+                ++all.responses;
+                if (all.pass->respond_at_end(all.contact, point)) all.changed = true;
+            }
+        };
+        each_part(threads, [&](int begin, int end) { inside_kernel_(a, center, radius2, begin, end); });
+        report_.responses += ends.responses;
+        report_.changed |= ends.changed;
+    }
+    bool respond_at_end(const Contact& contact, int i) {
+        const PointState before = now(i), after = clothsim::respond(contact, before);
+        impulses_.give(std::size_t(&contact.sphere - plan_.spheres.data()), i / plan_.cloth.columns,
+                       i % plan_.cloth.columns, mass(i) * (after.velocity - before.velocity));
+        set(i, after);
+        return after.position != before.position || after.velocity != before.velocity;
     }
 
     void respond_to_points(int threads) {
@@ -208,7 +254,7 @@ private:
     template <class Each>
     void finish_cells(const Each& each) {
         const std::uint8_t all = cell_pass_->marks();
-        report_.changed = (all & CellMarks::responded) != 0;
+        report_.changed |= (all & CellMarks::responded) != 0;
         if (all & CellMarks::unresolved)
             for (int r = 0; r < geometry_.rows; ++r)
                 for (int j = 0; j < geometry_.vectors && (cell_pass_->marks(r) & CellMarks::unresolved); ++j)
@@ -311,6 +357,7 @@ private:
     Points points_;
     Impulses& impulses_;
     ContactKernel<Real> kernel_;
+    InsideKernel<Real> inside_kernel_;
     std::vector<const Sphere*> spheres_;
     std::vector<std::size_t> numbers_;  // among all spheres
     double diagonal_ = 0;  // of a cell at rest [m]
@@ -321,6 +368,7 @@ private:
     bool current_ = false;  // whether `before_` is the state
     AlignedVector<Real>* memory_ = nullptr;
     std::vector<std::uint8_t> open_;
+    std::vector<std::uint8_t> touched_;  // rows in which a point was inside at the end of the step
     std::vector<std::uint64_t> unresolved_, free_;
     std::vector<Real> mass_;  // a lane after the other; 0 of padding
     std::vector<SweptSphere> swept_;

@@ -1,4 +1,4 @@
-// Outcome of the continuous contacts of a step.
+// Outcome of the contacts of a step.
 #pragma once
 
 #include <cstdint>
@@ -10,6 +10,7 @@ struct ContactReport {
     std::int64_t pinned_inside = -1;  // first pinned point that a sphere has run into, or -1
     std::int64_t capped = -1;  // first point in contact whose cells are larger than a sphere, or -1
     bool changed = false;             // whether a response changed a mass point
+    std::int64_t responses = 0;  // of "reflect" and "ray"
 
     // The first of each kind counts.
     void note(const ContactReport& later) {

@@ -1,4 +1,4 @@
-// Steps that need no pass for continuous contact, as the cloth is clear of the spheres.
+// Steps that need no contact pass, as the cloth is clear of the spheres.
 //
 // Within a step a mass point goes straight from place to place, and so does a sphere. Take a plane that lies
 // between the two at both ends of the step. Then they do not touch in the step, nor does the sphere touch a
@@ -29,8 +29,8 @@ public:
     // How many of the next steps, at most `most`, are expected to be clear. `component(k)`: of the whole
     // cloth (k = 0..2: x, y, z, 3..5: their velocities).
     template <class Component>
-    std::int64_t clear_steps(const std::vector<const Sphere*>& spheres, const Vec3& gravity,
-                             const Clock& clock, std::int64_t most, const Component& component) {
+    std::int64_t clear_steps(const std::vector<Sphere>& spheres, const Vec3& gravity, const Clock& clock,
+                             std::int64_t most, const Component& component) {
         if (clock.origin != origin_ || clock.dt != dt_) drop();
         origin_ = clock.origin;
         dt_ = clock.dt;
@@ -74,23 +74,23 @@ private:
     static constexpr int shortest = 4;
 
     template <class Component>
-    void find(const std::vector<const Sphere*>& spheres, const Vec3& gravity, const Clock& clock,
+    void find(const std::vector<Sphere>& spheres, const Vec3& gravity, const Clock& clock,
               const Component& component) {
         planes_.clear();
         end_ = clock.steps + longest;
         std::array<Extent<Real>, 3> place, speed;
         for (int k = 0; k < 3; ++k) place[std::size_t(k)] = kernels_.extent(component(k));
         std::vector<std::vector<Vec3>> centers;
-        for (const Sphere* sphere : spheres) {
+        for (const Sphere& sphere : spheres) {
             centers.emplace_back();
-            for (int k = 0; k <= longest; ++k) centers.back().push_back(sphere->center_at(clock.at(k)));
-            if (!widest(place, {}, Vec3::Zero(), *sphere, centers.back(), 0, clock.dt)) return;
+            for (int k = 0; k <= longest; ++k) centers.back().push_back(sphere.center_at(clock.at(k)));
+            if (!widest(place, {}, Vec3::Zero(), sphere, centers.back(), 0, clock.dt)) return;
         }
         for (int k = 0; k < 3; ++k) speed[std::size_t(k)] = kernels_.extent(component(3 + k));
         for (int steps = longest; steps >= shortest && planes_.empty(); steps /= 4) {
             for (std::size_t i = 0; i < spheres.size(); ++i) {
                 const auto separating_plane =
-                    widest(place, speed, gravity, *spheres[i], centers[i], steps, clock.dt);
+                    widest(place, speed, gravity, spheres[i], centers[i], steps, clock.dt);
                 if (!separating_plane) {
                     planes_.clear();
                     break;

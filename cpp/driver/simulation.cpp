@@ -225,7 +225,7 @@ std::int64_t Simulation::steps_of_block() const {
     std::int64_t steps = energy_period();
     // Where a separating plane is crossed, a whole block is repeated at once.
     if (std::any_of(members_.begin(), members_.end(),
-                    [](const auto& member) { return member->has_continuous(); }))
+                    [](const auto& member) { return member->has_contacts(); }))
         while (steps > least_steps_of_block && steps * points_ > most_points_repeated) steps /= 2;
     return steps;
 }

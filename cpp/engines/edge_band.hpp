@@ -1,5 +1,5 @@
-// A band of rows of the edge engine (edge_engine.cpp): its place in memory, its neighbours, the spheres near
-// it. A thread works on a band.
+// A band of rows of the edge engine (edge_engine.cpp): its place in memory and its neighbours. A thread works
+// on a band.
 //
 // The versions of the halo exchange (memory/band_exchange.hpp) are the stages of the steps. A stage
 // overwrites its rows in place, so each band copies the two rows at a border for its neighbour:
@@ -61,7 +61,6 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     std::vector<EdgeRowPointers<Real>>
         rows;  // in the order of the sweep, and the two of the neighbour behind them
     int lag, several;  // rows between two stages, and of one at a time; all rows: stage by stage
-    NearSpheres<Real> spheres;
     EdgeArguments<Real> stages[4];
     std::int64_t step = 0;  // to which the state belongs
     Clock clock;  // of the call
@@ -96,16 +95,6 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
         signal_far(version(number));
     }
 
-    static void hit(void* context, int sphere, int row, int vector, std::uint64_t lanes) {
-        Band& band = *static_cast<Band*>(context);
-        const TransposedLayout& layout = band.engine->layout_;
-        for (; lanes != 0; lanes &= lanes - 1) {
-            const int column =
-                layout.start(band.strip) + layout.column(vector, __builtin_ctzll(lanes), layout.lanes);
-            if (column >= layout.own(band.strip) && column < layout.own(band.strip + 1))
-                band.engine->respond_at(band.spheres.contacts[std::size_t(sphere)], band.row(row), column);
-        }
-    }
     void begin_call() {
         step = engine->step_;
         finite = true;
@@ -139,16 +128,6 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
         const Real* const first = rows[std::size_t(upwards ? end - 1 : begin)].state;
         finite &= engine->kernels().all_finite(
             first, Blocks{end - begin, layout.vectors * layout.stride, layout.row_size()});
-    }
-
-    void place_spheres(double t) {
-        engine->contacts(t, spheres.contacts);
-        const TransposedLayout& layout = engine->layout_;
-        const Real* const first = rows[std::size_t(upwards ? size() - 1 : 0)].state;
-        spheres.place([&](int k) {
-            return engine->kernels().extent(
-                {first + k * layout.lanes, layout.row_size(), layout.stride, size(), layout.vectors});
-        });
     }
 };
 

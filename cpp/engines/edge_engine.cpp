@@ -31,7 +31,8 @@ template <class Real>
 constexpr std::ptrdiff_t bytes_of_point = (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
 
 // Columns of a strip, 0: the cloth is not cut. A strip in progress holds rows of work, one more of state and
-// some of its compensation. Continuous contact needs a whole cloth.
+// some of its compensation. The contact pass needs a whole
+// cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
     constexpr std::ptrdiff_t rows_of_state =
@@ -39,10 +40,9 @@ int strip_columns(const Plan& plan) {
     constexpr std::ptrdiff_t of_column =
         (rows_of_state * StateRecord::count + rows_under_way * WorkRecord::count) * sizeof(Real);
     const int enough = int(bytes_under_way() / of_column);
-    const auto continuous = [](const Sphere& sphere) { return sphere.response == Response::continuous; };
     const bool small = plan.cloth.points() * bytes_of_point<Real> <= bytes_in_shared_cache;
     const bool narrow = plan.cloth.columns <= enough + enough / 16;
-    return small || narrow || std::any_of(plan.spheres.begin(), plan.spheres.end(), continuous) ? 0 : enough;
+    return small || narrow || !plan.spheres.empty() ? 0 : enough;
 }
 
 // The positions of `records` records: where padding stays.
@@ -307,14 +307,9 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
 }
 
 template <class Real>
-void EdgeEngine<Real>::step_band(Band& band, double t, bool inspect) {
+void EdgeEngine<Real>::step_band(Band& band, bool inspect) {
     const int n = band.size();
     const bool strips = layout_.strips > 1;
-    if (!plan_.spheres.empty()) {
-        band.place_spheres(t);
-        band.stages[3].spheres = band.spheres.outlines.data();
-        band.stages[3].sphere_count = int(band.spheres.outlines.size());
-    }
     if (!band.near)
         for (int s = 0; s < 4; ++s) begin_stage(band, s);
     for (int front = 0, done = 0; front < n + 3 * band.lag; front += band.several) {
@@ -330,7 +325,7 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool inspect) {
         for (int row = done; strips && row < finished; ++row) band.give_border(row, band.step + 1);
         if (inspect && done < finished) band.inspect(done, finished);
         const auto [first, end] = band.RowBand::rows(done, finished);
-        this->watch(first, end, t, layout_.own(band.strip), layout_.own(band.strip + 1));
+        this->watch(first, end);
         done = finished;
     }
     ++band.step;
@@ -338,7 +333,7 @@ void EdgeEngine<Real>::step_band(Band& band, double t, bool inspect) {
 
 // The part of a team's thread in some steps.
 template <class Real>
-void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const Clock& clock) {
+void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, double dt) {
     const auto& all = bands(team);
     const auto band = [&](int strip) -> Band& { return *all[std::size_t(strip * team + thread)]; };
     for (int strip = 0; strip < layout_.strips; ++strip) {
@@ -346,10 +341,8 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
         b.clock = clock;
         for (int s = 0; s < 4; ++s) {
             EdgeArguments<Real>& e = b.stages[s] =
-                arguments(Stage(s), clock.dt, b.workspace->scratch.data() + s * scratch_size());
+                arguments(Stage(s), dt, b.workspace->scratch.data() + s * scratch_size());
             e.rows = b.rows.data();
-            e.hit = &Band::hit;
-            e.context = &b;
             if (b.lag == b.size()) continue;
             // Each stage fetches a part of the row that the first stage reaches next. Stages that read the
             // compensation of positions and of velocities fetch half of it instead. They need it one row
@@ -371,7 +364,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
         // A strip passes the state of its next step on as soon as the strip behind it has taken this one. So
         // threads need not wait for each other at each strip.
         for (int strip = 0; strip <= last; ++strip) {
-            step_band(band(strip), clock.at(k), inspect && k == steps);
+            step_band(band(strip), inspect && k == steps);
             if (strip > 0) band(strip - 1).send_start();
         }
         if (last > 0) band(last).send_start();
@@ -387,7 +380,7 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
         for (auto& band : bands(team)) band->begin_call();
     };
     in_team(RowBand::team(rows(), threads), begin,
-            [&](int thread, int team) { run_bands(team, thread, steps, clock); });
+            [&](int thread, int team) { run_bands(team, thread, steps, clock.dt); });
     step_ += steps;
     this->state_known_ = true;
     const auto& stepped = bands(team_given);

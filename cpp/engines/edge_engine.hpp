@@ -37,8 +37,6 @@ protected:  // for cpp/integrators, in edge_evaluate.cpp
     // again.
     void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band);
     int sweep_rows(int begin, int end, FieldBand<Real>& band);
-    // The collision pass over some rows; whether any point was found inside.
-    bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
 
 private:
     struct Band;
@@ -46,12 +44,12 @@ private:
     void build_coefficients();
     void apply_force() override;
     // Whether contacts change the state after the steps.
-    bool moved_after_steps() const { return this->has_continuous() && !this->planes_.up(); }
+    bool moved_after_steps() const { return this->has_contacts() && !this->planes_.up(); }
     // Of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
-    void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
+    void run_bands(int team, int thread, std::int64_t steps, double dt);
     // `inspect`: whether the state that it leaves is finite.
-    void step_band(Band& band, double t, bool inspect);
+    void step_band(Band& band, bool inspect);
     // Parts of a step's stage s = 0..3.
     void begin_stage(Band& band, int s);
     void run_rows(Band& band, int s, int begin, int end);

@@ -70,40 +70,11 @@ int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldBand<Real>& band) {
     return end;
 }
 
-template <class Real>
-bool EdgeEngine<Real>::collide_rows(int begin, int end, const std::vector<Contact>& contacts) {
-    bool any = false;
-    for (const Contact& contact : contacts) {
-        if (this->apart(contact, begin, end)) continue;
-        const Real radius_squared = NearSpheres<Real>::outer_radius_squared(contact.sphere);
-        const Real center[3] = {Real(contact.center[0]), Real(contact.center[1]), Real(contact.center[2])};
-        for (int r = begin; r < end; ++r)
-            for (int k = 0; k < layout_.vectors; ++k) {
-                const Real* const x = memory_.data() + r * layout_.row_size() + k * layout_.stride;
-                const int lanes = layout_.lanes;
-                const auto inside = [&](int l) {
-                    const Real dx = x[l] - center[0], dy = x[lanes + l] - center[1],
-                               dz = x[2 * lanes + l] - center[2];
-                    return dx * dx + dy * dy + dz * dz < radius_squared;
-                };
-                int hits = 0;
-                for (int l = 0; l < lanes; ++l) hits |= inside(l);
-                if (!hits) continue;
-                any = true;
-                for (int l = 0; l < lanes; ++l)
-                    if (inside(l)) this->respond_at(contact, r, l * layout_.vectors + k);
-            }
-    }
-    return any;
-}
-
 template FieldLayout EdgeEngine<float>::field() const;
 template FieldLayout EdgeEngine<double>::field() const;
 template void EdgeEngine<float>::begin_sweep(const float*, float*, FieldBand<float>&);
 template void EdgeEngine<double>::begin_sweep(const double*, double*, FieldBand<double>&);
 template int EdgeEngine<float>::sweep_rows(int, int, FieldBand<float>&);
 template int EdgeEngine<double>::sweep_rows(int, int, FieldBand<double>&);
-template bool EdgeEngine<float>::collide_rows(int, int, const std::vector<Contact>&);
-template bool EdgeEngine<double>::collide_rows(int, int, const std::vector<Contact>&);
 
 }  // namespace clothsim

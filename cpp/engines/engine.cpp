@@ -6,8 +6,7 @@
 namespace clothsim {
 
 bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes) {
-    step_size = clock.dt;
-    if (!has_continuous()) {
+    if (!has_contacts()) {
         advance(steps, clock, threads);
         return true;
     }
@@ -34,13 +33,12 @@ void Engine::respond(double t0, double t1, double dt, int threads) {
 }
 
 void Engine::accept_in_contact(double t0, double t1, int threads) {
-    step_size = t1 - t0;
-    if (has_continuous()) {
+    if (has_contacts()) {
         save_checkpoint();
         keep_state();
     }
-    adaptive()->accept_step(t1, threads);
-    if (has_continuous()) respond(t0, t1, t1 - t0, threads);
+    adaptive()->accept_step(t1);
+    if (has_contacts()) respond(t0, t1, t1 - t0, threads);
     if (contact_report.trapped >= 0) return restore_checkpoint();
     if (depths_watched_) note_depths(t1);
 }

@@ -54,19 +54,18 @@ class Engine : public Tally {
 public:
     virtual ~Engine() = default;
 
-    // As `advance`, with continuous contacts after each step. `behind_planes`: steps that are expected to be
+    // As `advance`, with a contact pass after each step. `behind_planes`: steps that are expected to be
     // clear of the spheres may skip the pass (contact/separating_planes.hpp). False if a step was not clear;
     // the state must then be discarded.
     bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes);
 
-    // Of continuous contact since the last inspection, see ContactReport.
+    // Of the passes since the last inspection, see ContactReport.
     ContactReport contact_report;
 
     void watch_depths(bool on) { depths_watched_ = on; }
     // Raises the depth of mass points by that of all points of the present state, at time t.
     virtual void note_all_depths(double t) = 0;
 
-    double step_size = 0;  // of the newest steps [s]
     // Relative, of the arrays that a call has brought, until its first pass of contacts. In coarse arrays a
     // point that lay on a sphere may lie in it.
     double rounding_of_arrays = 0;
@@ -79,7 +78,7 @@ public:
     virtual void store(float* x, float* v) const = 0;
     virtual void store(double* x, double* v) const = 0;
 
-    // Steps k = 1..steps of the clock, the collision pass of each at time clock.at(k).
+    // Steps k = 1..steps of the clock without contacts.
     virtual void advance(std::int64_t steps, const Clock& clock, int threads) = 0;
     virtual void accelerations(double* a, int threads) = 0;
 
@@ -120,14 +119,14 @@ public:
     std::int64_t evaluations = 0;
     // Not null: the integrator carries an error estimate.
     virtual AdaptiveEngine* adaptive() { return nullptr; }
-    // Take the step that `adaptive()` has tried, from t0 to t1, with both collision passes at its end.
+    // Take the step that `adaptive()` has tried, from t0 to t1, with the contact pass at its end.
     // Where the spheres leave a point no place (contact_report), the state is that at t0.
     void accept_in_contact(double t0, double t1, int threads);
-    // Whether a sphere asks for continuous contact.
-    virtual bool has_continuous() const = 0;
+    // Whether there are spheres.
+    virtual bool has_contacts() const = 0;
 
 protected:
-    // Continuous contact: steps of so many that are expected to be clear of the spheres; whether they were.
+    // Steps of so many that are expected to be clear of the spheres; whether they were.
     virtual std::int64_t clear_steps(const Clock& clock, std::int64_t most) = 0;
     virtual bool advance_behind_planes(std::int64_t steps, const Clock& clock, int threads) = 0;
     // Before a step that may not be; after it.

@@ -33,7 +33,6 @@ GatherEngine<Real>::GatherEngine(const Plan& plan)
       grid_(plan.cloth.grid()) {
     const Cloth& cloth = plan_.cloth;
     kernel_ = kernels().gather;
-    sphere_kernel_ = kernels().sphere;
 
     const std::ptrdiff_t plane = layout_.plane;
     stage_a_.assign(6 * plane, Real(0));
@@ -122,20 +121,14 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
         arguments(Stage::third, clock.dt), arguments(Stage::fourth, clock.dt)};
 
     std::optional<Barrier> barrier;
-    const auto begin = [&](int team) {
-        barrier.emplace(team);
-        near_spheres_.resize(std::max(near_spheres_.size(), std::size_t(team)));
-    };
+    const auto begin = [&](int team) { barrier.emplace(team); };
     const auto work = [&](int thread, int team) {
         for (std::int64_t k = 1; k <= steps; ++k) {
             for (const GatherArguments<Real>& stage : stages) {
                 for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(stage, tile); });
-                // A point is moved by its own thread. No other thread reads it before the barrier.
-                if (stage.stage == Stage::fourth && !plan_.spheres.empty())
-                    respond_to_spheres(clock.at(k), thread, team);
                 barrier->wait();
             }
-            this->watch(rows() * thread / team, rows() * (thread + 1) / team, clock.at(k));
+            this->watch(rows() * thread / team, rows() * (thread + 1) / team);
         }
     };
 
@@ -151,60 +144,6 @@ void GatherEngine<Real>::accelerations(double* a, int threads) {
     for (int r = 0; r < rows(); ++r)
         for (int c = 0; c < columns(); ++c)
             for (int k = 0; k < 3; ++k) *a++ = double(first_acceleration_[layout_.at(r, c, k)]);
-}
-
-template <class Real>
-void GatherEngine<Real>::respond_to_spheres(double t, int thread, int team) {
-    const auto component = [&](const Tile& tile, int k) -> ComponentRows<Real> {
-        const int lanes = kernels().lanes;
-        return {memory_.data() + layout_.at(tile.row_begin, tile.column_begin, k), layout_.stride, lanes,
-                tile.row_end - tile.row_begin, (tile.column_end - tile.column_begin + lanes - 1) / lanes};
-    };
-    NearSpheres<Real>& near = near_spheres_[std::size_t(thread)];
-    this->contacts(t, near.contacts);
-    near.place([&](int k) {
-        Extent<Real> all = kernels().extent({});
-        for_each_tile(grid_, thread, team, [&](const Tile& tile) {
-            const Extent<Real> extent = kernels().extent(component(tile, k));
-            all = {std::min(all.low, extent.low), std::max(all.high, extent.high)};
-        });
-        return all;
-    });
-    for_each_tile(grid_, thread, team, [&](const Tile& tile) {
-        for (std::size_t i = 0; i < near.contacts.size(); ++i) {
-            SphereOutline<Real>& outline = near.outlines[i];
-            if (outline.axis >= 0 &&
-                kernels().beyond(component(tile, outline.axis), outline.above, outline.plane))
-                continue;
-            outline.crossed = true;
-            collide(near.contacts[i], tile);
-        }
-    });
-}
-
-template <class Real>
-bool GatherEngine<Real>::collide(const Contact& contact, const Tile& tile) {
-    SphereTest<Real> test{};
-    test.stride = layout_.stride;
-    test.plane = layout_.plane;
-    test.position = memory_.data() + layout_.origin;
-    for (int k = 0; k < 3; ++k) test.center[k] = Real(contact.center[k]);
-    test.radius_squared = NearSpheres<Real>::outer_radius_squared(contact.sphere);
-
-    struct Context {
-        GatherEngine* engine;
-        const Contact* contact;
-        bool hit = false;
-    } context{this, &contact};
-    sphere_kernel_(
-        test, tile,
-        [](void* p, int row, int column) {
-            auto* c = static_cast<Context*>(p);
-            c->hit = true;
-            c->engine->respond_at(*c->contact, row, column);
-        },
-        &context);
-    return context.hit;
 }
 
 template <class Real>
@@ -234,14 +173,6 @@ int GatherEngine<Real>::sweep_rows(int begin, int end, FieldBand<Real>& band) {
     const auto [first, last] = band.rows(begin, end);
     kernel_(band.gather, {first, last, 0, columns()});
     return end;
-}
-
-template <class Real>
-bool GatherEngine<Real>::collide_rows(int begin, int end, const std::vector<Contact>& contacts) {
-    bool any = false;
-    for (const Contact& contact : contacts)
-        if (!this->apart(contact, begin, end)) any |= collide(contact, {begin, end, 0, columns()});
-    return any;
 }
 
 template class StateEngine<float, PaddedLayout>;

@@ -62,24 +62,18 @@ protected:  // for cpp/integrators; see EdgeEngine
     FieldLayout field() const;
     void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band);
     int sweep_rows(int begin, int end, FieldBand<Real>& band);
-    bool collide_rows(int begin, int end, const std::vector<Contact>& contacts);
 
 private:
     void build_coefficients();
     void apply_force() override;
     GatherArguments<Real> arguments(Stage stage, double dt);
-    // The collision pass over a thread's tiles.
-    void respond_to_spheres(double t, int thread, int team);
-    bool collide(const Contact& contact, const Tile& tile);  // whether a point was found inside
 
     ThreadGrid grid_;
     GatherKernel<Real> kernel_;
-    SphereKernel<Real> sphere_kernel_;
     AlignedVector<Real> inverse_mass_, applied_, free_;
     SpringCoefficients<Real> spring_[spring_kind_count];
     std::vector<LanesWithNeighbour> lanes_;
     std::vector<std::uint8_t> row_has_fixed_;
-    std::vector<NearSpheres<Real>> near_spheres_;  // of each thread
     AlignedVector<Real> stage_a_, stage_b_;                      // six planes each
     AlignedVector<Real> first_acceleration_, acceleration_sum_;  // three planes each
 };

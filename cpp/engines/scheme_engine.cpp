@@ -15,7 +15,7 @@
 // An arrow is a sweep: it reads one version of the state row by row. It makes the next version of a row as
 // soon as its accelerations are known, so that the row is still in cache. Explicit sweeps follow each other
 // without barriers. Splittings overwrite the state in place and need a barrier between drift and kick.
-// After the last arrow: driven pins are placed, spheres respond, depths and speeds are watched.
+// After the last arrow: driven pins are placed.
 #include "engines/engine.hpp"
 
 #include <algorithm>
@@ -60,12 +60,10 @@ public:
             for (std::int64_t k = 1; k <= steps; ++k) {
                 advance_implicit(clock.at(k - 1), clock.dt);
                 this->place_pins(PinTime::of_end(clock.at(k), clock.dt), 0, this->rows(), this->memory_);
-                this->collide_rows(0, this->rows(), this->contacts(clock.at(k)));
-                this->watch(0, this->rows(), clock.at(k));
+                this->watch(0, this->rows());
             }
             return;
         }
-        contact_[0] = contact_[1] = false;
         bool known_after = false;
         if (explicit_) plan_stages(clock.dt, this->memory_);
         in_bands(threads, [&](FieldBand<Real>& band) {
@@ -76,12 +74,10 @@ public:
                     advance_explicit(band, t, clock.at(k));
                     continue;
                 }
-                if (band.first()) contact_[(k + 1) & 1] = false;
                 advance_splitting(band, t, clock.dt, known);
                 this->place_pins(PinTime::of_end(clock.at(k), clock.dt), band.begin, band.end, this->memory_);
-                const bool contact = collide(band, clock.at(k), contact_[k & 1]);
-                known = method_.splitting->first_same_as_last() && !contact;
-                this->watch(band.begin, band.end, clock.at(k));
+                known = method_.splitting->first_same_as_last();
+                this->watch(band.begin, band.end);
                 band.barrier();
             }
             if (band.first()) known_after = known;
@@ -138,7 +134,7 @@ public:
         return squares[0] / std::sqrt((squares[0] + 0.01 * squares[1]) * points);
     }
 
-    void accept_step(double t, int threads) override {
+    void accept_step(double t) override {
         this->planes_.drop();
         previous_.swap(this->memory_);
         this->memory_.swap(result_);
@@ -149,13 +145,9 @@ public:
         for (const Motion& motion : this->plan_.pin_motions)
             kink |= motion.at(t, before).velocity != motion.at(t, after.inside).velocity;
         this->place_pins(after, 0, this->rows(), this->memory_);
-        contact_[0] = false;
-        if (!this->plan_.spheres.empty())
-            in_bands(threads, [&](FieldBand<Real>& band) { collide(band, t, contact_[0]); });
-        // The acceleration at the end is the first one of the next step, unless a contact has changed the
-        // state since.
+        // The acceleration at the end is the first one of the next step.
         if (explicit_->error_needs_end) std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
-        this->state_known_ = explicit_->error_needs_end && !contact_[0] && !kink;
+        this->state_known_ = explicit_->error_needs_end && !kink;
     }
 
     double contact_step(double t, double h, double near, bool tried) override {
@@ -301,14 +293,11 @@ private:
         sweep(band, stages_[last & 1], last, finish);
     }
     void advance_explicit(FieldBand<Real>& band, double t0, double t) {
-        std::vector<Contact> contacts;
-        if (!this->plan_.spheres.empty()) contacts = this->contacts(t);
         run_stages(band, t0, false, [&](int begin, int end) {
             this->kernels().advance(field_, begin, end, this->memory_.data(), this->memory_.data(),
                                     result_sum_);
             this->place_pins(PinTime::of_end(t, planned_), begin, end, this->memory_);
-            if (!contacts.empty()) this->collide_rows(begin, end, contacts);
-            this->watch(begin, end, t);
+            this->watch(begin, end);
         });
     }
     // `known`: the acceleration at the start is.
@@ -338,15 +327,6 @@ private:
         this->store(x.data(), v.data());
         this->evaluations += implicit_->step(x, v, t, h);
         this->load(x.data(), v.data());
-    }
-
-    // The collision pass over the band; whether any point of the cloth was found inside, the same for all
-    // threads.
-    bool collide(const FieldBand<Real>& band, double t, std::atomic<bool>& found) {
-        if (this->plan_.spheres.empty()) return false;
-        if (this->collide_rows(band.begin, band.end, this->contacts(t))) found = true;
-        band.barrier();
-        return found;
     }
 
     // Where component k of a point's acceleration lies: in the row as in the state, but for the step from run
@@ -381,7 +361,6 @@ private:
     const Real* from_ = nullptr;  // where the planned step starts, and its sums
     std::vector<Combination<Real>> stage_sums_;
     Combination<Real> result_sum_;
-    std::array<std::atomic<bool>, 2> contact_{};
 
     AlignedVector<Real> result_, previous_;  // of the step tried, and before the step accepted
     std::vector<std::vector<RowSquares>> row_squares_;

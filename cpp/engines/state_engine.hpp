@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "contact/contact_pass.hpp"
-#include "contact/near_spheres.hpp"
 #include "contact/response.hpp"
 #include "contact/separating_planes.hpp"
 #include "engines/state_memory.hpp"
@@ -63,7 +62,7 @@ public:
         std::fill(touched_rows_.begin(), touched_rows_.end(), true);
         note_depths(t);
     }
-    bool has_continuous() const final { return contact_pass_.needed(); }
+    bool has_contacts() const final { return !plan_.spheres.empty(); }
 
 protected:
     using Memory::columns, Memory::depths_watched_, Memory::kernels, Memory::layout_, Memory::memory_,
@@ -82,7 +81,7 @@ protected:
     Vec3 applied_at(int point) const { return plan_.field_at(point) - plan_.gravity; }
 
     std::int64_t clear_steps(const Clock& clock, std::int64_t most) final {
-        return planes_.clear_steps(contact_pass_.spheres(), plan_.gravity, clock, most,
+        return planes_.clear_steps(plan_.spheres, plan_.gravity, clock, most,
                                    [&](int k) { return component(k, 0, rows()); });
     }
     bool advance_behind_planes(std::int64_t steps, const Clock& clock, int threads) final {
@@ -91,26 +90,21 @@ protected:
         contact_pass_.forget();
         return planes_.lower();
     }
-    // Some rows are at the end of a step, at time t; of a cloth in strips, those of columns [first_column,
-    // end_column).
-    void watch(int begin, int end, double t, int first_column, int end_column) {
+    // Some rows are at the end of a step.
+    void watch(int begin, int end) {
         if (planes_.up()) planes_.check([&](int k) { return component(k, begin, end); });
-        // Where continuous contact comes after the step, the state is not yet the one at its end.
-        if (depths_watched_ && !plan_.spheres.empty() && (planes_.up() || !has_continuous()))
-            note_depths(begin, end, t, first_column, end_column);
     }
-    void watch(int begin, int end, double t) { watch(begin, end, t, 0, columns()); }
     void keep_state() final { contact_pass_.keep(memory_); }
     ContactReport respond_to_contacts(double t0, double t1, double dt, int threads) final {
-        state_changed();
         const double rounding = std::max(std::exchange(this->rounding_of_arrays, 0.0),
                                          double(std::numeric_limits<Real>::epsilon()));
         const ContactReport report = contact_pass_.respond(memory_, t0, t1, dt, rounding, threads);
+        contact_responses += report.responses;
+        if (report.changed) state_changed();
         if (depths_watched_)
             for (int r = 0; r < rows(); ++r) touched_rows_[std::size_t(r)] |= contact_pass_.touched(r);
         return report;
     }
-    void note_depths(double t) final { note_depths(0, rows(), t, 0, columns()); }
 
     void state_replaced() final {
         state_changed();
@@ -123,79 +117,22 @@ protected:
         return {memory_.data() + layout_.first() + begin * g.row + k * g.component, g.row, g.vector,
                 end - begin, g.vectors};
     }
-    // The spheres at the end of a step; continuous spheres have their own pass.
-    void contacts(double t, std::vector<Contact>& result) const {
-        result.clear();
-        for (const Sphere& sphere : plan_.spheres)
-            if (sphere.response != Response::continuous)
-                result.emplace_back(sphere, t,
-                                    2 * double(Real(this->step_size / 2)));  // as the shader has it
-    }
-    std::vector<Contact> contacts(double t) const {
-        std::vector<Contact> result;
-        contacts(t, result);
-        return result;
-    }
-
-    // Whether a plane across an axis keeps some rows from the sphere; up and down first, as cloth falls.
-    bool apart(const Contact& contact, int begin, int end) const {
-        const double reach = NearSpheres<Real>::reach_of_plane(contact);
-        for (const int k : {1, 0, 2}) {
-            const Extent<Real> extent = kernels().extent(component(k, begin, end));
-            if (extent.low >= contact.center[k] + reach || extent.high <= contact.center[k] - reach)
-                return true;
-        }
-        return false;
-    }
-
-    // The response of one point that a kernel's test has found.
-    void respond_at(const Contact& contact, int row, int column) {
-        if (column >= columns()) return;
-        if (depths_watched_)
-            std::atomic_ref(touched_rows_[std::size_t(row)]).store(true, std::memory_order_relaxed);
-        const int point = row * columns() + column;
-        if (plan_.cloth.pinned[point]) return;
-        const PointState before = points_.get(memory_, point);
-        if (!touches(contact, before.position)) return;
-        const PointState after = respond(contact, before);
-        contact_responses.fetch_add(1, std::memory_order_relaxed);
-        if (after.position != before.position || after.velocity != before.velocity)
-            lower(watched.first_contact, contact.time);
-        const double mass = plan_.cloth.mass[point];
-        impulses.give(std::size_t(&contact.sphere - plan_.spheres.data()), row, column,
-                      mass*(after.velocity - before.velocity));
-        points_.set(memory_, point, after);
-    }
-
     ContactPass<Real, Layout> contact_pass_;
     SeparatingPlanes<Real> planes_;
 
 private:
-    // Of rows in which a sphere has found a mass point since the last pass. No other can have one inside: the
-    // test of the responses takes in the contact radius, pinned points too, and nothing moves points after
-    // it.
-    void note_depths(int begin, int end, double t, int first_column, int end_column) {
-        for (int r = begin; r < end; ++r) {
+    // Of rows in which the last pass has found a mass point near a sphere. No other can have one inside.
+    void note_depths(double t) final {
+        for (int r = 0; r < rows(); ++r) {
             if (!std::exchange(touched_rows_[std::size_t(r)], false)) continue;
             for (const Sphere& sphere : plan_.spheres) {
-                const double nearest =
-                    std::sqrt(least_square_of_row(r, sphere.center_at(t), first_column, end_column));
-                raise(watched.point_depth, sphere.radius - nearest);
+                const VectorGeometry g = layout_.geometry(kernels().lanes);
+                const double least = least_square(memory_.data() + layout_.first() + r * g.row, g,
+                                                  kernels().lanes, sphere.center_at(t));
+                raise(watched.point_depth, sphere.radius - std::sqrt(least));
             }
         }
     }
-    double least_square_of_row(int row, const Vec3& center, int first_column, int end_column) const {
-        const int lanes = kernels().lanes;
-        if (layout_.in_one_strip()) {
-            const VectorGeometry g = layout_.geometry(lanes);
-            return least_square(memory_.data() + layout_.first() + row * g.row, g, lanes, center);
-        }
-        double least = std::numeric_limits<double>::infinity();
-        for (int c = first_column; c < end_column; ++c)
-            least = std::min(least, (points_.position(memory_, row * columns() + c) - center).squaredNorm());
-        return least;
-    }
-
     AlignedVector<Real> checkpoint_;
     Tally tally_at_checkpoint_;
     std::vector<std::uint8_t> touched_rows_;  // whether a sphere found a mass point in the row

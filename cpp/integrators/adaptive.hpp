@@ -21,7 +21,7 @@ public:
     // state stays.
     virtual double try_step(double t, double h, const Tolerance& tolerance, int threads) = 0;
     // Take the step that was tried, with the collision pass at its end, time `t`.
-    virtual void accept_step(double t, int threads) = 0;
+    virtual void accept_step(double t) = 0;
     // The longest step from the state at time t, at most h, within which no motion has a kink. No point moves
     // further than its distance from the spheres, or, in a step of at most `near`, than a part of their
     // contact radius. `tried`: also by the velocities at the end of the step that was tried; a trial above

@@ -36,7 +36,6 @@ constexpr RealKernels<Real> real_kernels() {
     return {rows_kernels<ThisArch, Real>(),
             state_row_kernels<Real>(),
             &gather_tile<ThisArch, Real>,
-            &sphere_tile<ThisArch, Real>,
             {&edge_rows_of_any<ThisArch, Real>, &edge_last_row_of_any<ThisArch, Real>,
              &edge_halo_of_any<ThisArch, Real>},
             &edge_finish<ThisArch, Real>,

@@ -21,11 +21,6 @@ struct ContactKernels;
 template <class Real>
 using GatherKernel = void (*)(const GatherArguments<Real>&, const Tile&);
 
-// Calls `hit(context, row, column)` for every point of the tile closer than the radius.
-using HitCallback = void (*)(void* context, int row, int column);
-template <class Real>
-using SphereKernel = void (*)(const SphereTest<Real>&, const Tile&, HitCallback, void* context);
-
 // The edge kernel: one of the last two rows, the end of its stage, and many rows. The last computes the
 // forces of the two rows before a band on it.
 template <class Real>
@@ -67,7 +62,6 @@ template <class Real>
 struct RealKernels : RowsKernels<Real> {
     StateRowKernels<Real> state_rows;
     GatherKernel<Real> gather;
-    SphereKernel<Real> sphere;
     EdgeKernels<Real> edge_of_any;
     EdgeFinishKernel<Real> edge_finish;
     std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts;  // null: not compiled in versions

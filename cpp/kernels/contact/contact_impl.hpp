@@ -134,6 +134,19 @@ __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Re
     return unresolved;
 }
 
+template <class Arch, class Real>
+void inside_rows(const ContactArguments<Real>& a, const Real* center, Real radius2, int begin, int end) {
+    using V = Lanes<Real, Arch>;
+    const VectorGeometry& g = a.geometry;
+    for (int row = begin; row < end; ++row)
+        for (int vector = 0; vector < g.vectors; ++vector) {
+            const Vector3<V> x = load3<V>(a.state + row * g.row + vector * g.vector, g.component);
+            const Vector3<V> m{x.x - V(center[0]), x.y - V(center[1]), x.z - V(center[2])};
+            const auto inside = m.x * m.x + m.y * m.y + m.z * m.z < V(radius2);
+            if (__builtin_expect(xsimd::any(inside), 0)) a.unresolved(a.context, row, vector, inside.mask());
+        }
+}
+
 template <class Arch, class Real, Arithmetic arithmetic>
 void contact_rows(const ContactArguments<Real>& a, int begin, int end) {
     using V = Lanes<Real, Arch>;

@@ -23,6 +23,8 @@ constinit const ContactKernels ContactKernelsOf<this_instruction_set>::kernels{
     &contact_rows<ThisArch, float, Arithmetic::strict>,
     &contact_rows<ThisArch, double, Arithmetic::fused>,
     &contact_rows<ThisArch, double, Arithmetic::strict>,
+    &inside_rows<ThisArch, float>,
+    &inside_rows<ThisArch, double>,
     cell_kernels<float>,
     cell_kernels<double>};
 

@@ -10,6 +10,11 @@ namespace clothsim {
 template <class Real>
 using ContactKernel = void (*)(const ContactArguments<Real>&, int begin, int end);
 
+// "reflect" and "ray": calls a.unresolved for the points inside at the end of a step.
+template <class Real>
+using InsideKernel = void (*)(const ContactArguments<Real>& a, const Real* center, Real radius2, int begin,
+                              int end);
+
 // The passes of offset "cell", in the order in which a step takes them; each of the rows [begin, end).
 template <class Real>
 struct CellKernels {
@@ -26,6 +31,8 @@ struct CellKernels {
 struct ContactKernels {
     ContactKernel<float> single, strict_single;
     ContactKernel<double> double_, strict_double;
+    InsideKernel<float> inside_single;
+    InsideKernel<double> inside_double;
     CellKernels<float> cells_single;
     CellKernels<double> cells_double;
 
@@ -35,6 +42,11 @@ struct ContactKernels {
         else return strict ? cells_double.strict : cells_double.fused;
     }
 
+    template <class Real>
+    InsideKernel<Real> inside() const {
+        if constexpr (sizeof(Real) == 4) return inside_single;
+        else return inside_double;
+    }
     template <class Real>
     ContactKernel<Real> of(bool strict) const {
         if constexpr (sizeof(Real) == 4) return strict ? strict_single : single;

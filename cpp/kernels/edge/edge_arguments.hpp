@@ -18,18 +18,6 @@ struct EdgeCoefficientIndex {
     static constexpr int stiffness = 0, tension = 1, damping = 2, count = 3;
 };
 
-// A sphere, and a plane across an axis beside it: a row altogether beyond the plane is not inspected
-// further.
-template <class Real>
-struct SphereOutline {
-    Real center[3];
-    Real radius_squared;
-    int axis;  // -1: no plane
-    bool above;  // whether the rows are expected above it
-    Real plane;
-    bool crossed;  // set by the kernel when a row is not beyond the plane
-};
-
 // A row is a sequence of records, one a vector of mass points; a record is a sequence of vectors. In single
 // as many records of their compensation stand behind the state. So all data of a stage are one stream of
 // memory.
@@ -76,10 +64,6 @@ struct EdgeArguments : StepConstants<Real> {
     int ahead;
     std::ptrdiff_t ahead_begin, ahead_end;
     int row_count;
-    SphereOutline<Real>* spheres;
-    int sphere_count;
-    void (*hit)(void* context, int sphere, int row, int vector, std::uint64_t lanes);
-    void* context;
 };
 
 // Places of a row for a stage: its own records and the records of the two rows further on. They are null

@@ -330,7 +330,6 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     const Reach<Lanes<Real, Arch>, fixed> reach(e.reach);
     Real* received = e.received[0];
     Real* sent_down = e.received[1];
-    const int first_finished = e.pending < 0 ? begin : e.pending;
     for (int row = begin; row < end; ++row) {
         const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
         RowPass<Arch, Real, set, stage, fixed>(e, sources, received, sent_down, pending_row(e), reach,
@@ -342,7 +341,6 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     }
     e.received[0] = received;
     e.received[1] = sent_down;
-    end_rows<Lanes<Real, Arch>>(e, first_finished, end - 1);
 }
 
 // Damped rows of the paper's 32 columns are written out vector by vector where four vectors hold them: 8 to

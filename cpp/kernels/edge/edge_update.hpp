@@ -1,5 +1,4 @@
-// The edge kernel: from the forces on a row to the end of its Runge-Kutta stage, and the spheres that it may
-// have touched.
+// The edge kernel: from the forces on a row to the end of its Runge-Kutta stage.
 #pragma once
 
 #include "kernels/edge/edge_spring.hpp"
@@ -106,46 +105,6 @@ __attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const Pe
         case Stage::evaluate: return finish_vector<V, Real, Stage::evaluate>(e, row, k);
     }
 }
-// Whether all points of a row are beyond the sphere's plane; padding is above every plane.
-template <class V, class Real>
-CLOTHSIM_INLINE bool beyond_plane(const EdgeArguments<Real>& e, const Real* row, std::ptrdiff_t stride,
-                                  const SphereOutline<Real>& sphere) {
-    if (sphere.axis < 0) return false;
-    const Real* const x = row + sphere.axis * int(V::size);
-    V nearest = V::load_unaligned(x);
-    if (sphere.above) {
-        for (int k = 1; k < e.vectors; ++k) nearest = xsimd::min(nearest, V::load_unaligned(x + k * stride));
-        return xsimd::all(nearest >= V(sphere.plane));
-    }
-    for (int k = 1; k < e.vectors; ++k) nearest = xsimd::max(nearest, V::load_unaligned(x + k * stride));
-    return xsimd::all(nearest <= V(sphere.plane));
-}
-
-// The spheres that points of rows [begin, end) have entered.
-template <class V, class Real>
-__attribute__((noinline)) void edge_spheres(const EdgeArguments<Real>& e, int begin, int end) {
-    constexpr int W = int(V::size), state_stride = StateRecord::count * W;
-    for (int s = 0; s < e.sphere_count; ++s) {
-        SphereOutline<Real>& sphere = e.spheres[s];
-        const Vector3<V> center{V(sphere.center[0]), V(sphere.center[1]), V(sphere.center[2])};
-        for (int row = begin; row < end; ++row) {
-            if (beyond_plane<V>(e, e.rows[row].state, state_stride, sphere)) continue;
-            sphere.crossed = true;
-            for (int k = 0; k < e.vectors; ++k) {
-                const Vector3<V> m = load3<V>(e.rows[row].state + k * state_stride, W) - center;
-                const auto inside = m.x * m.x + m.y * m.y + m.z * m.z < V(sphere.radius_squared);
-                if (__builtin_expect(xsimd::any(inside), 0)) e.hit(e.context, s, row, k, inside.mask());
-            }
-        }
-    }
-}
-
-// The rest of the work when the vectors of rows [begin, end) are finished. Not row by row: the response to a
-// contact is a call, for which each row would save its registers.
-template <class V, class Real>
-CLOTHSIM_INLINE void end_rows(const EdgeArguments<Real>& e, int begin, int end) {
-    if (e.stage == Stage::fourth) edge_spheres<V>(e, begin, end);
-}
 
 // Ask for the part of a row ahead that belongs to a vector. In one go the requests would wait for each
 // other, and the arithmetic with them.
@@ -183,7 +142,6 @@ CLOTHSIM_INLINE void send_down_2(const EdgeArguments<Real>& e, const EdgeSources
 // The forces on a row are known, and the stage of the row before is finished.
 template <class V, class Real>
 CLOTHSIM_INLINE void row_is_pending(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
-    if (e.pending >= 0) end_rows<V>(e, e.pending, e.pending + 1);
     e.pending = row;
     e.pending_source = source.here;
 }
@@ -195,7 +153,6 @@ void edge_finish(EdgeArguments<Real>& e) {
     const PendingRow<Real> pending = pending_row(e);
     if (!pending.there) return;
     for (int k = 0; k < e.vectors; ++k) finish_any<V, Real>(e, pending, k);
-    end_rows<V>(e, e.pending, e.pending + 1);
     e.pending = -1;
 }
 

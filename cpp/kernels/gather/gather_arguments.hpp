@@ -75,12 +75,4 @@ struct GatherArguments : StepConstants<Real> {
     Real* acceleration_sum;  // a2 + a3
 };
 
-template <class Real>
-struct SphereTest {
-    std::ptrdiff_t stride, plane;
-    const Real* position;
-    Real center[3];
-    Real radius_squared;
-};
-
 }  // namespace clothsim

@@ -173,21 +173,5 @@ void gather_tile(const GatherArguments<Real>& g, const Tile& tile) {
     else gather_rows<V, Real, false>(g, tile);
 }
 
-// Section 5.1 of Kim et al. a vector at a time; the caller responds in double for the rare point inside.
-template <class Arch, class Real>
-void sphere_tile(const SphereTest<Real>& test, const Tile& tile, HitCallback hit, void* context) {
-    using V = Lanes<Real, Arch>;
-    for (int row = tile.row_begin; row < tile.row_end; ++row) {
-        for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
-            const Vector3<V> x = load3<V>(test.position + row * test.stride + column, test.plane);
-            const Vector3<V> m{x.x - V(test.center[0]), x.y - V(test.center[1]), x.z - V(test.center[2])};
-            const auto inside = dot(m, m) < V(test.radius_squared);
-            if (__builtin_expect(xsimd::none(inside), 1)) continue;
-            for (std::uint64_t mask = inside.mask(); mask != 0; mask &= mask - 1)
-                hit(context, row, column + __builtin_ctzll(mask));
-        }
-    }
-}
-
 }  // namespace
 }  // namespace clothsim
