@@ -42,11 +42,10 @@ void bind_diagnostics(py::module_& m) {
           });
     m.def("largest_stretch",
           [](const Cloth& cloth, const Array<double>& x) { return largest_stretch(cloth, view(x)); });
-    m.def("penetration",
-          [](int rows, int columns, const Array<double>& x, const Vec3& center, double radius) {
-              const Penetration p = penetration(rows, columns, view(x), center, radius);
-              return py::make_tuple(p.points, p.triangles);
-          });
+    m.def("penetration", [](int rows, int columns, const Array<double>& x, const Sphere& sphere, double t) {
+        const Penetration p = penetration(rows, columns, view(x), sphere, t);
+        return py::make_tuple(p.points, p.triangles);
+    });
 }
 
 namespace {

@@ -6,7 +6,7 @@
 
 #include "bindings/bindings.hpp"
 #include "bindings/views.hpp"
-#include "contact/offset.hpp"
+#include "contact/exact.hpp"
 #include "engines/engine.hpp"
 #include "integrators/methods.hpp"
 #include "measure/mode_bounds.hpp"
@@ -14,6 +14,8 @@
 
 namespace clothsim {
 namespace {
+
+constexpr int contact_values = 23;  // of `contact_table`
 
 using FamilyValues = std::map<std::string, double>;
 
@@ -62,21 +64,23 @@ Array<double> motion_states(const Motion& motion, const Array<double>& times) {
     return states;
 }
 
-Sphere make_sphere(const Vec3& center, double radius, double contact_radius, const std::string& response,
+Sphere make_sphere(const Vec3& center, double radius, double offset, const std::string& response,
                    bool as_printed, double restitution, double friction, const Motion& motion, bool cells,
-                   double push_out_speed) {
+                   double push_out_speed, const Vec3& normal, double spread) {
     const auto name = std::find(response_names.begin(), response_names.end(), response);
     if (name == response_names.end()) throw std::invalid_argument("no response has the name " + response);
     return {.center = center,
             .radius = radius,
-            .contact_radius = contact_radius,
+            .offset = offset,
             .restitution = restitution,
             .friction = friction,
             .response = Response(name - response_names.begin()),
             .as_printed = as_printed,
             .cells = cells,
             .push_out_speed = push_out_speed,
-            .motion = motion};
+            .motion = motion,
+            .normal = normal,
+            .spread = spread};
 }
 
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres,
@@ -97,16 +101,31 @@ Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> sphe
     return plan;
 }
 
-// Centre and velocity of every sphere at every time, shape (times, spheres, 6): what another backend than the
-// core's own needs for its collision passes.
-Array<double> sphere_states(const Plan& plan, const std::vector<double>& times) {
-    Array<double> states({py::ssize_t(times.size()), py::ssize_t(plan.spheres.size()), py::ssize_t(6)});
-    double* next = states.mutable_data();
-    for (const double t : times)
-        for (const Sphere& sphere : plan.spheres)
-            for (const Vec3& part : {sphere.center_at(t), sphere.velocity_at(t)})
-                next = std::copy_n(part.data(), 3, next);
-    return states;
+// Every sphere at every time, shape (times, spheres, values), as the shader takes it
+// (gpu/shaders/contact.wgsl) but for the rounded part of its place. `origin`: of the positions.
+Array<double> contact_table(const Plan& plan, const std::vector<double>& times, const Vec3& origin, double dt,
+                            bool single) {
+    const double rounding = single ? 0x1p-23 : 0x1p-52,
+                 of_cells = single ? cell_rounding<float> : cell_rounding<double>;
+    std::vector<double> values;
+    for (std::size_t i = 0; i < times.size(); ++i)
+        for (Sphere sphere : plan.spheres) {
+            sphere.origin = origin;
+            const bool path = sphere.response == Response::continuous;
+            const double t0 = path && i > 0 ? times[i - 1] : times[i];
+            SweptSphere s = swept(sphere, plan.cloth, t0, times[i], dt, path ? rounding : 0, single);
+            if (!path) Eigen::Map<Vec3>(s.velocity) = sphere.velocity_at(times[i]);
+            for (const auto* vector : {&s.end, &s.velocity, &s.normal})
+                values.insert(values.end(), std::begin(*vector), std::end(*vector));
+            values.insert(values.end(),
+                          {s.curvature, s.least, s.innermost, s.band, s.tolerance, s.most_of_cells,
+                           s.restitution, s.friction, s.push, s.dt, s.near_level, s.near_curvature,
+                           s.curvature * of_cells, 1 + ContactBand::excess});
+        }
+    const py::ssize_t rows = py::ssize_t(times.size()), spheres = py::ssize_t(plan.spheres.size());
+    Array<double> table({rows, spheres, py::ssize_t(contact_values)});
+    std::copy(values.begin(), values.end(), table.mutable_data());
+    return table;
 }
 
 py::tuple rows_of(const ExplicitMethod& method) {
@@ -161,16 +180,18 @@ void bind_model(py::module_& m) {
         .def(py::init(&make_motion), "pieces"_a, "period"_a, "phase"_a, "relative"_a)
         .def("states", &motion_states);
     py::class_<Sphere>(m, "Sphere")
-        .def(py::init(&make_sphere), py::kw_only(), "center"_a, "radius"_a, "contact_radius"_a, "response"_a,
-             "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "cells"_a = false,
-             "push_out_speed"_a = 1.0)
+        .def(py::init(&make_sphere), py::kw_only(), "center"_a, "radius"_a, "offset"_a, "response"_a,
+             "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "cells"_a, "push_out_speed"_a,
+             "normal"_a, "spread"_a = 1.0)
+        .def_readonly("normal", &Sphere::normal)
+        .def_readonly("spread", &Sphere::spread)
         .def("center_at", &Sphere::center_at)
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), "cloth"_a, "gravity"_a, "spheres"_a, "force"_a,
              "pin_motions"_a, "driven_pins"_a, "precision"_a, "kernel"_a, "instruction_set"_a, "integrator"_a)
         .def_readonly("cloth", &Plan::cloth)
-        .def("sphere_states", &sphere_states)
+        .def("contact_table", &contact_table)
         .def("runaway_speed",
              [](const Plan& p, double dt, double stable_dt) { return runaway_speed(p.cloth, dt, stable_dt); })
         .def_property_readonly("instruction_set", [](const Plan& p) { return std::string(p.kernels->name); })
@@ -178,7 +199,6 @@ void bind_model(py::module_& m) {
             return p.precision == Precision::single ? lanes<float>(p) : lanes<double>(p);
         });
     m.def("edge_offset", &edge_offset);
-    m.def("band_of_cells", &band_of_cells);
     m.def("methods", &methods);
     m.def("add_splitting",
           [](const std::string& name, const std::vector<double>& drifts, const std::vector<double>& kicks) {

@@ -100,7 +100,13 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
 void signal(const Outcome& outcome, py::dict& result) {
     if (outcome.pinned_inside)
         result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);
-    if (outcome.capped) result["capped"] = py::make_tuple(outcome.capped->member, outcome.capped->point);
+    if (outcome.large_cell)
+        result["large_cell"] = py::make_tuple(outcome.large_cell->member, outcome.large_cell->point);
+    if (outcome.start) {
+        const ContactReport::Start& at = outcome.start->at;
+        result["start"] = py::make_tuple(outcome.start->member, at.sphere, at.points, at.deepest, at.depth);
+    }
+    if (outcome.lifted) result["lifted"] = *outcome.lifted;
     if (outcome.grown) {
         result["grown"] = *outcome.grown;
         result["steps"] = outcome.steps;
@@ -154,8 +160,7 @@ bool can_hold(const Array<T>& out, const Array<U>& x) {
 template <class T>
 py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                 std::int64_t steps, double dt, int threads, Array<T>& x_out, Array<T>& v_out) {
-    if (!can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out))
-        return py::bool_(false);
+    if (!can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out)) return py::bool_(false);
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     const auto to = members_of(*simulation, x_out, v_out);
@@ -243,9 +248,10 @@ py::list watched(SharedSimulation& shared) {
         py::dict one;
         one["in_contact"] = w.in_contact();
         one["first_contact"] = w.in_contact() ? w.first_contact.load() : nan;
-        one["point_depth"] = w.point_depth.load();
-        one["triangle_depth"] = std::max(w.triangle_depth, w.point_depth.load());
+        one["point_depth"] = w.point_depth;
+        one["triangle_depth"] = std::max(w.triangle_depth, w.point_depth);
         one["stretch"] = std::isfinite(w.stretch) ? w.stretch : 0.0;  // of a cloth without springs
+        one["lift_work"] = w.lift_work;
         one["energy_gained"] = simulation->energy_known(i) ? w.energy_gained : nan;
         std::vector<std::array<double, 3>> impulses;
         for (std::size_t s = 0; s < simulation->plan(i).spheres.size(); ++s) {

@@ -114,10 +114,11 @@ void bind_build(py::module_& m) {
         ends.append(py::make_tuple(n.row, n.column, family_names[n.family], int(n.kind)));
     m.attr("neighbours") = py::tuple(ends);
     m.attr("extents_that_are_far") = extents_that_are_far;
-    m.attr("outer_epsilons") = outer_epsilons;
-    m.attr("slop_epsilons") = slop_epsilons;
-    m.attr("cell_roundings") = py::make_tuple(cell_rounding<float>, cell_rounding<double>);
-    m.attr("cell_excess") = CellBand::excess;
+    // As the live page has them: of single, bands and tolerance in epsilon.
+    m.attr("contact_constants") =
+        py::dict("slop"_a = slop_epsilons, "band"_a = ContactBand::least,
+                 "bandOfCells"_a = ContactBand::of_cells_in_single, "tolerance"_a = ContactBand::tolerance,
+                 "rounding"_a = cell_rounding<float>, "excess"_a = 1 + ContactBand::excess);
 }
 
 }  // namespace clothsim

@@ -3,7 +3,7 @@
 //
 //      start of step      free end                        response
 //
-//           o - - - - - - -> x                 o - - -t    t: time of impact, on the contact radius
+//           o - - - - - - -> x                 o - - -t    t: time of impact, on the contact surface
 //                       ____                         / \   n: normal there
 //                     /  S   \                      s    n   v.n -> -e v.n, friction on the rest
 //                                                            s: the rest of the step, along the new velocity
@@ -13,23 +13,30 @@
 //   2. Bounces and points near several spheres follow, point by point in the cloth's order.
 //      The energy of a bounce depends on the neighbours as they are now.
 //
-//     all points -> open vectors (kernel) -> done | free: untouched | unresolved -> exact::respond, one by
-//     one
+//     all points -> near (kernel) -> done | free: untouched | unresolved -> exact::resolve, one by one
 //
-// Where a sphere has the offset "cell", each point has a contact radius of its own: contact/cell_pass.hpp.
+// Where a sphere has the offset "cell", each point has a contact surface of its own, by rho of its cells
+// (kernels/contact/contact_impl.hpp):
+//
+//   1. rho is that before the step. Rows where the step before has not left it wait until it is found.
+//   3. rho of the cells now. Points that lie deeper than it lets them are lifted; again, until none is. A
+//      move of d changes rho by at most d and a distance by rho / sqrt(R^2 + rho^2) of that: the rounds
+//      contract. Later rounds visit the rows beside points that were lifted.
+//
+// A phase reads what the phase before has written, or what its own rows wrote before. So any number of
+// threads gives the same bits.
 #pragma once
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <limits>
-#include <optional>
+#include <utility>
+#include <vector>
 
-#include "contact/cell_pass.hpp"
 #include "contact/contact_report.hpp"
 #include "contact/exact.hpp"
 #include "contact/large_cells.hpp"
-#include "contact/offset.hpp"
 #include "contact/state_points.hpp"
 #include "kernels/contact/contact_kernels.hpp"
 #include "kernels/kernel_table.hpp"
@@ -43,338 +50,412 @@ namespace clothsim {
 
 template <class Real, class Layout>
 class ContactPass {
+    using Points = StatePoints<Real, Layout>;
+
 public:
     ContactPass(const Plan& plan, const Layout& layout, Impulses& impulses)
         : plan_(plan),
           layout_(layout),
           points_(layout_, plan.cloth.columns),
           impulses_(impulses),
-          kernel_(plan.kernels->contact.of<Real>(plan.kernel == Kernel::gather)),
-          inside_kernel_(plan.kernels->contact.inside<Real>()) {
-        bool cells = false;
+          kernels_(plan.kernels->contact.of<Real>(plan.kernel == Kernel::gather)),
+          lanes_(kernels_of<Real>(*plan.kernels).lanes) {
+        if (plan.spheres.empty()) return;
         for (const Sphere& sphere : plan.spheres)
             if (sphere.response == Response::continuous) {
-                spheres_.push_back(&sphere);
                 numbers_.push_back(std::size_t(&sphere - plan.spheres.data()));
-                cells |= sphere.cells;
-                bounces_ |= sphere.restitution > 0;
+                a_.cells |= sphere.cells;
+                a_.bounces |= sphere.restitution > 0;
             }
-        if (plan.spheres.empty()) return;
-        diagonal_ = std::hypot(plan.cloth.row_spacing, plan.cloth.column_spacing);
-        const int lanes = kernels_of<Real>(*plan.kernels).lanes;
-        geometry_ = layout.geometry(lanes);
-        const std::size_t vectors = std::size_t(geometry_.rows) * std::size_t(geometry_.vectors);
-        open_.assign(vectors, 0);
-        unresolved_.assign(vectors, 0);
-        free_.assign(vectors, 0);
-        mass_.assign(vectors * std::size_t(lanes), Real(0));
-        for (int r = 0; r < geometry_.rows; ++r)
-            for (int j = 0; j < geometry_.vectors; ++j)
-                for (int l = 0; l < lanes; ++l) {
-                    const int column = layout.column(j, l, lanes);
-                    if (column >= plan.cloth.columns) continue;
-                    const std::size_t point = std::size_t(r * plan.cloth.columns + column);
-                    free_[index(r, j)] |= std::uint64_t(!plan.cloth.pinned[point]) << l;
-                    mass_[index(r, j) * std::size_t(lanes) + std::size_t(l)] = Real(plan.cloth.mass[point]);
+        VectorGeometry& g = a_.geometry = layout.geometry(lanes_);
+        const Cloth& cloth = plan.cloth;
+        cell_rows_ = std::max(cloth.rows - 1, 1);
+        const std::size_t vectors = std::size_t(g.rows) * std::size_t(g.vectors),
+                          values = vectors * std::size_t(lanes_);
+        for (auto* const sets : {&near_, &unresolved_, &inside_, &found_, &free_, &cells_})
+            sets->assign(vectors, 0);
+        mass_.assign(values, Real(0));
+        for (int r = 0; r < g.rows; ++r)
+            for (int j = 0; j < g.vectors; ++j)
+                for (int l = 0; l < lanes_; ++l) {
+                    const int column = layout.column(j, l, lanes_);
+                    if (column >= cloth.columns) continue;
+                    const std::size_t point = std::size_t(r * cloth.columns + column);
+                    free_[index(r, j)] |= std::uint64_t(!cloth.pinned[point]) << l;
+                    cells_[index(r, j)] |=
+                        std::uint64_t(r < cell_rows_ && column < std::max(cloth.columns - 1, 1)) << l;
+                    mass_[index(r, j) * std::size_t(lanes_) + std::size_t(l)] = Real(cloth.mass[point]);
                 }
-        lanes_ = lanes;
-        touched_.assign(std::size_t(geometry_.rows), false);
-        if (cells)
-            cell_pass_.emplace(plan.cloth, layout, geometry_, lanes, plan.kernels->contact,
-                               plan.kernel == Kernel::gather);
+        for (auto* const rows : {&marks_, &known_, &wanted_}) rows->assign(std::size_t(g.rows), 0);
+        sums_.assign(std::size_t(g.rows), {});
+        a_.free = free_.data();
+        a_.mass = mass_.data();
+        a_.impulse_row = std::ptrdiff_t(impulses_.size_of_row());
+        a_.sums = sums_.data();
+        a_.marks = marks_.data();
+        a_.near = near_.data();
+        a_.unresolved = unresolved_.data();
+        a_.inside = inside_.data();
+        if (!a_.cells) return;
+        cell_radii2_.assign(values + std::size_t(lanes_), Real(0));
+        point_radii2_.assign(values, Real(0));
+        press_.assign(values, Real(0));
+        a_.right = cloth.columns > 1 ? layout.right()[0] : 0;
+        a_.right_of_last = cloth.columns > 1 ? layout.right()[1] : 0;
+        a_.below = cloth.rows > 1 ? g.row : 0;
+        a_.transposed = Layout::is_transposed;
+        a_.cell_lanes = cells_.data();
+        a_.cell_radii2 = cell_radii2_.data() + lanes_;
+        a_.point_radii2 = point_radii2_.data();
+        a_.press = press_.data();
+        a_.known = known_.data();
+        a_.wanted = wanted_.data();
     }
     ContactPass(const ContactPass&) = delete;
 
-    void forget() {
+    // The state before the next step is not the one after the last. `start`: a call or a scene has brought
+    // it.
+    void forget(bool start) {
         current_ = false;
-        if (cell_pass_) cell_pass_->forget();
+        starts_ |= start;
+        std::fill(marks_.begin(), marks_.end(), 0);
     }
-
     // Before a step: the state it starts from.
     void keep(const AlignedVector<Real>& memory) {
-        if (!current_ && !spheres_.empty()) before_ = memory;
+        if (!current_ && !numbers_.empty()) before_ = memory;
     }
 
     // `rounding`: relative, of the state.
     ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt, double rounding,
                           int threads) {
         memory_ = &memory;
+        passed_ = true;
+        a_.state = memory.data() + layout_.first();
+        threads_ = std::max(1, std::min(threads, plan_.cloth.points() / least_points_per_thread));
         report_ = {};
-        std::fill(touched_.begin(), touched_.end(), false);
-        for (const Sphere& sphere : plan_.spheres)
-            if (sphere.response != Response::continuous) respond_at_end(sphere, t1, dt, threads);
-        if (spheres_.empty()) return report_;
-        swept_.clear();
-        for (const Sphere* sphere : spheres_) {
-            const double band = band_of_cells(sphere->contact_radius, diagonal_, sizeof(Real) == 4);
-            swept_.push_back(swept(*sphere, t0, t1, dt, rounding, band));
-        }
-        current_ = true;
-        if (cell_pass_) respond_to_cells(threads);
-        else respond_to_points(threads);
+        respond_at_end(t1, dt);
+        if (!numbers_.empty()) respond_to_paths(t0, t1, dt, rounding);
+        note_depths_at_end(t1);
+        starts_ = false;
         return report_;
     }
 
-    // Whether the pass has inspected a mass point of the row: any other is outside the spheres.
-    bool touched(int row) const {
-        const auto first = open_.begin() + std::ptrdiff_t(index(row, 0));
-        return touched_[std::size_t(row)] ||
-            std::any_of(first, first + geometry_.vectors, [](std::uint8_t open) { return open != 0; });
+    // The first point of a cell that is larger than a sphere and touches it at time t, or -1; looked for if
+    // the pass has run since the last look.
+    std::int64_t large_cell(const AlignedVector<Real>& memory, double t) {
+        if (!std::exchange(passed_, false) || !a_.cells) return -1;
+        std::fill(wanted_.begin(), wanted_.begin() + cell_rows_, 1);
+        kernels_.radii(a_, memory.data() + layout_.first(), 0, a_.geometry.rows);
+        if (current_) known(true);
+        double least = std::numeric_limits<double>::infinity();
+        for (const Sphere& sphere : plan_.spheres)
+            if (sphere.cells) least = std::min(least, sphere.radius);
+        const Real most = *std::max_element(cell_radii2_.begin() + lanes_, cell_radii2_.end());
+        if (!(double(most) > least * least)) return -1;
+        return large_cell_at_sphere(plan_.cloth, plan_.spheres, t,
+                                    [&](int i) { return points_.position(memory, i); });
     }
 
-    // Energies that contact/exact.hpp needs.
+    // What contact/exact.hpp needs.
     PointState before(int i) const { return points_.get(before_, i); }
     PointState now(int i) const { return points_.get(*memory_, i); }
     void set(int i, const PointState& state) { points_.set(*memory_, i, state); }
     // A radius that grows moves points and gives no velocity.
     void give(int i, const SweptSphere& s, const Vec3& change) {
-        if (raising_) return;
-        impulses_.give(numbers_[std::size_t(&s - swept_.data())], i / plan_.cloth.columns,
-                       i % plan_.cloth.columns, mass(i) * change);
+        if (!lifting_) impulses_.give(number(s), row(i), column(i), mass(i) * change);
     }
-    bool pinned(int i) const { return plan_.cloth.pinned[std::size_t(i)]; }
+    void press(int i, double speed) {
+        if (a_.cells) press_[std::size_t(value_of(i))] = Real(speed);
+    }
+    void note_inside(int i, const SweptSphere& s, double depth) {
+        was_inside_ = true;
+        if (lifting_ || !starts_) return;
+        // Half warns of sheets laid around a sphere by the cells at rest; twice hides another hundredth.
+        constexpr double part_of_standoff = 0.01;
+        if (s.cells) {
+            const double standoff = s.curvature * radius2_before(i) / 2;
+            // Cells larger than the sphere have a warning of their own.
+            if (depth <= part_of_standoff * standoff || 2 * standoff >= s.most_of_cells) return;
+        }
+        ContactReport::Start& start = report_.start;
+        if (start.points > 0 && start.sphere != std::int64_t(number(s))) return;
+        start.sphere = std::int64_t(number(s));
+        if (start.points++ == 0 || depth > start.depth) {
+            start.depth = depth;
+            start.deepest = i;
+        }
+    }
     double mass(int i) const { return plan_.cloth.mass[std::size_t(i)]; }
     Vec3 field_at(int i) const { return plan_.field_at(i); }
     double spring_energy(int i, const Vec3& x) const {
         return clothsim::spring_energy(plan_.cloth, i, x, [this](int j) { return position(j); });
     }
-    Surface<double> cell_surface_at(int i, const SweptSphere& s) const {
-        const Surface<double> before = cell_surface<Real>(s, cell_pass_->radius2_before(i));
-        if (!raising_) return before;
-        Surface<double> surface = cell_surface<Real>(s, largest_radius2(i));
+    Surface<double> surface_at(int i, const SweptSphere& s) const {
+        if (!s.cells) return surface_of<Real>(s, 0.0);
+        const Surface<double> before = surface_of<Real>(s, radius2_before(i));
+        if (!lifting_) return before;
+        Surface<double> surface = surface_of<Real>(s, std::max(radius2_before(i), radius2_now(i)));
         surface.innermost = before.innermost;
         return surface;
     }
-    Vec3 position(int i) const { return points_.position(*memory_, i); }
 
 private:
-    using Points = StatePoints<Real, Layout>;
-    // Rounds in which points are moved outwards as rho grows. Each leaves at most 0.71 of the last, so that
-    // twice as many change nothing; half leave 3e-8 of the first move.
-    static constexpr int most_raises = 100;
+    // Rounds in which points are lifted as rho grows. Each leaves at most 0.71 of the last, so that twice as
+    // many change nothing; half leave 3e-8 of the first move.
+    static constexpr int most_lifts = 100;
     // Below this number of points a second thread costs more than it saves.
     static constexpr int least_points_per_thread = 8192;
 
     std::size_t index(int row, int vector) const {
-        return std::size_t(row) * std::size_t(geometry_.vectors) + std::size_t(vector);
+        return std::size_t(row) * std::size_t(a_.geometry.vectors) + std::size_t(vector);
     }
-
-    // "reflect" and "ray", which see the end of the step alone.
-    void respond_at_end(const Sphere& sphere, double t, double dt, int threads) {
-        struct Ends {
-            ContactPass* pass;
-            Contact contact;
-            std::atomic<std::int64_t> responses{0};
-            std::atomic<bool> changed{false};
-        } ends{this, Contact(sphere, t, 2 * double(Real(dt / 2)))};  // as the shader has it
-        Real center[3];
-        for (int k = 0; k < 3; ++k) center[k] = Real(ends.contact.center[k]);
-        constexpr double margin = outer_epsilons * double(std::numeric_limits<Real>::epsilon());
-        const Real radius2 = Real(sphere.contact_radius * sphere.contact_radius * (1 + margin));
-        ContactArguments<Real> a{};
-        a.geometry = geometry_;
-        a.state = memory_->data() + layout_.first();
-        a.context = &ends;
-        a.unresolved = [](void* context, int row, int vector, std::uint64_t lanes) {
-            Ends& all = *static_cast<Ends*>(context);
-            for (; lanes != 0; lanes &= lanes - 1) {
-                const int column = all.pass->layout_.column(vector, __builtin_ctzll(lanes), all.pass->lanes_);
-                if (column >= all.pass->plan_.cloth.columns) continue;
-                all.pass->touched_[std::size_t(row)] = true;
-                const int point = row * all.pass->plan_.cloth.columns + column;
-                if (all.pass->pinned(point) || !touches(all.contact, all.pass->position(point))) continue;
-                ++all.responses;
-                if (all.pass->respond_at_end(all.contact, point)) all.changed = true;
-            }
-        };
-        each_part(threads, [&](int begin, int end) { inside_kernel_(a, center, radius2, begin, end); });
-        report_.responses += ends.responses;
-        report_.changed |= ends.changed;
+    int row(int i) const { return i / plan_.cloth.columns; }
+    int column(int i) const { return i % plan_.cloth.columns; }
+    std::size_t number(const SweptSphere& s) const { return numbers_[std::size_t(&s - swept_.data())]; }
+    Vec3 position(int i) const { return points_.position(*memory_, i); }
+    bool pinned(int i) const { return plan_.cloth.pinned[std::size_t(i)]; }
+    // Where a point's own values lie.
+    std::ptrdiff_t value_of(int i) const {
+        const int vectors = a_.geometry.vectors, c = column(i);
+        return std::ptrdiff_t(index(row(i), a_.transposed ? c % vectors : c / lanes_)) * lanes_ +
+            (a_.transposed ? c / vectors : c % lanes_);
     }
-    bool respond_at_end(const Contact& contact, int i) {
-        const PointState before = now(i), after = clothsim::respond(contact, before);
-        impulses_.give(std::size_t(&contact.sphere - plan_.spheres.data()), i / plan_.cloth.columns,
-                       i % plan_.cloth.columns, mass(i) * (after.velocity - before.velocity));
-        set(i, after);
-        return after.position != before.position || after.velocity != before.velocity;
+    // `visit(i)` for the points of some lanes of a vector.
+    template <class Visit>
+    void each_point(int row, int vector, std::uint64_t lanes, const Visit& visit) const {
+        for (; lanes != 0; lanes &= lanes - 1) {
+            const int column = layout_.column(vector, __builtin_ctzll(lanes), lanes_);
+            if (column < plan_.cloth.columns) visit(row * plan_.cloth.columns + column);
+        }
     }
-
-    void respond_to_points(int threads) {
-        find(threads);
-        for (int r = 0; r < geometry_.rows; ++r)
-            for (int j = 0; j < geometry_.vectors; ++j) {
-                report_.changed |= (open_[index(r, j)] & vector_responded) != 0;
-                finish_vector(r, j);
-                if (open_[index(r, j)] & vector_unresolved) copy(r, j);
-            }
-    }
-    ContactArguments<Real> arguments() {
-        ContactArguments<Real> a{};
-        a.geometry = geometry_;
-        a.state = memory_->data() + layout_.first();
-        a.before = before_.data() + layout_.first();
-        a.free = free_.data();
-        a.open = open_.data();
-        a.spheres = swept_.data();
-        a.sphere_count = int(swept_.size());
-        a.bounces = bounces_;
-        a.mass = mass_.data();
-        a.impulses = impulses_.of_row(numbers_[0], 0);
-        a.impulse_row = std::ptrdiff_t(impulses_.size_of_row());
-        a.unresolved = [](void* context, int row, int vector, std::uint64_t lanes) {
-            auto* const pass = static_cast<ContactPass*>(context);
-            pass->unresolved_[pass->index(row, vector)] |= lanes;
-        };
-        a.context = this;
-        return a;
-    }
-    int team_of(int threads) const {
-        return std::max(1, std::min(threads, plan_.cloth.points() / least_points_per_thread));
+    // `visit(row, vector)` for the vectors of marked rows.
+    template <class Visit>
+    void each_vector(int begin, int end, const Visit& visit) const {
+        for (int r = begin; r < end; ++r)
+            for (int j = 0; j < a_.geometry.vectors && marks_[std::size_t(r)]; ++j) visit(r, j);
     }
     // `work(begin, end)` for all rows in parts.
     template <class Work>
-    void each_part(int threads, const Work& work) const {
-        in_parts(geometry_.rows, team_of(threads),
+    void each_part(const Work& work) const {
+        if (threads_ == 1) return work(0, a_.geometry.rows);
+        in_parts(a_.geometry.rows, threads_,
                  [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) { work(int(begin), int(end)); });
     }
-    void find(int threads) {
-        const ContactArguments<Real> a = arguments();
-        each_part(threads, [&](int begin, int end) { kernel_(a, begin, end); });
+    std::uint8_t all_marks() const {
+        std::uint8_t all = 0;
+        for (const std::uint8_t row : marks_) all |= row;
+        return all;
     }
 
-    void respond_to_cells(int threads) {
-        const auto each = [&](const auto& work) { each_part(threads, work); };
-        raising_ = false;
-        const bool several = swept_.size() > 1,
-                   near = cell_pass_->respond(arguments(), each, team_of(threads) == 1);
-        if (near || !several) finish_cells(each);
-        if (several) before_ = *memory_;
-        report_.note_capped(large_cells_.pierced(plan_.cloth, swept_, [this](int i) { return position(i); }));
-    }
-    template <class Each>
-    void finish_cells(const Each& each) {
-        const std::uint8_t all = cell_pass_->marks();
-        report_.changed |= (all & CellMarks::responded) != 0;
-        if (all & CellMarks::unresolved)
-            for (int r = 0; r < geometry_.rows; ++r)
-                for (int j = 0; j < geometry_.vectors && (cell_pass_->marks(r) & CellMarks::unresolved); ++j)
-                    finish_vector(r, j);
-        raising_ = true;
-        bool raised = true;
-        for (int round = 0; round < most_raises && raised; ++round) {
-            if (swept_.size() > 1) {
-                cell_pass_->find_radii(each);
-                raised = raise_among_several();
-            } else {
-                raised = cell_pass_->raise(each);
-            }
-            report_.changed |= raised;
+    // "reflect" and "ray".
+    void respond_at_end(double t, double dt) {
+        anything_found_ = false;
+        for (const Sphere& sphere : plan_.spheres) {
+            if (sphere.response == Response::continuous) continue;
+            const Contact contact(sphere, t, 2 * double(Real(dt / 2)));  // as the shader has it
+            const SweptSphere s = swept(sphere, plan_.cloth, t, t, dt, 0, Points::compensated);
+            ContactArguments<Real> a = a_;
+            a.before = nullptr;
+            a.spheres = &s;
+            a.sphere_count = 1;
+            std::atomic<std::int64_t> responses{0};
+            std::atomic<bool> changed{false};
+            each_part([&](int begin, int end) {
+                kernels_.find(a, begin, end);
+                each_vector(begin, end, [&](int r, int j) {
+                    if (near_[index(r, j)] == 0) return;
+                    found_[index(r, j)] |= near_[index(r, j)];
+                    each_point(r, j, near_[index(r, j)], [&](int i) {
+                        if (pinned(i) || !touches(contact, position(i))) return;
+                        responses.fetch_add(1, std::memory_order_relaxed);
+                        if (respond_at_end(contact, i)) changed.store(true, std::memory_order_relaxed);
+                    });
+                });
+            });
+            anything_found_ |= all_marks() != 0;
+            report_.responses += responses;
+            report_.changed |= changed;
         }
-        note_capped();
     }
-    // `visit(i)` for the mass points near a sphere that may move.
-    template <class Visit>
-    void each_near_point(const Visit& visit) const {
-        for (int r = 0; r < geometry_.rows; ++r)
-            for (int j = 0; j < geometry_.vectors && cell_pass_->marks(r); ++j) {
-                std::uint64_t lanes = cell_pass_->near_lanes(index(r, j)) & free_[index(r, j)];
-                for (; lanes != 0; lanes &= lanes - 1)
-                    visit(r * plan_.cloth.columns + layout_.column(j, __builtin_ctzll(lanes), lanes_));
+    bool respond_at_end(const Contact& contact, int i) {
+        const PointState before = now(i), after = clothsim::respond(contact, before);
+        impulses_.give(std::size_t(&contact.sphere - plan_.spheres.data()), row(i), column(i),
+                       mass(i) * (after.velocity - before.velocity));
+        set(i, after);
+        return after.position != before.position || after.velocity != before.velocity;
+    }
+    // Points that "reflect" and "ray" have found, pinned ones too; no other can be inside.
+    void note_depths_at_end(double t) {
+        if (!anything_found_) return;
+        for (int r = 0; r < a_.geometry.rows; ++r)
+            for (int j = 0; j < a_.geometry.vectors; ++j)
+                each_point(r, j, std::exchange(found_[index(r, j)], 0), [&](int i) {
+                    for (const Sphere& sphere : plan_.spheres)
+                        note_depth(-sphere.height(position(i) - sphere.place_at(t)));
+                });
+    }
+    void note_depth(double depth) { report_.depth = std::max(report_.depth, depth); }
+
+    // "continuous".
+    void respond_to_paths(double t0, double t1, double dt, double rounding) {
+        swept_.clear();
+        for (const std::size_t number : numbers_)
+            swept_.push_back(
+                swept(plan_.spheres[number], plan_.cloth, t0, t1, dt, rounding, Points::compensated));
+        a_.before = before_.data() + layout_.first();
+        a_.spheres = swept_.data();
+        a_.sphere_count = int(swept_.size());
+        a_.impulses = impulses_.of_row(numbers_[0], 0);
+        a_.only_waiting = false;
+        if (!current_) known(false);
+        current_ = true;
+        lifting_ = false;
+        std::fill(sums_.begin(), sums_.end(), RowSums{});
+        const auto respond = [&](int begin, int end) { kernels_.respond(a_, begin, end); };
+        each_part(respond);
+        std::uint8_t all = all_marks();
+        if (all & ContactMarks::waits) {
+            want(ContactMarks::waits);
+            for (std::size_t r = 0; r < known_.size(); ++r) wanted_[r] = wanted_[r] && !known_[r];
+            each_part([&](int begin, int end) { kernels_.radii(a_, a_.before, begin, end); });
+            for (std::size_t r = 0; r < known_.size(); ++r) known_[r] |= wanted_[r];
+            a_.only_waiting = true;
+            each_part(respond);
+            all = all_marks();
+        }
+        report_.changed |= (all & ContactMarks::responded) != 0;
+        each_vector(0, a_.geometry.rows, [&](int r, int j) { finish_vector(r, j); });
+        if (a_.cells) lift(all != 0);
+        for (const RowSums& sums : sums_) {
+            note_depth(sums.depth);
+            report_.lift_work += sums.work / dt;
+        }
+    }
+    void finish_vector(int r, int j) {
+        if (starts_)
+            each_point(r, j, near_[index(r, j)] & inside_[index(r, j)] & free_[index(r, j)], [&](int i) {
+                const SweptSphere& s = swept_[0];
+                const double begun = exact::level(s, before(i).position - exact::vec(s.start));
+                note_inside(i, s, height_of(s, surface_at(i, s).innermost) - height_of(s, begun));
+            });
+        const std::uint64_t lanes = std::exchange(unresolved_[index(r, j)], 0);
+        if ((lanes | inside_[index(r, j)]) == 0 || near_[index(r, j)] == 0) return;
+        each_point(r, j, lanes, [&](int i) {
+            if (pinned(i)) return note_if_inside(i);
+            const PointState free_end = now(i);
+            was_inside_ = false;
+            if (!exact::resolve(*this, i, swept_)) ContactReport::keep_first(report_.trapped, i);
+            const PointState end = now(i);
+            report_.changed |= end.position != free_end.position || end.velocity != free_end.velocity;
+            if (was_inside_)
+                for (const SweptSphere& s : swept_)
+                    note_depth(-height_of(s, exact::level(s, end.position - exact::vec(s.end))));
+        });
+        if (!a_.cells) copy(r, j);
+    }
+    void note_if_inside(int i) {
+        for (const SweptSphere& s : swept_) {
+            const double level = exact::level(s, position(i) - exact::vec(s.end));
+            note_depth(-height_of(s, level));
+            if (level < surface_at(i, s).innermost) ContactReport::keep_first(report_.pinned_inside, i);
+        }
+    }
+    void copy(int row, int vector) {
+        const VectorGeometry& g = a_.geometry;
+        const std::ptrdiff_t at = layout_.first() + row * g.row + vector * g.vector;
+        for (int part = 0; part < (Points::compensated ? 2 : 1); ++part)
+            for (int k = 0; k < 6; ++k) {
+                const std::ptrdiff_t from = at + k * g.component + part * g.compensation;
+                std::copy_n(memory_->data() + from, lanes_, before_.data() + from);
             }
+    }
+
+    // Offset "cell".
+    void known(bool all) {
+        std::fill(known_.begin(), known_.end(), all);
+        if (cell_rows_ < a_.geometry.rows) known_.back() = true;  // no cells
+    }
+    // The rows of cells beside points of the rows with this mark.
+    void want(std::uint8_t mark) {
+        for (int r = 0; r < cell_rows_; ++r)
+            wanted_[std::size_t(r)] =
+                ((marks_[std::size_t(r)] | marks_[std::min(std::size_t(r) + 1, marks_.size() - 1)]) & mark) !=
+                0;
+    }
+    void lift(bool near) {
+        want(ContactMarks::near);
+        known(false);
+        for (std::size_t r = 0; r < known_.size(); ++r) known_[r] |= wanted_[r];
+        const bool several = swept_.size() > 1;
+        a_.first_round = true;
+        lifting_ = true;
+        for (int round = 0; round < most_lifts && (round == 0 || near); ++round) {
+            each_part([&](int begin, int end) { kernels_.radii(a_, a_.state, begin, end); });
+            if (several) near = near && lift_among_several();
+            else each_part([&](int begin, int end) { kernels_.lift(a_, begin, end); });
+            near = several ? near : (all_marks() & ContactMarks::lifted) != 0;
+            report_.changed |= near;
+            a_.first_round = false;
+            if (!several) want(ContactMarks::lifted);
+        }
+        if (several) before_ = *memory_;
     }
     // The places alone of points that lie too deep for the cells as they are now.
-    bool raise_among_several() {
-        bool raised = false;
-        each_near_point([&](int i) {
-            if (!low(i)) return;
-            PointState end = now(i);
-            const Vec3 velocity = end.velocity, start = before(i).position, free_end = end.position;
-            if (!exact::resolve(*this, i, swept_, start, end)) report_.note_trapped(i);
-            if (end.position == free_end) return;
-            raised = true;
-            set(i, {end.position, velocity});
+    bool lift_among_several() {
+        bool lifted = false;
+        each_vector(0, a_.geometry.rows, [&](int r, int j) {
+            each_point(r, j, near_[index(r, j)] & free_[index(r, j)], [&](int i) {
+                if (!low(i)) return;
+                PointState end = now(i);
+                const Vec3 velocity = end.velocity, free_end = end.position;
+                if (!exact::resolve(*this, i, swept_, before(i).position, end))
+                    ContactReport::keep_first(report_.trapped, i);
+                if (end.position == free_end) return;
+                lifted = true;
+                sums_[0].work +=
+                    mass(i) * double(press_[std::size_t(value_of(i))]) * (end.position - free_end).norm();
+                set(i, {end.position, velocity});
+            });
         });
-        return raised;
-    }
-    // rho^2 of a near point within the step: rho is convex in the corners.
-    double largest_radius2(int i) const {
-        return std::max(cell_pass_->radius2_before(i), cell_pass_->radius2_now(i));
+        return lifted;
     }
     // Whether a point lies too deep in a sphere.
     bool low(int i) const {
-        const double radius2 = largest_radius2(i);
         return std::any_of(swept_.begin(), swept_.end(), [&](const SweptSphere& s) {
-            const double least2 = s.cells ? least_distance2<Real>(s, radius2) : s.surface * s.surface;
-            return (position(i) - exact::vec(s.end)).squaredNorm() < least2 * (1 + 1e-12);
+            return exact::level(s, position(i) - exact::vec(s.end)) <
+                surface_at(i, s).lowest + s.tolerance / 4;
         });
     }
-    void note_capped() {
-        if (swept_.size() == 1 && !(cell_pass_->marks() & CellMarks::capped)) return;
-        each_near_point([&](int i) {
-            const double radius2 = cell_pass_->radius2_now(i);
-            for (const SweptSphere& s : swept_)
-                if (s.cells && radius2 > s.surface * s.surface &&
-                    (position(i) - exact::vec(s.end)).norm() < s.reach)
-                    report_.note_capped(i);
-        });
-    }
-
-    void finish_vector(int row, int vector) {
-        std::uint64_t& lanes = unresolved_[index(row, vector)];
-        for (; lanes != 0; lanes &= lanes - 1) {
-            const int column = layout_.column(vector, __builtin_ctzll(lanes), lanes_);
-            if (column >= plan_.cloth.columns) continue;
-            const int i = row * plan_.cloth.columns + column;
-            if (pinned(i)) {
-                note_if_inside(i);
-                continue;
-            }
-            const PointState free_end = now(i);
-            if (!exact::resolve(*this, i, swept_)) report_.note_trapped(i);
-            const PointState end = now(i);
-            report_.changed |= end.position != free_end.position || end.velocity != free_end.velocity;
-        }
-    }
-
-    void note_if_inside(int i) {
-        for (const SweptSphere& s : swept_)
-            if ((position(i) - exact::vec(s.end)).norm() <
-                (s.cells ? cell_surface_at(i, s).lowest : s.radius))
-                report_.note_pinned(i);
-    }
-
-    void copy(int row, int vector) {
-        const std::ptrdiff_t at = layout_.first() + row * geometry_.row + vector * geometry_.vector;
-        for (int part = 0; part < (Points::compensated ? 2 : 1); ++part)
-            for (int k = 0; k < 6; ++k) {
-                const std::ptrdiff_t from = at + k * geometry_.component + part * geometry_.compensation;
-                std::copy_n(memory_->data() + from, lanes_, before_.data() + from);
-            }
+    // rho^2 of a near point before the step, and with the cells as they are now.
+    double radius2_before(int i) const { return double(point_radii2_[std::size_t(value_of(i))]); }
+    double radius2_now(int i) const {
+        double most = 0;
+        for (int r = std::max(row(i) - 1, 0); r <= std::min(row(i), cell_rows_ - 1); ++r)
+            for (int c = std::max(column(i) - 1, 0);
+                 c <= std::min(column(i), std::max(plan_.cloth.columns - 2, 0)); ++c)
+                most = std::max(most, double(a_.cell_radii2[value_of(r * plan_.cloth.columns + c)]));
+        return most;
     }
 
     const Plan& plan_;
     Layout layout_;
     Points points_;
     Impulses& impulses_;
-    ContactKernel<Real> kernel_;
-    InsideKernel<Real> inside_kernel_;
-    std::vector<const Sphere*> spheres_;
-    std::vector<std::size_t> numbers_;  // among all spheres
-    double diagonal_ = 0;  // of a cell at rest [m]
-    bool bounces_ = false;
-    VectorGeometry geometry_{};
-    int lanes_ = 0;
-    AlignedVector<Real> before_;
-    bool current_ = false;  // whether `before_` is the state
-    AlignedVector<Real>* memory_ = nullptr;
-    std::vector<std::uint8_t> open_;
-    std::vector<std::uint8_t> touched_;  // rows in which a point was inside at the end of the step
-    std::vector<std::uint64_t> unresolved_, free_;
-    std::vector<Real> mass_;  // a lane after the other; 0 of padding
+    const RowsOfContact<Real>& kernels_;
+    int lanes_, cell_rows_ = 1, threads_ = 1;
+    std::vector<std::size_t> numbers_;  // of continuous spheres, among all
     std::vector<SweptSphere> swept_;
-    std::optional<CellPass<Real>> cell_pass_;
-    LargeCells large_cells_;
-    bool raising_ = false;
+    ContactArguments<Real> a_{};
+    AlignedVector<Real> before_;
+    AlignedVector<Real>* memory_ = nullptr;
+    bool current_ = false;  // whether `before_` is the state
+    bool starts_ = false, lifting_ = false, anything_found_ = false, was_inside_ = false, passed_ = false;
+    std::vector<std::uint64_t> near_, unresolved_, inside_, found_, free_, cells_;
+    std::vector<std::uint8_t> marks_;  // rows of points
+    std::vector<std::uint8_t> known_, wanted_;  // rows of cells: rho is that before the step; is needed
+    std::vector<RowSums> sums_;
+    AlignedVector<Real> cell_radii2_, point_radii2_, press_;
+    std::vector<Real> mass_;  // a lane after the other; 0 of padding
     ContactReport report_;
 };
 

@@ -7,40 +7,67 @@
 //   set(i, state)
 //   mass(i), field_at(i)
 //   spring_energy(i, x)     of all springs of point i if it were at x [J]
-//   cell_surface_at(i, s)   distances of point i from a sphere of offset "cell"
+//   surface_at(i, s)        levels at which point i responds to a sphere
 //   give(i, s, change)      notes that sphere s has changed the velocity of point i
+//   press(i, speed)         notes what a contact from the start of the step on has taken
+//   note_inside(i, s, depth)  notes that a point began inside
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <Eigen/Geometry>
 #include <vector>
 
 #include "contact/response.hpp"
 #include "kernels/contact/continuous.hpp"
+#include "model/cloth.hpp"
 
 namespace clothsim {
 
-// Distance of points outside the contact radius (the slop), in units of rounding x (|centre|_1 + radius).
-// Rounding a place on the sphere moves it by at most half a unit, and the kernels resolve a quarter of the
-// slop. With half of it they hardly could. With twice as much, points only lie farther out.
-inline constexpr double slop_epsilons = 4;
+// Heights of points over the offset (the slop), in units of rounding x (|p0|_1 + size). Rounding a place on
+// the sphere moves it by at most half a unit. With half of it nothing would be left for levels. With twice as
+// much, points only lie farther out.
+inline constexpr double slop_epsilons = 2;
+// Of Kim et al., eq 13: O = sqrt((D/2)^2 + R^2) - R. Both ends of a spring of length D lie at distance R + O
+// from the centre. Then the spring's midpoint just touches the sphere of radius R. Written without the
+// cancellation of the printed form.
+inline double edge_offset(double radius, double rest_length) {
+    const double half = rest_length / 2;
+    return half * (half / (std::hypot(half, radius) + radius));
+}
 
-// `band`: of the offset "cell".
-inline SweptSphere swept(const Sphere& sphere, double t0, double t1, double dt, double rounding,
-                         double band) {
+// `rounding`: relative, of the state.
+inline SweptSphere swept(const Sphere& sphere, const Cloth& cloth, double t0, double t1, double dt,
+                         double rounding, bool single) {
     SweptSphere s{};
-    const Vec3 start = sphere.center_at(t0), end = sphere.center_at(t1);
+    const Vec3 start = sphere.place_at(t0), end = sphere.place_at(t1);
     for (int k = 0; k < 3; ++k) {
         s.start[k] = start[k];
         s.end[k] = end[k];
         s.velocity[k] = (end[k] - start[k]) / dt;
+        s.normal[k] = sphere.normal[k];
     }
-    s.radius = sphere.contact_radius;
-    s.slop = slop_epsilons * rounding * (end.lpNorm<1>() + s.radius);
-    s.surface = s.radius + s.slop;
+    s.curvature = sphere.curvature();
+    // In double there is room for cloths that slide far.
+    s.size = std::min(sphere.radius, (single ? 1 : 1000) * sphere.spread);
+    const double slop = slop_epsilons * rounding * (end.lpNorm<1>() + s.size);
+    s.least = sphere.level(sphere.offset + slop);
+    s.innermost = sphere.level(sphere.offset - slop);
+    const double epsilon = single ? 0x1p-23 : 0x1p-52;
+    s.band = ContactBand::least * epsilon * s.size;
+    if (sphere.cells) {
+        const double of_cell = ContactBand::part_of_cell *
+            edge_offset(sphere.radius, std::hypot(cloth.row_spacing, cloth.column_spacing)) / s.size;
+        s.band = 2 * s.size *
+            (single ? ContactBand::of_cells_in_single
+                    : std::clamp(of_cell, ContactBand::least_of_cells, ContactBand::of_cells));
+    }
+    s.tolerance = ContactBand::tolerance * epsilon * s.size;
+    s.near_level = s.least + s.band + s.tolerance +
+        32 * epsilon * (s.size + end.lpNorm<1>() + (end - start).lpNorm<1>());
+    s.near_curvature = s.curvature - 64 * epsilon / s.size;
     s.cells = sphere.cells;
-    s.band = band;
-    s.reach = s.surface * (sphere.reach() / sphere.contact_radius);
+    s.most_of_cells = sphere.cells ? sphere.radius : 0;
     s.restitution = sphere.restitution;
     s.friction = sphere.friction;
     s.push = sphere.push_out_speed * dt;
@@ -64,10 +91,9 @@ double potential(const Points& points, int i, const Vec3& x) {
     return points.spring_energy(i, x) - points.mass(i) * points.field_at(i).dot(x);
 }
 
-// The distances at which a point responds to a sphere.
-template <class Points>
-Surface<double> surface_at(const Points& points, int i, const SweptSphere& s) {
-    return s.cells ? points.cell_surface_at(i, s) : surface_of<double>(s);
+inline double level(const SweptSphere& s, const Vec3& d) {
+    double m[3];
+    return clothsim::level<double>(s, d.data(), m);
 }
 
 // The state after the contact `t` of a point whose free end is `end`.
@@ -96,25 +122,28 @@ PointState respond(const Points& points, int i, const SweptSphere& s, const Touc
     double p[3], v[3];
     for (int k = 0; k < 3; ++k) v[k] = end.velocity[k] - s.velocity[k];
     leave<double>(s, t, height, normal_speed, p, v);
-    const Surface<double> surface = surface_at(points, i, s);
-    lift<double>(p, surface.held, surface.top);
+    const Surface<double> surface = points.surface_at(i, s);
+    lift<double>(s, p, surface.lowest, surface.top);
     return {vec(s.end) + vec(p), velocity + vec(v)};
 }
 
-// Nearest place outside two spheres that overlap, on the circle where their surfaces intersect.
-inline Vec3 on_common_circle(const SweptSphere& a, double top_a, const SweptSphere& b, double top_b,
-                             const Vec3& x) {
-    const Vec3 between = vec(b.end) - vec(a.end);
-    const double distance = between.norm();
-    if (distance == 0) return x;
-    const Vec3 axis = between / distance;
-    const double along = (distance * distance + top_a * top_a - top_b * top_b) / (2 * distance);
-    const double height2 = top_a * top_a - along * along;
-    if (height2 <= 0) return x;
-    Vec3 aside = x - vec(a.end);
-    aside -= aside.dot(axis) * axis;
-    if (aside.norm() <= 1e-12 * distance) aside = axis.unitOrthogonal();
-    return vec(a.end) + along * axis + (std::sqrt(height2) + a.slop + b.slop) * aside.normalized();
+// Where the levels of two spheres intersect: Newton's method along both normals.
+inline Vec3 on_both(const SweptSphere& a, double top_a, const SweptSphere& b, double top_b, Vec3 x) {
+    constexpr int most_rounds = 30;  // each doubles the digits
+    for (int round = 0; round < most_rounds; ++round) {
+        const Vec3 from_a = x - vec(a.end), from_b = x - vec(b.end);
+        const Vec3 m = vec(a.normal) + a.curvature * from_a, n = vec(b.normal) + b.curvature * from_b;
+        const double mm = m.dot(m), mn = m.dot(n), nn = n.dot(n), determinant = mm * nn - mn * mn;
+        if (determinant <= 1e-24 * mm * nn) {  // in a line with both centres
+            x += 1e-3 * std::min(a.size, b.size) * m.unitOrthogonal();
+            continue;
+        }
+        const double lacks_a = (top_a - level(a, from_a)) / 2, lacks_b = (top_b - level(b, from_b)) / 2;
+        x +=
+            (lacks_a * nn - lacks_b * mn) / determinant * m + (lacks_b * mm - lacks_a * mn) / determinant * n;
+        if (std::max(std::abs(lacks_a), std::abs(lacks_b)) < (a.band + b.band) / 8) break;
+    }
+    return x;
 }
 
 // Takes a point out of every sphere at the end of the step. False: no way out is nearby, the point is trapped
@@ -127,18 +156,20 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres, con
         double last_top = 0;
         bool moved = false;
         for (const SweptSphere& s : spheres) {
-            const Surface<double> surface = surface_at(points, i, s);
-            Vec3 p = end.position - vec(s.end), v = end.velocity - vec(s.velocity);
-            const double start_distance = (start - vec(s.start)).norm();
-            const bool was_inside = start_distance < surface.innermost;
-            const bool fewer = was_inside && start_distance + s.push < surface.top;
-            if (p.norm() >= (fewer ? start_distance + s.push - s.slop / 2 : surface.lowest)) continue;
+            const Surface<double> surface = points.surface_at(i, s);
+            Vec3 d = end.position - vec(s.end), v = end.velocity - vec(s.velocity);
+            const double begun = level(s, start - vec(s.start)), height = height_of(s, begun);
+            const bool was_inside = begun < surface.innermost;
+            if (was_inside && round == 0) points.note_inside(i, s, height_of(s, surface.innermost) - height);
+            const double pushed = height + s.push - (surface.top - surface.lowest) / 2,
+                         least = was_inside ? std::min(surface.lowest, level_of(s, pushed)) : surface.lowest;
+            if (level(s, d) >= least) continue;
             if (round > 0 && last && !was_inside) {
-                end.position = on_common_circle(*last, last_top, s, surface.top, end.position);
+                end.position = on_both(*last, last_top, s, surface.top, end.position);
             } else {
-                push_out<double>(s, surface.top, was_inside ? start_distance : surface.top, p.data(),
+                push_out<double>(s, surface.top, was_inside ? height : height_of(s, surface.top), d.data(),
                                  v.data());
-                const PointState out{vec(s.end) + p, vec(s.velocity) + v};
+                const PointState out{vec(s.end) + d, vec(s.velocity) + v};
                 points.give(i, s, out.velocity - end.velocity);
                 end = out;
             }
@@ -170,7 +201,7 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
             const Vec3 p0 = x - center, q = (end.position - vec(s.end)) - p0,
                        v = end.velocity - vec(s.velocity);
             const Touch<double> t =
-                touch<double>(s, surface_at(points, i, s), p0.data(), q.data(), v.data(), gain.data());
+                touch<double>(s, points.surface_at(i, s), p0.data(), q.data(), v.data(), gain.data());
             if (!t.hit || (first && t.time >= soonest.time)) continue;
             first = &s;
             soonest = t;
@@ -179,6 +210,7 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
         if (!first) break;
         const PointState next = respond(points, i, *first, soonest, end);
         points.give(i, *first, next.velocity - end.velocity);
+        if (soonest.rested) points.press(i, std::max(soonest.speed, soonest.bounce) - soonest.speed);
         end = next;
         elapsed += soonest.time * (1 - elapsed);
         x = vec(first->start) + elapsed * (vec(first->end) - vec(first->start)) + vec(soonest.place);

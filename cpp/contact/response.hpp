@@ -10,35 +10,33 @@
 
 namespace clothsim {
 
-// The kernels' test of the end of a step takes a squared radius that is larger by this many epsilon, as its
-// sum of squares may be rounded by three. With half of it the test would still be safe, with twice as much it
-// would find a few more points that touch nothing.
-inline constexpr double outer_epsilons = 8;
-
 struct PointState {
     Vec3 position;
     Vec3 velocity;
 };
 
-// The sphere at the moment of the collision pass.
+// The sphere at the moment of the pass.
 struct Contact {
     const Sphere& sphere;
-    Vec3 center;
+    Vec3 place;  // from which points are measured (Sphere::place_at)
     Vec3 velocity;
-    double time;  // [s]
-    double dt;    // of the step that ends then [s]
+    double top;  // level below which points are in contact
+    double dt;  // of the step that ends then [s]
 
     Contact(const Sphere& s, double t, double step)
-        : sphere(s), center(s.center_at(t)), velocity(s.velocity_at(t)), time(t), dt(step) {}
+        : sphere(s), place(s.place_at(t)), velocity(s.velocity_at(t)), top(s.level(s.offset)), dt(step) {}
 
     // Velocity on which the response acts: relative to the sphere, or absolute in the as_printed reading.
     Vec3 relative(const Vec3& v) const { return sphere.as_printed ? v : Vec3(v - velocity); }
+    // Along the normal at d, of length 1 on the surface.
+    Vec3 gradient(const Vec3& d) const { return sphere.normal + sphere.curvature() * d; }
 };
 
-// Unit normal at p; a point at the exact centre leaves upwards.
-inline Vec3 outward_normal(const Vec3& offset_from_center) {
-    const double distance = offset_from_center.norm();
-    return distance > 0 ? Vec3(offset_from_center / distance) : Vec3(0, 1, 0);
+// Unit normal at d; a point at the exact centre leaves along that of the place.
+inline Vec3 outward_normal(const Contact& contact, const Vec3& d) {
+    const Vec3 m = contact.gradient(d);
+    const double length = m.norm();
+    return length > 0 ? Vec3(m / length) : contact.sphere.normal;
 }
 
 // Reflection about the tangent plane (eq 7), scaled by restitution, with Coulomb friction: the tangential
@@ -59,13 +57,8 @@ inline Vec3 reflected(const Contact& contact, const Vec3& velocity, const Vec3& 
 
 // Method 1: reflect the velocity, leave the position alone.
 inline PointState respond_reflect(const Contact& contact, const PointState& point) {
-    const Vec3 normal = outward_normal(point.position - contact.center);
+    const Vec3 normal = outward_normal(contact, point.position - contact.place);
     return {point.position, reflected(contact, point.velocity, normal)};
-}
-
-inline double distance_to_surface(double b, double c) {
-    const double root = std::sqrt(b * b - c);
-    return b > 0 ? -c / (b + root) : root - b;
 }
 
 // |v| of velocities so small or so large that their squares would vanish or overflow. Written out, because
@@ -76,12 +69,13 @@ inline double length_of(const Vec3& v) {
 }
 
 // Method 2: cast a ray from the point back along its velocity. The point moves to the intersection of ray and
-// sphere, and its velocity is reflected there.
+// surface, and its velocity is reflected there.
 //
-// With d = -v/|v|, m = p - center, B = m.d, C = m.m - R^2 (eq 9 with its errata corrected). Division by v.v
-// makes no speed too small. The point lies inside, C < 0, so exactly one distance along the ray is positive:
+// With b = -v/|v| the level (kernels/contact/continuous.hpp) along the ray is f + 2 s m.b + k s^2: eq 9 with
+// its errata corrected, over the radius. Division by v.v makes no speed too small. The point lies inside,
+// C = f - top < 0, so exactly one distance along the ray is positive:
 //
-//   s = -B + sqrt(B^2 - C)   =   -C / (B + sqrt(B^2 - C))
+//   s = (-B + sqrt(B^2 - k C)) / k   =   -C / (B + sqrt(B^2 - k C)),   B = m.b
 //
 // The form without cancellation is taken by the sign of B, which is what eq 11 and 12 are for.
 //
@@ -91,32 +85,33 @@ inline double length_of(const Vec3& v) {
 // inside goes on for the step. With e = 1 and no friction, touches are rare and the loss is of the order of
 // the time step. The paper's reading then stays.
 inline PointState respond_ray(const Contact& contact, const PointState& point) {
-    const double radius = contact.sphere.contact_radius;
-    const Vec3 m = point.position - contact.center;
-    const Vec3 v = contact.relative(point.velocity);
-    const double speed = length_of(v);
-
-    // A point without a ray, at rest in the sphere's frame, is projected along the normal.
-    Vec3 on_surface = radius * outward_normal(m);
-    double rest = 0;  // time since the point was at the surface [s]
-    if (speed > 0) {
-        const Vec3 back = -v / speed;
-        const double b = m.dot(back);
-        if (b < 0 && !contact.sphere.as_printed) return point;  // on its way out
-        const double way = distance_to_surface(b, m.squaredNorm() - radius * radius);
-        on_surface = m + way * back;
-        rest = std::min(way / speed, contact.dt);
-    }
-    const Vec3 velocity = reflected(contact, point.velocity, outward_normal(on_surface));
     const Sphere& sphere = contact.sphere;
+    const double k = sphere.curvature();
+    Vec3 d = point.position - contact.place;
+    const Vec3 m = contact.gradient(d), v = contact.relative(point.velocity);
+    const double speed = length_of(v), lacks = contact.top - sphere.level(d);
+    double rest = 0;  // time since the point was at the surface [s]
+    const Vec3 back = speed > 0 ? Vec3(-v / speed) : Vec3(Vec3::Zero());
+    const double b = m.dot(back), root = std::sqrt(b * b + k * lacks);
+    if (b < 0 && !sphere.as_printed) return point;  // on its way out
+    if (speed > 0 && root > 0) {
+        const double way = b > 0 ? lacks / (b + root) : (root - b) / k;
+        d += way * back;
+        rest = std::min(way / speed, contact.dt);
+    } else if (const double w = m.squaredNorm(); w > 0) {
+        // A point without a ray, at rest or along a plane, is projected along the normal.
+        d += lacks / (w + std::sqrt(w * (1 + k * contact.top))) * m;
+    } else {
+        d = sphere.height(contact.top) * sphere.normal;
+    }
+    const Vec3 velocity = reflected(contact, point.velocity, outward_normal(contact, d));
     if (!sphere.as_printed && (sphere.restitution < 1 || sphere.friction > 0))
-        on_surface += rest * contact.relative(velocity);
-    return {contact.center + on_surface, velocity};
+        d += rest * contact.relative(velocity);
+    return {contact.place + d, velocity};
 }
 
 inline bool touches(const Contact& contact, const Vec3& position) {
-    const double radius = contact.sphere.contact_radius;
-    return (position - contact.center).squaredNorm() < radius * radius;
+    return contact.sphere.level(position - contact.place) < contact.top;
 }
 
 inline PointState respond(const Contact& contact, const PointState& point) {

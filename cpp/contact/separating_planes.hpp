@@ -15,11 +15,19 @@
 #include <optional>
 #include <vector>
 
-#include "contact/separation.hpp"
 #include "kernels/kernel_table.hpp"
 #include "model/clock.hpp"
+#include "model/sphere.hpp"
 
 namespace clothsim {
+
+// Across which axis a plane keeps a cloth from a sphere, and whether the cloth is above it.
+template <class Real>
+struct SeparatingPlane {
+    int axis;
+    bool above;
+    Real plane;
+};
 
 template <class Real>
 class SeparatingPlanes {
@@ -54,18 +62,13 @@ public:
     // Some rows are at the end of a step. By any thread.
     template <class Component>
     void check(const Component& component) {
-        for (const SeparatingPlane& separating_plane : planes_)
+        for (const SeparatingPlane<Real>& separating_plane : planes_)
             if (!kernels_.beyond(component(separating_plane.axis), separating_plane.above,
                                  separating_plane.plane))
                 crossed_.store(true, std::memory_order_relaxed);
     }
 
 private:
-    struct SeparatingPlane {
-        int axis;
-        bool above;
-        Real plane;
-    };
     // Most steps behind a plane, and until the next search where there is none. The extents take a few
     // hundredths of a step: half doubles that cost, twice makes predictions longer.
     static constexpr int longest = 64;
@@ -80,17 +83,17 @@ private:
         end_ = clock.steps + longest;
         std::array<Extent<Real>, 3> place, speed;
         for (int k = 0; k < 3; ++k) place[std::size_t(k)] = kernels_.extent(component(k));
-        std::vector<std::vector<Vec3>> centers;
+        std::vector<std::vector<Vec3>> places;
         for (const Sphere& sphere : spheres) {
-            centers.emplace_back();
-            for (int k = 0; k <= longest; ++k) centers.back().push_back(sphere.center_at(clock.at(k)));
-            if (!widest(place, {}, Vec3::Zero(), sphere, centers.back(), 0, clock.dt)) return;
+            places.emplace_back();
+            for (int k = 0; k <= longest; ++k) places.back().push_back(sphere.place_at(clock.at(k)));
+            if (!widest(place, {}, Vec3::Zero(), sphere, places.back(), 0, clock.dt)) return;
         }
         for (int k = 0; k < 3; ++k) speed[std::size_t(k)] = kernels_.extent(component(3 + k));
         for (int steps = longest; steps >= shortest && planes_.empty(); steps /= 4) {
             for (std::size_t i = 0; i < spheres.size(); ++i) {
                 const auto separating_plane =
-                    widest(place, speed, gravity, spheres[i], centers[i], steps, clock.dt);
+                    widest(place, speed, gravity, spheres[i], places[i], steps, clock.dt);
                 if (!separating_plane) {
                     planes_.clear();
                     break;
@@ -101,41 +104,49 @@ private:
         }
     }
 
-    // The plane from which the cloth is farthest after so many steps, at twice the speeds it has.
-    static std::optional<SeparatingPlane> widest(const std::array<Extent<Real>, 3>& place,
-                                                 const std::array<Extent<Real>, 3>& speed,
-                                                 const Vec3& gravity, const Sphere& sphere,
-                                                 const std::vector<Vec3>& centers, int steps, double dt) {
+    // The plane from which the cloth is farthest after so many steps, at twice the speeds it has. `places`:
+    // of the sphere.
+    static std::optional<SeparatingPlane<Real>> widest(const std::array<Extent<Real>, 3>& place,
+                                                       const std::array<Extent<Real>, 3>& speed,
+                                                       const Vec3& gravity, const Sphere& sphere,
+                                                       const std::vector<Vec3>& places, int steps,
+                                                       double dt) {
         const double time = steps * dt;
-        Box cloth, way{centers[0], centers[0]};
+        Vec3 low = places[0], high = places[0];
+        for (int i = 0; i <= steps; ++i) {
+            low = low.cwiseMin(places[std::size_t(i)]);
+            high = high.cwiseMax(places[std::size_t(i)]);
+        }
+        // More than what rounding and the tolerances of contacts and triangles come to.
+        const double size = (sphere.flat() ? 0 : sphere.radius) + sphere.reach(),
+                     reach = sphere.reach() +
+            1e-4 * (size + std::max(low.cwiseAbs().maxCoeff(), high.cwiseAbs().maxCoeff()));
+        std::optional<SeparatingPlane<Real>> found;
+        double farthest = 0;
         for (int k = 0; k < 3; ++k) {
             const auto& [slowest, fastest] = speed[std::size_t(k)];
             const double fall = std::abs(gravity[k]) * time * time;
-            cloth.low[k] =
-                double(place[std::size_t(k)].low) + 2 * std::min(double(slowest), 0.0) * time - fall;
-            cloth.high[k] =
-                double(place[std::size_t(k)].high) + 2 * std::max(double(fastest), 0.0) * time + fall;
+            for (const bool above : {true, false}) {
+                // How far the surface reaches from its place to that side.
+                const double to_side = above ? 1 - sphere.normal[k] : 1 + sphere.normal[k],
+                             most = to_side > 0 ? sphere.radius * to_side + reach : reach;
+                const double surface = above ? high[k] + most : low[k] - most;
+                const double gap = above ? double(place[std::size_t(k)].low) +
+                        2 * std::min(double(slowest), 0.0) * time - fall - surface
+                                         : surface - double(place[std::size_t(k)].high) -
+                        2 * std::max(double(fastest), 0.0) * time - fall;
+                if (!(gap > farthest)) continue;
+                farthest = gap;
+                found = {k, above, Real(surface)};
+            }
         }
-        double size = 0;
-        for (int i = 0; i <= steps; ++i) {
-            const Vec3& center = centers[std::size_t(i)];
-            way.low = way.low.cwiseMin(center);
-            way.high = way.high.cwiseMax(center);
-            size = std::max(size, center.cwiseAbs().maxCoeff());
-        }
-        // More than what rounding and the tolerances of contacts and triangles come to.
-        const Vec3 reach = Vec3::Constant(sphere.reach() + 1e-4 * (sphere.reach() + size));
-        way = {way.low - reach, way.high + reach};
-        const auto gap = widest_separation(cloth, way);
-        if (!gap) return {};
-        return SeparatingPlane{gap->axis, gap->above,
-                               Real(gap->above ? way.high[gap->axis] : way.low[gap->axis])};
+        return found;
     }
 
     const RealKernels<Real>& kernels_;
     double origin_ = 0, dt_ = 0;  // of the clock
     std::int64_t end_ = std::numeric_limits<std::int64_t>::min();  // step of the clock of the next search
-    std::vector<SeparatingPlane> planes_;  // one a sphere, or none
+    std::vector<SeparatingPlane<Real>> planes_;  // one a sphere, or none
     bool up_ = false;
     std::atomic<bool> crossed_{false};
 };

@@ -82,6 +82,8 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
                 outcome.unstable = Outcome::Unstable{0, trapped, outcome.steps + 1, next, true};
                 return outcome;
             }
+            const bool due = (age_ + 1) % steps_between_energies == 0;
+            if (due || next >= until || outcome.steps + 1 == steps) engine.note_large_cells(next);
             report_contacts(outcome);
             t = next;
             outcome.steps += 1;
@@ -89,7 +91,8 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
             run.local_error += error;
             clock = {t, 0, 0};
             sample_accepted(t);
-            if (++age_ % steps_between_energies == 0) {
+            ++age_;
+            if (due) {
                 const std::int64_t point = watches_[0].runaway_point(engine, true);
                 if (point >= 0) {
                     outcome.unstable = Outcome::Unstable{0, point, outcome.steps, t};

@@ -22,7 +22,10 @@ Energy EnergyWatch::energy_of(const Engine& engine) {
     x_.resize(plan_.cloth.points(), 3);
     v_.resize(plan_.cloth.points(), 3);
     engine.store(x_.data(), v_.data());
-    return energy(plan_, PointsView(x_.data(), x_.rows(), 3), PointsView(v_.data(), v_.rows(), 3));
+    const Energy now =
+        energy(plan_, PointsView(x_.data(), x_.rows(), 3), PointsView(v_.data(), v_.rows(), 3));
+    largest_ = std::max(largest_, now.kinetic + now.elastic);
+    return now;
 }
 
 void EnergyWatch::begin(const Engine& engine) {
@@ -74,6 +77,15 @@ std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {
             news_ = true;
     }
     return made > negligible_ && beyond(runaway_part, made, moving) ? fastest_free_point(engine) : -1;
+}
+
+bool EnergyWatch::lifted(const Engine& engine) {
+    const auto too_much = [&] {
+        return engine.watched.lift_work > std::max(lifted_part * largest_, negligible_);
+    };
+    if (lifted_ || !too_much()) return false;
+    energy_of(engine);
+    return lifted_ = too_much();
 }
 
 std::int64_t EnergyWatch::fastest_free_point(const Engine& engine) {

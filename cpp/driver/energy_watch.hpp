@@ -20,7 +20,10 @@ public:
     explicit EnergyWatch(const Plan& plan);
 
     // Forget the state where the run began.
-    void restart() { started_ = grown_ = false; }
+    void restart() {
+        started_ = grown_ = lifted_ = false;
+        largest_ = 0;
+    }
     // The run begins at the present state, unless it has begun. Nothing is watched before.
     void begin(const Engine& engine);
     bool begun() const { return started_; }
@@ -48,6 +51,9 @@ public:
     std::int64_t runaway_point(Engine& engine, bool record);
     // -1 if all are pinned.
     std::int64_t fastest_free_point(const Engine& engine);
+    // Whether lifts have made more than `lifted_part` of the largest kinetic and elastic energy; true once.
+    bool lifted(const Engine& engine);
+    static constexpr double lifted_part = 0.01;
     // Whether the energy has grown at a recorded inspection; true once.
     bool take_growth() { return std::exchange(news_, false); }
 
@@ -64,8 +70,9 @@ private:
     const Plan& plan_;
     double negligible_;  // J, what stretching every spring by a thousandth takes
     double start_ = 0;   // J
+    double largest_ = 0;  // kinetic and elastic energy of an inspected state [J]
     double swing_ = 0;   // the part that the method itself may make, see set_step
-    bool started_ = false, grown_ = false, news_ = false;
+    bool started_ = false, grown_ = false, news_ = false, lifted_ = false;
     bool guaranteed_ = false;  // the guarantee held at every inspected state of the run
     Points x_, v_;
 };

@@ -29,6 +29,7 @@ void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
     bad_points_[i] = -1;
     if (frozen_[i]) return;
     bad_points_[i] = members_[i]->first_bad_point(speed_limits_[i]);
+    members_[i]->note_large_cells(clock.at(age - age_));
     const bool due = age % energy_period(i) == 0;
     // A block begins where states are sampled, at a good one.
     const bool sampled = sample_every_ > 0 && age % sample_every_ == 0;
@@ -43,7 +44,6 @@ void Simulation::inspect() {
 void Simulation::set_watch(std::int64_t every, double interval) {
     sample_every_ = every;
     sample_interval_ = interval;
-    for (auto& member : members_) member->watch_depths(every > 0);
 }
 
 void Simulation::sample(std::size_t i, double t) {
@@ -54,8 +54,7 @@ void Simulation::sample(std::size_t i, double t) {
     const PointsView view(x.data(), x.rows(), 3);
     member.watched.stretch = std::max(member.watched.stretch, largest_stretch(plan.cloth, view));
     for (const Sphere& sphere : plan.spheres) {
-        const Penetration depth =
-            penetration(plan.cloth.rows, plan.cloth.columns, view, sphere.center_at(t), sphere.radius);
+        const Penetration depth = penetration(plan.cloth.rows, plan.cloth.columns, view, sphere, t);
         member.watched.triangle_depth = std::max(member.watched.triangle_depth, depth.triangles);
     }
 }

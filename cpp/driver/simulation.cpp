@@ -52,7 +52,6 @@ void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_d
         members.push_back(make_engine(plans[i]));
         Engine& member = *members.back();
         member.threads = members_[i]->threads;
-        member.watch_depths(sample_every_ > 0);
         member.set_saved_state(members_[i]->saved_state());
         if (!frozen_[i]) member.place_pins(clock.now());
         watches.emplace_back(plans[i]);  // refers to the plan, which stays where it is
@@ -234,9 +233,12 @@ void Simulation::report_contacts(Outcome& outcome) {
     for (std::size_t i = 0; i < members_.size(); ++i) {
         ContactReport& found = members_[i]->contact_report;
         const std::int64_t pinned = std::exchange(found.pinned_inside, -1),
-                           capped = std::exchange(found.capped, -1);
+                           large = std::exchange(found.large_cell, -1);
+        const ContactReport::Start start = std::exchange(found.start, {});
         if (pinned >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), pinned};
-        if (capped >= 0 && !outcome.capped) outcome.capped = {std::int64_t(i), capped};
+        if (large >= 0 && !outcome.large_cell) outcome.large_cell = {std::int64_t(i), large};
+        if (start.points > 0 && !outcome.start) outcome.start = {std::int64_t(i), start};
+        if (watches_[i].lifted(*members_[i]) && !outcome.lifted) outcome.lifted = std::int64_t(i);
     }
 }
 

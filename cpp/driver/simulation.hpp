@@ -26,13 +26,21 @@ struct Outcome {
         std::int64_t member, point;
     };
     std::optional<MemberPoint> pinned_inside;  // a continuous sphere has run into a pinned point
-    std::optional<MemberPoint> capped;  // cells of a point in contact are larger than the sphere
+    std::optional<MemberPoint> large_cell;  // a cell is larger than a sphere it touches
+    struct Start {
+        std::int64_t member;
+        ContactReport::Start at;
+    };
+    std::optional<Start> start;  // a continuous sphere has started on the cloth
+    std::optional<std::int64_t> lifted;  // a member to which lifts have added energy
     // A member whose energy has grown out of nothing (EnergyWatch). Requested steps may be left to do, so
     // that the caller can inspect the state at the failure.
     std::optional<std::int64_t> grown;
 
     // All steps were done, and no event has to be reported.
-    bool complete() const { return !interrupted && !unstable && !pinned_inside && !capped && !grown; }
+    bool complete() const {
+        return !interrupted && !unstable && !pinned_inside && !large_cell && !start && !lifted && !grown;
+    }
 };
 
 // Steps are taken first and judged afterwards, which costs less than an inspection before each. A block of at

@@ -333,7 +333,7 @@ void EdgeEngine<Real>::step_band(Band& band, bool inspect) {
 
 // The part of a team's thread in some steps.
 template <class Real>
-void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, double dt) {
+void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const Clock& clock) {
     const auto& all = bands(team);
     const auto band = [&](int strip) -> Band& { return *all[std::size_t(strip * team + thread)]; };
     for (int strip = 0; strip < layout_.strips; ++strip) {
@@ -341,7 +341,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, doubl
         b.clock = clock;
         for (int s = 0; s < 4; ++s) {
             EdgeArguments<Real>& e = b.stages[s] =
-                arguments(Stage(s), dt, b.workspace->scratch.data() + s * scratch_size());
+                arguments(Stage(s), clock.dt, b.workspace->scratch.data() + s * scratch_size());
             e.rows = b.rows.data();
             if (b.lag == b.size()) continue;
             // Each stage fetches a part of the row that the first stage reaches next. Stages that read the
@@ -380,7 +380,7 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
         for (auto& band : bands(team)) band->begin_call();
     };
     in_team(RowBand::team(rows(), threads), begin,
-            [&](int thread, int team) { run_bands(team, thread, steps, clock.dt); });
+            [&](int thread, int team) { run_bands(team, thread, steps, clock); });
     step_ += steps;
     this->state_known_ = true;
     const auto& stepped = bands(team_given);

@@ -47,7 +47,7 @@ private:
     bool moved_after_steps() const { return this->has_contacts() && !this->planes_.up(); }
     // Of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
-    void run_bands(int team, int thread, std::int64_t steps, double dt);
+    void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
     // `inspect`: whether the state that it leaves is finite.
     void step_band(Band& band, bool inspect);
     // Parts of a step's stage s = 0..3.

@@ -21,7 +21,6 @@ bool Engine::advance_in_contact(std::int64_t steps, const Clock& clock, int thre
         advance(1, now, threads);
         respond(now.at(0), now.at(1), now.dt, threads);
         if (contact_report.trapped >= 0) break;
-        if (depths_watched_) note_depths(now.at(1));
     }
     return true;
 }
@@ -40,7 +39,6 @@ void Engine::accept_in_contact(double t0, double t1, int threads) {
     adaptive()->accept_step(t1);
     if (has_contacts()) respond(t0, t1, t1 - t0, threads);
     if (contact_report.trapped >= 0) return restore_checkpoint();
-    if (depths_watched_) note_depths(t1);
 }
 
 double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {

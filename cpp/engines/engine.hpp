@@ -62,7 +62,9 @@ public:
     // Of the passes since the last inspection, see ContactReport.
     ContactReport contact_report;
 
-    void watch_depths(bool on) { depths_watched_ = on; }
+    // Looks for a cell that is larger than a sphere and touches it, if the contact pass has run since the
+    // last look.
+    virtual void note_large_cells(double t) = 0;
     // Raises the depth of mass points by that of all points of the present state, at time t.
     virtual void note_all_depths(double t) = 0;
 
@@ -133,10 +135,6 @@ protected:
     virtual void keep_state() = 0;
     void respond(double t0, double t1, double dt, int threads);
     virtual ContactReport respond_to_contacts(double t0, double t1, double dt, int threads) = 0;
-    // The present state ends a step, at time t: depths of the mass points near which a sphere has responded.
-    virtual void note_depths(double t) = 0;
-
-    bool depths_watched_ = false;
 };
 
 // Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet

@@ -185,7 +185,7 @@ public:
 
 private:
     double contact_step(const Sphere& sphere, double t, double h, double near, bool tried) {
-        const Vec3 center = sphere.center_at(t), travel = (sphere.center_at(t + h) - center) / h;
+        const Vec3 place = sphere.place_at(t), travel = (sphere.center_at(t + h) - sphere.center_at(t)) / h;
         // A step lies on one piece of the motion. A component of the velocity is monotone there or quadratic,
         // and so differs most from its mean at an end (Legendre polynomials are largest at the ends).
         Vec3 most = Vec3::Zero();
@@ -193,7 +193,12 @@ private:
             const PinTime end = PinTime::of_stage(t, h, part);
             most = most.cwiseMax((sphere.motion.at(end.t, end.inside).velocity - travel).cwiseAbs());
         }
-        const double sphere_speed = most.norm(), least_gap = contact_fraction * sphere.contact_radius;
+        const Cloth& cloth = this->plan_.cloth;
+        const double sphere_speed = most.norm(),
+                     least_gap = contact_fraction *
+            std::min(sphere.contact_radius(),
+                     std::hypot((cloth.rows - 1) * cloth.row_spacing,
+                                (cloth.columns - 1) * cloth.column_spacing));
         double allowed = h;
         for (int i = 0; i < this->plan_.cloth.points(); ++i) {
             if (this->plan_.cloth.pinned[std::size_t(i)]) continue;
@@ -201,7 +206,7 @@ private:
             double speed = (point.velocity - travel).norm();
             if (tried) speed = std::max(speed, (vector_in(result_, i, 3) - travel).norm());
             speed += sphere_speed;
-            const double gap = std::max((point.position - center).norm() - sphere.reach(), 0.0);
+            const double gap = std::max(sphere.height(point.position - place) - sphere.reach(), 0.0);
             if (speed * allowed > gap)
                 allowed = std::min(allowed, std::max(gap / speed, std::min(near, least_gap / speed)));
         }

@@ -12,7 +12,7 @@
 #include "contact/response.hpp"
 #include "contact/separating_planes.hpp"
 #include "engines/state_memory.hpp"
-#include "measure/depth.hpp"
+#include "measure/watched.hpp"
 
 namespace clothsim {
 
@@ -59,20 +59,24 @@ public:
         state_replaced();
     }
     void note_all_depths(double t) final {
-        std::fill(touched_rows_.begin(), touched_rows_.end(), true);
-        note_depths(t);
+        for (const Sphere& sphere : plan_.spheres) {
+            const Vec3 place = sphere.place_at(t);
+            for (int i = 0; i < plan_.cloth.points(); ++i)
+                watched.point_depth =
+                    std::max(watched.point_depth, -sphere.height(points_.position(memory_, i) - place));
+        }
+    }
+    void note_large_cells(double t) final {
+        ContactReport::keep_first(this->contact_report.large_cell, contact_pass_.large_cell(memory_, t));
     }
     bool has_contacts() const final { return !plan_.spheres.empty(); }
 
 protected:
-    using Memory::columns, Memory::depths_watched_, Memory::kernels, Memory::layout_, Memory::memory_,
-        Memory::plan_, Memory::points_, Memory::rows, Memory::state_changed;
+    using Memory::columns, Memory::kernels, Memory::layout_, Memory::memory_, Memory::plan_, Memory::points_,
+        Memory::rows, Memory::state_changed;
 
     StateEngine(const Plan& plan, const Layout& layout, std::ptrdiff_t size)
-        : Memory(plan, layout, size),
-          contact_pass_(plan_, layout_, impulses),
-          planes_(kernels()),
-          touched_rows_(std::size_t(plan.cloth.rows), false) {
+        : Memory(plan, layout, size), contact_pass_(plan_, layout_, impulses), planes_(kernels()) {
         impulses = Impulses(plan_);
     }
 
@@ -87,7 +91,7 @@ protected:
     bool advance_behind_planes(std::int64_t steps, const Clock& clock, int threads) final {
         planes_.raise();
         this->advance(steps, clock, threads);
-        contact_pass_.forget();
+        contact_pass_.forget(false);
         return planes_.lower();
     }
     // Some rows are at the end of a step.
@@ -101,14 +105,14 @@ protected:
         const ContactReport report = contact_pass_.respond(memory_, t0, t1, dt, rounding, threads);
         contact_responses += report.responses;
         if (report.changed) state_changed();
-        if (depths_watched_)
-            for (int r = 0; r < rows(); ++r) touched_rows_[std::size_t(r)] |= contact_pass_.touched(r);
+        watched.point_depth = std::max(watched.point_depth, report.depth);
+        watched.lift_work += report.lift_work;
         return report;
     }
 
     void state_replaced() final {
         state_changed();
-        contact_pass_.forget();
+        contact_pass_.forget(true);
         planes_.drop();
     }
     // Of a cloth in one strip.
@@ -121,21 +125,8 @@ protected:
     SeparatingPlanes<Real> planes_;
 
 private:
-    // Of rows in which the last pass has found a mass point near a sphere. No other can have one inside.
-    void note_depths(double t) final {
-        for (int r = 0; r < rows(); ++r) {
-            if (!std::exchange(touched_rows_[std::size_t(r)], false)) continue;
-            for (const Sphere& sphere : plan_.spheres) {
-                const VectorGeometry g = layout_.geometry(kernels().lanes);
-                const double least = least_square(memory_.data() + layout_.first() + r * g.row, g,
-                                                  kernels().lanes, sphere.center_at(t));
-                raise(watched.point_depth, sphere.radius - std::sqrt(least));
-            }
-        }
-    }
     AlignedVector<Real> checkpoint_;
     Tally tally_at_checkpoint_;
-    std::vector<std::uint8_t> touched_rows_;  // whether a sphere found a mass point in the row
 };
 
 }  // namespace clothsim

@@ -58,7 +58,15 @@ Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, cons
 
 // The distance of a triangle from the centre is at least that of a corner less its longest side. A triangle
 // that cannot come nearer than the nearest so far is skipped; that is nearly all of them.
-Penetration penetration(int rows, int columns, const PointsView& x, const Vec3& center, double radius) {
+Penetration penetration(int rows, int columns, const PointsView& x, const Sphere& sphere, double t) {
+    if (sphere.flat()) {
+        double depth = 0;
+        for (std::int64_t i = 0; i < x.rows(); ++i)
+            depth = std::max(depth, -sphere.height(x.row(i).transpose() - sphere.place_at(t)));
+        return {depth, depth};
+    }
+    const Vec3 center = sphere.center_at(t);
+    const double radius = sphere.radius;
     const auto corner = [&](std::int64_t i) { return Vec3(x.row(i).transpose()); };
     std::vector<double> distances(std::size_t(x.rows()));
     double nearest_point = std::numeric_limits<double>::infinity();

@@ -27,11 +27,11 @@ double spring_energy(const Cloth& cloth, int i, const Vec3& x, Position position
     return energy;
 }
 
-// Deepest depth below the sphere's true radius [m], never negative.
+// Deepest depth below the surface [m], never negative.
 struct Penetration {
     double points, triangles;
 };
-Penetration penetration(int rows, int columns, const PointsView& x, const Vec3& center, double radius);
+Penetration penetration(int rows, int columns, const PointsView& x, const Sphere& sphere, double t);
 
 // The two triangles of every cell, split along the diagonal from (row, column + 1) to (row + 1, column).
 // Corners run counterclockwise seen from above, so normals of the flat sheet point up (+y).

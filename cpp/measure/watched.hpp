@@ -23,16 +23,11 @@ inline void lower(std::atomic<double>& least, double value) {
     while (value < now && !least.compare_exchange_weak(now, value, std::memory_order_relaxed)) {
     }
 }
-inline void raise(std::atomic<double>& most, double value) {
-    double now = most.load(std::memory_order_relaxed);
-    while (value > now && !most.compare_exchange_weak(now, value, std::memory_order_relaxed)) {
-    }
-}
-
 struct Watched {
     Shared<double> first_contact{
         std::numeric_limits<double>::infinity()};  // end of the first step that a response changed [s]
-    Shared<double> point_depth{0};  // of mass points below a sphere's true radius, every step [m]
+    double point_depth = 0;  // of mass points below a sphere's surface, every step [m]
+    double lift_work = 0;  // energy that the growth of cells on spheres has made [J]
     double triangle_depth = 0;           // of triangles, at the states sampled [m]
     double stretch = -std::numeric_limits<double>::infinity();  // at the states sampled
     double energy_gained = 0;  // most that the total was above that of the start, where it is watched [J]

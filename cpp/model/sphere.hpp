@@ -1,7 +1,9 @@
 // A sphere, its motion and how cloth responds to it.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "model/motion.hpp"
 
@@ -10,10 +12,11 @@ namespace clothsim {
 enum class Response { reflect, ray, continuous };
 inline constexpr std::array<const char*, 3> response_names{"reflect", "ray", "continuous"};
 
+// A sphere, or a plane: a sphere of no curvature.
 struct Sphere {
-    Vec3 center = Vec3::Zero();
-    double radius = 0;          // m
-    double contact_radius = 0;  // m, radius + offset, computed once
+    Vec3 center = Vec3::Zero();  // of a plane, a place on it
+    double radius = 0;  // m; infinite: a plane
+    double offset = 0;  // m, from the surface to where points are in contact, computed once
     double restitution = 1;
     double friction = 0;
     Response response = Response::ray;
@@ -21,13 +24,31 @@ struct Sphere {
     bool cells = false;    // continuous: each point stands off by what its cells need as they are
     double push_out_speed = 1;  // m/s, of points that the sphere starts on
     Motion motion;
+    // Unit normal at the place of the surface from which points are measured: the top of a sphere.
+    Vec3 normal = Vec3::UnitY();
+    // How far from there points are expected at most [m]. Farther out, levels in single and places in float32
+    // arrays are rounded by more than bands and slop.
+    double spread = 1;
     Vec3 origin = Vec3::Zero();  // of the positions that the centre is compared with [m]
 
-    // No point keeps a larger distance from the centre; of cells the root of 2 times the radius, and a
+    bool flat() const { return std::isinf(radius); }
+    double curvature() const { return 1 / radius; }
+    double contact_radius() const { return radius + offset; }
+    // No point keeps a larger distance from the surface; of cells the root of 2 times the radius, and a
     // little.
-    double reach() const { return cells ? 1.4143 * contact_radius : contact_radius; }
+    double reach() const { return cells ? 0.4143 * radius : offset; }
     Vec3 center_at(double t) const { return motion.place(center, motion.at(t)) - origin; }
     Vec3 velocity_at(double t) const { return motion.at(t).velocity; }
+    // The place from which points are measured.
+    Vec3 place_at(double t) const { return flat() ? center_at(t) : Vec3(center_at(t) + radius * normal); }
+    // The level of a point that is d from there, and heights over the surface by level
+    // (kernels/contact/continuous.hpp).
+    double level(const Vec3& d) const { return d.dot(normal + (normal + curvature() * d)); }
+    double height(double level) const {
+        return level / (1 + std::sqrt(std::max(1 + curvature() * level, 0.0)));
+    }
+    double height(const Vec3& d) const { return height(level(d)); }
+    double level(double height) const { return height * (2 + curvature() * height); }
 };
 
 }  // namespace clothsim

@@ -6,8 +6,10 @@
 namespace clothsim::reference {
 namespace {
 
-// Part of the radius. A point inside by less lies on the surface: rounding is 1e-7 of it.
+// Part of the radius, or length over a plane [m]. A point inside by less lies on the surface: rounding is
+// 1e-7 of it.
 constexpr double touching = 1e-9;
+double slack(const MovingSphere& sphere) { return sphere.flat ? touching : touching * sphere.radius; }
 
 struct Path {
     Vec3 x, v, a;
@@ -29,11 +31,11 @@ double bisect(double low, double high, const Predicate& holds) {
 // The time after `elapsed` at which the path next touches the sphere, within `left`.
 std::optional<double> impact(const Path& path, const MovingSphere& sphere, double elapsed, double left) {
     const auto from_center = [&](double s) -> Vec3 { return path.at(s) - sphere.at(elapsed + s); };
-    const auto inside = [&](double s) { return from_center(s).norm() < sphere.radius; };
+    const auto inside = [&](double s) { return sphere.height(from_center(s)) < 0; };
     const auto approaches = [&](double s) {
-        return from_center(s).dot(path.velocity(s) - sphere.velocity) < 0;
+        return sphere.outward(from_center(s)).dot(path.velocity(s) - sphere.velocity) < 0;
     };
-    if (from_center(0).norm() < (1 - touching) * sphere.radius) return {};
+    if (sphere.height(from_center(0)) < -slack(sphere)) return {};
     if (approaches(0)) {
         const double nearest = bisect(0, left, [&](double s) { return !approaches(s); });
         if (!inside(nearest)) return {};
@@ -63,15 +65,15 @@ bool leave(const std::vector<MovingSphere>& spheres, const State& before, State&
     for (int round = 0; moved && round < most_rounds; ++round) {
         moved = false;
         for (const MovingSphere& sphere : spheres) {
-            const double began = (before.x - sphere.start).norm();
-            const bool began_inside = began < (1 - touching) * sphere.radius;
-            const double least =
-                began_inside ? std::min(sphere.radius, began + h * sphere.push_out_speed) : sphere.radius;
-            const Vec3 p = point.x - sphere.at(h);
-            if (p.norm() >= (1 - 1e-15) * least) continue;
-            const Vec3 n = p.norm() > 0 ? Vec3(p.normalized()) : Vec3(Vec3::UnitY());
+            const double began = sphere.height(before.x - sphere.start);
+            const bool began_inside = began < -slack(sphere);
+            const double least = began_inside ? std::min(0.0, began + h * sphere.push_out_speed) : 0;
+            const Vec3 p = point.x - sphere.at(h), n = sphere.outward(p);
+            const double height = sphere.height(p), rounding = sphere.flat ? 1e-15 : 1e-15 * sphere.radius;
+            if (height >= least - rounding) continue;
             bounce(point.v, sphere, n, 0, began_inside ? 0 : sphere.friction);
-            point.x = sphere.at(h) + least * n;
+            point.x = sphere.flat ? Vec3(point.x + (least - height) * n)
+                                  : Vec3(sphere.at(h) + (sphere.radius + least) * n);
             touched = moved = true;
         }
     }
@@ -83,10 +85,12 @@ bool leave(const std::vector<MovingSphere>& spheres, const State& before, State&
 MovingSphere::MovingSphere(const Sphere& sphere, double t0, double t1)
     : start(sphere.center_at(t0)),
       velocity((sphere.center_at(t1) - start) / (t1 - t0)),
-      radius(sphere.contact_radius),
+      radius(sphere.contact_radius()),
       restitution(sphere.restitution),
       friction(sphere.friction),
-      push_out_speed(sphere.push_out_speed) {}
+      push_out_speed(sphere.push_out_speed),
+      flat(sphere.flat()),
+      normal(sphere.normal) {}
 
 bool respond(const std::vector<MovingSphere>& spheres, const State& before, State& point, double h) {
     constexpr int most_impacts = 100;
@@ -107,7 +111,7 @@ bool respond(const std::vector<MovingSphere>& spheres, const State& before, Stat
         path = {path.at(time), path.velocity(time), path.a};
         elapsed += time;
         const double left = h - elapsed;
-        const Vec3 n = (path.x - first->at(elapsed)).normalized();
+        const Vec3 n = first->outward(path.x - first->at(elapsed));
         if (left * path.a.dot(n) <= 2 * (path.v - first->velocity).dot(n)) {
             // So slow that an elastic bounce ends within the substep: the point stays, and what presses it
             // is a force of contact.

@@ -14,12 +14,19 @@ namespace clothsim::reference {
 
 // A sphere with the response "continuous", straight on its way within one substep.
 struct MovingSphere {
-    Vec3 start, velocity;  // of the centre
+    Vec3 start, velocity;  // of the centre; of a place on a plane
     double radius;  // of contact
     double restitution, friction, push_out_speed;
+    bool flat;  // a plane
+    Vec3 normal;  // of a plane
 
     MovingSphere(const Sphere& sphere, double t0, double t1);
     Vec3 at(double s) const { return start + s * velocity; }
+    // Of a place p from the centre, or from the place on the plane.
+    double height(const Vec3& p) const { return flat ? p.dot(normal) : p.norm() - radius; }
+    Vec3 outward(const Vec3& p) const {
+        return flat ? normal : p.norm() > 0 ? Vec3(p.normalized()) : Vec3(Vec3::UnitY());
+    }
 };
 
 // `point`, a mass point's free state after a substep of length h from `before`, responds to the spheres.

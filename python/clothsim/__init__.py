@@ -101,7 +101,7 @@ from .run.result import Run, load_run
 from .run.settle import settle
 from .run.difference import difference
 from .run.simulate import simulate
-from .model.sphere import Sphere
+from .model.sphere import Plane, Sphere
 from .engine.snapshot import Snapshot
 from .engine.stepper import Stepper
 from .engine.stepping import acceleration, reference_step, step
@@ -141,6 +141,7 @@ __all__ = [
     "Scene",
     "Sinusoid",
     "Snapshot",
+    "Plane",
     "Sphere",
     "StabilityWarning",
     "Stepper",

@@ -142,6 +142,7 @@ class Report(TypedDict):
     first_contact: FirstContact
     impulse: list[list[float]]
     impulse_reason: str
+    lift_work: float
     kernel: str
     integrator: str
     as_printed: bool

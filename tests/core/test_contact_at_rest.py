@@ -13,9 +13,13 @@ SHAPE = (40, 50)
 EPSILON = {"double": np.finfo(np.float64).eps, "single": np.finfo(np.float32).eps}
 
 
-def slop(precision):
-    """How far outside the sphere points are put: 4 ulp of |centre| + radius."""
-    return 4 * float(EPSILON[precision]) * (np.abs(CENTER).sum() + RADIUS)
+def heights(precision):
+    """Over the sphere: the least, and the top of the band on which points are put; and how far above that points rest."""
+    epsilon = float(EPSILON[precision])
+    slop = 2 * epsilon * (np.abs(CENTER + (0, RADIUS, 0)).sum() + RADIUS)
+    levels = slop * (2 + slop / RADIUS) + RADIUS * epsilon * np.array((0, 8, 24))  # h (2 + h / R) of heights
+    least, top, rests = levels / (1 + np.sqrt(1 + levels / RADIUS))
+    return least, top, rests - top
 
 
 def directions(rng):
@@ -46,28 +50,27 @@ def length(p):
     return np.sqrt((p**2).sum(axis=-1))
 
 
-@pytest.mark.parametrize("edge", [-1, 1])
-def test_the_boundary_of_rest_is_decided_in_double(edge):
-    """Who lies within a quarter of the slop stays; above it falls on, below it is lifted.
+@pytest.mark.parametrize("upper", [False, True])
+def test_the_boundary_of_rest(upper):
+    """Who lies in the band stays; above it falls on, below it is lifted to its top.
 
-    The rim is looked at closer than a float32 can see: to 1e-11 of the radius.
+    The lower rim is looked at closer than a float32 can see: to 1e-11 of the radius. The upper one is as float32 sees it.
     """
     rng = np.random.default_rng(7)
-    n, quarter = directions(rng), slop("single") / 4
-    surface = RADIUS + slop("single")
-    aside = rng.choice((-1, 1), SHAPE) * 1e-4 * quarter * 10 ** rng.uniform(-1, 0, SHAPE)
-    x = stored(CENTER + (surface + edge * quarter + aside)[..., None] * n, "single")
-    v = -0.02 * quarter / DT * n
+    n, (least, top, tolerance) = directions(rng), heights("single")
+    aside = rng.choice((-1, 1), SHAPE) * (1 if upper else 1e-3) * tolerance * rng.uniform(0.6 if upper else 0.1, 0.9, SHAPE)
+    x = stored(CENTER + (RADIUS + (top + tolerance if upper else least) + aside)[..., None] * n, "single")
+    v = -0.02 * tolerance / DT * n
     (free, v_free), (after, v_after) = stepped(x, v, "single", restitution=0.0)
 
     start, end = length(from_centre(x)), length(from_centre(after))
-    high, low = start > surface + quarter, start < surface - quarter
+    high, low = start > RADIUS + top + tolerance, start < RADIUS + least
     rests = ~(high | low)
     assert min(rests.sum(), (high | low).sum()) > 500
     np.testing.assert_array_equal(after[high], free[high])
     np.testing.assert_array_equal(v_after[high], v_free[high])
     assert np.abs(end - start)[rests].max() < 1e-14
-    assert np.abs(end - surface)[low].max(initial=0) < 1e-14
+    assert np.abs(end - RADIUS - top)[low].max(initial=0) < 1e-14
     assert np.abs(v_after[~high]).max() < 1e-6 * np.abs(v).max()
 
 
@@ -76,7 +79,7 @@ def test_whether_a_point_at_rest_is_pressed_is_decided_in_double(precision, fric
     """Along the sphere to 1e-7 of the way: up or down is a matter of digits float32 has not."""
     rng = np.random.default_rng(8)
     n = directions(rng)
-    x = stored(CENTER + (RADIUS + slop(precision)) * n, precision)
+    x = stored(CENTER + (RADIUS + heights(precision)[1]) * n, precision)
     aside = np.cross(n, directions(rng))
     aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
     v = 0.01 * RADIUS / DT * (aside + 1e-7 * rng.normal(size=(*SHAPE, 1)) * n)

@@ -30,9 +30,10 @@ class Rules:
         return cs.energy(self.scene, x, 0 * x)["total"]
 
     def surface(self, sphere):
-        """The radius, and 4 ulp of |centre| + radius: where points are put."""
-        size = np.abs(sphere.center_at(self.dt)).sum() + sphere.radius
-        return sphere.radius + 4 * self.epsilon * size
+        """The radius, 2 ulp of |place| + size, and the band over that: where points are put."""
+        size = min(sphere.radius, 4 * np.hypot(*self.scene.cloth.size))
+        top = sphere.center_at(self.dt) - sphere.radius * np.array(self.scene.gravity) / np.linalg.norm(self.scene.gravity)
+        return sphere.radius + self.epsilon * (2 * (np.abs(top).sum() + size) + 4 * size)
 
     def path(self, sphere):
         """In the sphere's frame: where the rest of the way begins, and the rest of the way."""
@@ -144,7 +145,8 @@ def test_responses_of_points_follow_the_formulas(stiffness, spheres, precision):
 @pytest.mark.parametrize("restitution", [1.0, 0.5])
 def test_several_contacts_among_spheres_on_their_ways(restitution):
     """To and fro between two walls that move, each hit at its time and at its wall's speed."""
-    walls, speeds = np.array([-0.5, 0.5]), np.array([0.4, -0.25])
+    out = np.finfo(float).eps * (2 * (1.0 + 0.5 + 0.5) + 4 * 0.5)  # where points are put
+    walls, speeds = np.array([-0.5 + out, 0.5 - out]), np.array([0.4, -0.25])
     spheres = [
         ball((-1.0, 0, 0), motion=cs.Linear((0.4, 0, 0)), restitution=restitution),
         ball((1.0, 0, 0), motion=cs.Linear((-0.25, 0, 0)), restitution=restitution),

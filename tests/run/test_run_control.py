@@ -87,7 +87,7 @@ def test_frames_of_accepted_steps_also_after_a_first_contact(count):
 )
 def test_a_run_starts_at_its_time(options):
     """With the sphere's motion shifted by the same time it is the run from 0."""
-    start, duration = 0.375, 0.25
+    start, duration = 0.3125, 0.25
     x = SCENE.initial_position
     ball = cs.Sphere(motion=cs.Linear((0.0, 2.0, 0.0)), center=(0.5, -0.55, 0.5), radius=0.25, response="ray", offset="edge")
     early = SCENE.replace(spheres=ball)

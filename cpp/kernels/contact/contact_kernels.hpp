@@ -1,54 +1,27 @@
-// The kernels of continuous contact, of one instruction set.
+// The kernels of the contact pass, of one instruction set.
 #pragma once
 
-#include "kernels/contact/cell_arguments.hpp"
+#include "kernels/contact/contact_arguments.hpp"
 #include "kernels/instruction_set.hpp"
 
 namespace clothsim {
 
-// Continuous contact of the rows [begin, end).
+// Each works on the rows [begin, end), in the order in which a step takes them.
 template <class Real>
-using ContactKernel = void (*)(const ContactArguments<Real>&, int begin, int end);
-
-// "reflect" and "ray": calls a.unresolved for the points inside at the end of a step.
-template <class Real>
-using InsideKernel = void (*)(const ContactArguments<Real>& a, const Real* center, Real radius2, int begin,
-                              int end);
-
-// The passes of offset "cell", in the order in which a step takes them; each of the rows [begin, end).
-template <class Real>
-struct CellKernels {
-    using Rows = void (*)(const CellArguments<Real>&, int begin, int end);
-    struct Passes {
-        Rows respond;
-        void (*radii)(const CellArguments<Real>&, const Real* state, int begin, int end);  // rho^2 of cells
-        Rows raise;  // moves points outwards where rho has grown
-        int (*stream)(const CellArguments<Real>&);  // all three, row after row
-    };
-    Passes fused, strict;
+struct RowsOfContact {
+    using Rows = void (*)(const ContactArguments<Real>&, int begin, int end);
+    Rows find;  // marks points that are inside at the end of a step
+    Rows respond;
+    void (*radii)(const ContactArguments<Real>&, const Real* state, int begin, int end);  // rho^2 of cells
+    Rows lift;  // moves points outwards where rho has grown
 };
 
 struct ContactKernels {
-    ContactKernel<float> single, strict_single;
-    ContactKernel<double> double_, strict_double;
-    InsideKernel<float> inside_single;
-    InsideKernel<double> inside_double;
-    CellKernels<float> cells_single;
-    CellKernels<double> cells_double;
+    RowsOfContact<float> single, strict_single;
+    RowsOfContact<double> double_, strict_double;
 
     template <class Real>
-    const typename CellKernels<Real>::Passes& cells(bool strict) const {
-        if constexpr (sizeof(Real) == 4) return strict ? cells_single.strict : cells_single.fused;
-        else return strict ? cells_double.strict : cells_double.fused;
-    }
-
-    template <class Real>
-    InsideKernel<Real> inside() const {
-        if constexpr (sizeof(Real) == 4) return inside_single;
-        else return inside_double;
-    }
-    template <class Real>
-    ContactKernel<Real> of(bool strict) const {
+    const RowsOfContact<Real>& of(bool strict) const {
         if constexpr (sizeof(Real) == 4) return strict ? strict_single : single;
         else return strict ? strict_double : double_;
     }

@@ -1,18 +1,26 @@
-// Continuous contact of a mass point with a sphere: the time of impact within a step, and what follows.
+// Continuous contact of a mass point with a sphere or a plane: the time of impact within a step, and what
+// follows it.
 //
-// Everything is in the sphere's frame and in double. Within a step the point goes straight from the start of
-// the step to the end of the free step. The sphere goes straight between its two places, so that
+// A sphere is told by a place p0 on it, its normal n there and its curvature k = 1/R; 0 is a plane. With
+// d = p - p0 the level of a place and the height over the surface are
 //
-//     p(t) = p0 + t q,   t = 0..1            |p(t)| = surface          (surface: contact radius + slop)
+//     f(d) = 2 n.d + k d.d = d.(n + m(d))    m(d) = n + k d    height = f / (1 + sqrt(1 + k f))
 //
-// With s the time of closest approach, m = p0 + s q there, a = q.q, b = p0.q and c = p0.p0 - surface^2:
+// No large numbers cancel. |m| = sqrt(1 + k f), m / |m| is the normal at the place, and f = h (2 + k h).
 //
-//     t = c / (-b + sqrt(a (surface^2 - m.m)))
+// Everything is in the sphere's frame. Within a step the point goes straight from the start of the step to
+// the end of the free step. The sphere goes straight between its two places, so that
 //
-// which does not cancel for a point at the surface (c small). Nor does it for a point that grazes after a
-// long way (b^2 and a c nearly equal: m is formed first).
+//     d(t) = d0 + t q,   t = 0..1           f(d(t)) = top
 //
-// At t the normal n is fixed. The part of the remaining way along -n, of length `depth`, is taken back: the
+// With a = k q.q and b = m(d0).q, let s be the time of closest approach, at most 1, and b' = b + s a there:
+//
+//     t = (f(d0) - top) / (-b + sqrt(b'^2 + a (top - f(d(s)))))
+//
+// which does not cancel for a point at the surface. Nor does it for a point that grazes after a long way,
+// where b^2 and a (f(d0) - top) are nearly equal.
+//
+// At t the normal is fixed. The part of the remaining way along it, of length `depth`, is taken back: the
 // point ends in the tangent plane. Its speed there follows from energy, as its free end lies `depth` lower.
 // With u its normal speed at the free end and `press` its mean acceleration towards the sphere,
 //
@@ -30,18 +38,45 @@ namespace clothsim {
 
 // A sphere over one step, prepared for many points.
 struct SweptSphere {
-    double start[3], end[3];  // centre [m]
+    double start[3], end[3];  // p0 [m]
     double velocity[3];  // (end - start) / dt [m/s]
-    double radius;  // below it a point is inside: the contact radius [m]
-    double surface;  // on to which points are put, a few rounding errors further out [m]
-    double slop;  // surface - radius
-    double reach;  // no point keeps a larger distance [m]
-    bool cells;  // each point keeps sqrt(surface^2 + rho^2), see CellBand
-    double band;  // with cells, over that distance, as a part of it
+    double normal[3], curvature;  // n, k [1/m]
+    double size;  // the radius, or less: points are expected this near p0 [m]
+    // Levels [m]: a point was inside if it began below `innermost`. None may end below `least`. A response
+    // puts it on top of a band over that, and it may lie anywhere within.
+    double innermost, least, band;
+    bool cells;  // each point keeps the level k rho^2 more, but no more than `most_of_cells`
+    double most_of_cells;
+    double near_level, near_curvature;  // of the check for points that may respond (contact_impl.hpp)
+    double tolerance;  // see ContactBand [m]
     double restitution, friction;
     double push;  // how far a point that was inside is pushed outwards in a step, at most [m]
     double dt;
 };
+
+// Bands [of the size].
+struct ContactBand {
+    // Without cells, as a level in epsilon; rounding of a level is up to 5 epsilon.
+    static constexpr double least = 8;
+    // Points that lie so far above the top, as a level in epsilon, rest there: sliding on a sphere raises
+    // them. With half of it more of them go to the slower path; twice is seen in "single".
+    static constexpr double tolerance = 16;
+    // With cells, as lengths. In double it is bounded by a part of what a cell at rest adds to the radius.
+    // With half of it a violent impact takes more rounds, with twice as much points stand off farther by
+    // another millionth.
+    static constexpr double of_cells = 1e-6, least_of_cells = 64 * 0x1p-52, of_cells_in_single = 8e-6;
+    // Half: more rounds on large spheres. Twice: points stand off by another hundredth.
+    static constexpr double part_of_cell = 0.01;
+    // Rounding of rho^2 in the kernels, in epsilon; found by comparison with long double: up to 9.
+    static constexpr double rounding_of_cells = 32;
+    // Circles around three corners that exceed the largest circle on two by less are not computed, but
+    // covered. Cells of a cloth that lies smoothly have such circles. A part of rho^2. With half of it more
+    // circles are computed, with twice as much points stand off farther by another 1e-4 of their stand-off.
+    static constexpr double excess = 1e-4;
+};
+template <class Real>
+inline constexpr double cell_rounding =
+    1 + ContactBand::excess + ContactBand::rounding_of_cells * (sizeof(Real) == 4 ? 0x1p-23 : 0x1p-52);
 
 namespace {
 
@@ -82,53 +117,44 @@ CLOTHSIM_LANE D dot3(const D a[3], const D b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-// Distances from the centre at which a point responds.
+// m(d); returns f(d).
+template <class D>
+CLOTHSIM_LANE D level(const SweptSphere& s, const D d[3], D m[3]) {
+    D sum[3];
+    for (int j = 0; j < 3; ++j) {
+        m[j] = D(s.normal[j]) + D(s.curvature) * d[j];
+        sum[j] = D(s.normal[j]) + m[j];
+    }
+    return dot3(d, sum);
+}
+template <class D>
+CLOTHSIM_LANE D height_of(const SweptSphere& s, const D& level) {
+    return level / (D(1) + root(larger(D(1) + D(s.curvature) * level, D(0))));
+}
+template <class D>
+CLOTHSIM_LANE D level_of(const SweptSphere& s, const D& height) {
+    return height * (D(2) + D(s.curvature) * height);
+}
+
+// Levels at which a point responds. One that starts no more than `SweptSphere::tolerance` above the top lies
+// on the sphere.
 template <class D>
 struct Surface {
-    D top;  // on to which it is put [m]
-    D innermost;  // it was inside if it began below [m]
-    D lowest;  // if it ends below without contact, it is put on top [m]
-    D held;  // the same after a contact [m]
+    D top;  // on to which it is put
+    D innermost;  // it was inside if it began below
+    D lowest;  // if it ends below, it is put on top
 };
 
-template <class D>
-CLOTHSIM_LANE Surface<D> surface_of(const SweptSphere& s) {
-    return {D(s.surface), D(s.surface - 2 * s.slop), D(s.surface - s.slop / 2), D(s.surface)};
-}
-
-// Offset "cell": a point keeps at least sqrt(surface^2 + rho^2), rho at most the surface. A response puts it
-// on top of a band over this distance, and it may lie anywhere within. So rho can change a little without a
-// second round of responses. The band is a part of the distance. With half of it a violent impact takes more
-// rounds, with twice as much points stand off farther by another millionth.
-struct CellBand {
-    static constexpr double part = 1e-6;
-    // But at most this part of the distance that a cell at rest adds to a large sphere. Half: more rounds
-    // there. Twice: points stand off by another hundredth.
-    static constexpr double part_of_cell = 0.01;
-    // In single, which has to resolve a quarter of the band.
-    static constexpr double part_in_single = 8e-6;
-    // Rounding of rho^2 in the kernels, in epsilon; found by comparison with long double: up to 9.
-    static constexpr double rounding = 32;
-    // Circles around three corners that exceed the largest circle on two by less are not computed, but
-    // covered. Cells of a cloth that lies smoothly have such circles. A part of rho^2. With half of it more
-    // circles are computed, with twice as much points stand off farther by another 1e-4 of their stand-off.
-    static constexpr double excess = 1e-4;
-};
-template <class Real>
-inline constexpr double cell_band = sizeof(Real) == 4 ? CellBand::part_in_single : CellBand::part;
-template <class Real>
-inline constexpr double cell_rounding =
-    1 + CellBand::excess + CellBand::rounding * (sizeof(Real) == 4 ? 0x1p-23 : 0x1p-52);
-
+// `radius2`: rho^2 of the point's cells, with offset "cell".
 template <class Real, class D>
-CLOTHSIM_LANE D least_distance2(const SweptSphere& s, const D& radius2) {
-    const D surface2(s.surface * s.surface), inflated = radius2 * D(cell_rounding<Real>);
-    return surface2 + pick<D>(inflated < surface2, inflated, surface2);
+CLOTHSIM_LANE D least_level(const SweptSphere& s, const D& radius2) {
+    const D more = radius2 * D(s.curvature * cell_rounding<Real>);
+    return D(s.least) + smaller(more, D(s.most_of_cells));
 }
 template <class Real, class D>
-CLOTHSIM_LANE Surface<D> cell_surface(const SweptSphere& s, const D& radius2) {
-    const D least = root(least_distance2<Real>(s, radius2));
-    return {least * D(1 + s.band), least - D(s.slop), least, least * D(1 + s.band / 2)};
+CLOTHSIM_LANE Surface<D> surface_of(const SweptSphere& s, const D& radius2) {
+    const D least = s.cells ? least_level<Real>(s, radius2) : D(s.least);
+    return {least + D(s.band), least - D(s.least - s.innermost), least};
 }
 
 // Where a point touches the sphere within a step.
@@ -136,9 +162,10 @@ template <class D>
 struct Touch {
     MaskOf<D> hit;  // within the step
     MaskOf<D> inside;  // at the start, by more than rounding
+    MaskOf<D> rested;  // on the sphere at the start
     D time;  // of the hit, part of the way that was left
     D normal[3];
-    D place[3];  // of the hit, from the centre [m]
+    D place[3];  // of the hit, from p0 [m]
     D depth;  // how far the rest of the way leads below the tangent plane [m]
     D along[3];  // the rest of the way along the tangent plane [m]
     D speed;  // normal speed at the free end [m/s], negative: towards the sphere
@@ -146,28 +173,28 @@ struct Touch {
     D bounce;  // normal speed after the contact [m/s], before anything presses again
 };
 
-// p0, q: start and way from there; v: velocity at the free end; gain: what the free step added to the
+// d0, q: start and way from there; v: velocity at the free end; gain: what the free step added to the
 // velocity. All relative to the sphere.
 template <class D>
-CLOTHSIM_LANE Touch<D> touch(const SweptSphere& s, const Surface<D>& surface, const D p0[3], const D q[3],
+CLOTHSIM_LANE Touch<D> touch(const SweptSphere& s, const Surface<D>& surface, const D d0[3], const D q[3],
                              const D v[3], const D gain[3]) {
     Touch<D> r;
-    const D zero(0), one(1), surface2 = surface.top * surface.top;
-    const D start2 = dot3(p0, p0);
-    r.inside = start2 < surface.innermost * surface.innermost;
-    const D a = dot3(q, q), b = dot3(p0, q);
-    const D closest = pick<D>(a > zero, -b / a, zero);
-    const D m[3] = {p0[0] + closest * q[0], p0[1] + closest * q[1], p0[2] + closest * q[2]};
-    const D below = surface2 - dot3(m, m);
-    const D c = larger(start2 - surface2, zero);
-    const D down = root(larger(a * below, zero)) - b;
-    r.time = pick<D>(down > zero, c / down, zero);
-    r.hit = (b < zero) & (below > zero) & (r.time <= one) & !r.inside;
+    const D zero(0), one(1);
+    D m[3];
+    const D start = level(s, d0, m), a = D(s.curvature) * dot3(q, q), b = dot3(m, q);
+    r.inside = start < surface.innermost;
+    r.rested = start <= surface.top + D(s.tolerance);
+    const D closest = smaller(pick<D>(a > zero, -b / a, one), one);
+    const D nearest[3] = {d0[0] + closest * q[0], d0[1] + closest * q[1], d0[2] + closest * q[2]};
+    const D below = surface.top - level(s, nearest, m), last = b + closest * a;
+    const D down = root(larger(last * last + a * below, zero)) - b;
+    r.time = pick<D>(r.rested | (down <= zero), zero, (start - surface.top) / down);
+    r.hit = (b < zero) & (r.rested | ((below > zero) & (r.time <= one))) & !r.inside;
     const D rest = one - r.time;
-    for (int k = 0; k < 3; ++k) r.place[k] = p0[k] + r.time * q[k];
-    const D distance2 = dot3(r.place, r.place);
-    const D inverse = pick<D>(distance2 > zero, one / root(distance2), zero);
-    for (int k = 0; k < 3; ++k) r.normal[k] = r.place[k] * inverse;
+    for (int k = 0; k < 3; ++k) r.place[k] = d0[k] + r.time * q[k];
+    level(s, r.place, m);
+    const D length2 = dot3(m, m), inverse = pick<D>(length2 > zero, one / root(length2), zero);
+    for (int k = 0; k < 3; ++k) r.normal[k] = m[k] * inverse;
     const D normal_way = smaller(dot3(q, r.normal), zero);
     r.depth = -rest * normal_way;
     for (int k = 0; k < 3; ++k) r.along[k] = rest * (q[k] - normal_way * r.normal[k]);
@@ -185,11 +212,11 @@ CLOTHSIM_LANE MaskOf<D> flies(const SweptSphere& s, const Touch<D>& t) {
     return t.hit & (t.bounce > D(0)) & (D(2) * t.bounce > t.press * D(s.dt));
 }
 
-// Position (from the centre) and velocity (relative; before: at the free end) after a contact, `height` above
-// the tangent plane. Coulomb: the tangential change is at most friction times the normal one.
+// Place (from p0) and velocity (relative; before: at the free end) after a contact, `height` above the
+// tangent plane. Coulomb: the tangential change is at most friction times the normal one.
 template <class D>
 CLOTHSIM_LANE void leave(const SweptSphere& s, const Touch<D>& t, const D& height, const D& normal_speed,
-                         D p[3], D v[3]) {
+                         D d[3], D v[3]) {
     const D zero(0), one(1);
     D tangential[3];
     for (int k = 0; k < 3; ++k) tangential[k] = v[k] - t.speed * t.normal[k];
@@ -205,38 +232,41 @@ CLOTHSIM_LANE void leave(const SweptSphere& s, const Touch<D>& t, const D& heigh
         }
     }
     for (int k = 0; k < 3; ++k) {
-        p[k] = t.place[k] + keep * t.along[k] + height * t.normal[k];
+        d[k] = t.place[k] + keep * t.along[k] + height * t.normal[k];
         v[k] = keep * tangential[k] + normal_speed * t.normal[k];
     }
 }
 
-// p brought to the distance `surface` if it is nearer than `limit`.
+// d brought along its normal to the level `top` if it is below `limit`. The exact centre goes along n.
 template <class D>
-CLOTHSIM_LANE MaskOf<D> lift(D p[3], const D& limit, const D& surface) {
-    const D zero(0), distance2 = dot3(p, p);
-    const MaskOf<D> low = distance2<limit * limit, away = distance2> zero;
+CLOTHSIM_LANE MaskOf<D> lift(const SweptSphere& s, D d[3], const D& limit, const D& top) {
+    const D zero(0), one(1), k(s.curvature);
+    D m[3];
+    const D now = level(s, d, m), length2 = one + k * now;
+    const MaskOf<D> low = now<limit, away = length2> zero;
     if (!any<D>(low)) return low;
-    const D scale = pick<D>(away, surface / root(distance2), zero);
-    for (int k = 0; k < 3; ++k) p[k] = pick<D>(low, p[k] * scale, p[k]);
-    p[1] = pick<D>(low & !away, surface, p[1]);
+    const D rise = (top - now) / pick<D>(away, length2 + root(length2 * (one + k * top)), one);
+    const D from_centre = height_of(s, top);
+    for (int j = 0; j < 3; ++j)
+        d[j] = pick<D>(low, pick<D>(away, d[j] + rise * m[j], from_centre * D(s.normal[j])), d[j]);
     return low;
 }
 
-// A point that was inside goes outwards by no more than `push` a step unless it moves so itself, and never
-// deeper. Its velocity is not directed inwards any more. Returns whether the point was changed.
+// A point that was inside, `start` high, goes outwards by no more than `push` a step unless it moves so
+// itself, and never deeper. Its velocity is not directed inwards any more. Returns whether the point was
+// changed.
 template <class D>
-CLOTHSIM_LANE MaskOf<D> push_out(const SweptSphere& s, const D& surface, const D& start_distance, D p[3],
-                                 D v[3]) {
-    const D zero(0), distance = root(dot3(p, p));
-    const D aim = smaller(surface, larger(distance, start_distance + D(s.push)));
-    const MaskOf<D> inside = distance<surface, away = distance> zero;
-    D n[3];
-    for (int k = 0; k < 3; ++k) n[k] = pick<D>(away, p[k] / distance, D(k == 1));
-    const D inwards = smaller(dot3(v, n), zero);
-    for (int k = 0; k < 3; ++k) {
-        p[k] = pick<D>(inside, aim * n[k], p[k]);
-        v[k] = pick<D>(inside, v[k] - inwards * n[k], v[k]);
-    }
+CLOTHSIM_LANE MaskOf<D> push_out(const SweptSphere& s, const D& top, const D& start, D d[3], D v[3]) {
+    const D zero(0), one(1);
+    D m[3];
+    const D now = level(s, d, m), length2 = dot3(m, m);
+    const MaskOf<D> inside = now<top, away = length2> zero;
+    const D inverse = pick<D>(away, one / root(length2), zero);
+    for (int j = 0; j < 3; ++j) m[j] = pick<D>(away, m[j] * inverse, D(s.normal[j]));
+    const D inwards = smaller(dot3(v, m), zero);
+    for (int j = 0; j < 3; ++j) v[j] = pick<D>(inside, v[j] - inwards * m[j], v[j]);
+    const D aim = smaller(height_of(s, top), larger(height_of(s, now), start + D(s.push)));
+    lift(s, d, top, pick<D>(inside, level_of(s, aim), now));
     return inside;
 }
 
@@ -244,6 +274,8 @@ CLOTHSIM_LANE MaskOf<D> push_out(const SweptSphere& s, const D& surface, const D
 template <class D>
 struct VectorResponse {
     MaskOf<D> responded, in_the_air, inside;
+    D press;  // the speed that a contact from the start of the step on has taken [m/s]
+    D height;  // at the end [m]
 };
 
 // The common case of a whole step for one point, from x0, v0. The response replaces x, v after the free step,
@@ -251,46 +283,48 @@ struct VectorResponse {
 template <class D>
 CLOTHSIM_LANE VectorResponse<D> respond(const SweptSphere& s, const Surface<D>& surface, const D x0[3],
                                         const D v0[3], D x[3], D v[3]) {
-    D p0[3], p1[3], q[3], relative[3], gain[3];
+    const D zero(0);
+    D d0[3], d1[3], q[3], relative[3], gain[3], m[3];
     for (int k = 0; k < 3; ++k) {
-        p0[k] = x0[k] - D(s.start[k]);
-        p1[k] = x[k] - D(s.end[k]);
-        q[k] = p1[k] - p0[k];
+        d0[k] = x0[k] - D(s.start[k]);
+        d1[k] = x[k] - D(s.end[k]);
+        q[k] = d1[k] - d0[k];
         relative[k] = v[k] - D(s.velocity[k]);
         gain[k] = v[k] - v0[k];
     }
-    const Touch<D> t = touch(s, surface, p0, q, relative, gain);
+    const Touch<D> t = touch(s, surface, d0, q, relative, gain);
     const MaskOf<D> in_the_air = flies(s, t);
+    const D leaving = larger(t.speed, t.bounce);
 
-    D p[3], u[3];
+    D d[3], u[3];
     for (int k = 0; k < 3; ++k) u[k] = relative[k];
-    leave(s, t, D(0), larger(t.speed, t.bounce), p, u);
+    leave(s, t, zero, leaving, d, u);
     for (int k = 0; k < 3; ++k) {
-        p[k] = pick<D>(t.hit, p[k], p1[k]);
+        d[k] = pick<D>(t.hit, d[k], d1[k]);
         u[k] = pick<D>(t.hit, u[k], relative[k]);
     }
     MaskOf<D> pushed = t.inside;
     if (any<D>(t.inside)) {
         D out[3], w[3];
         for (int k = 0; k < 3; ++k) {
-            out[k] = p1[k];
+            out[k] = d1[k];
             w[k] = relative[k];
         }
-        pushed = t.inside & push_out(s, surface.top, root(dot3(p0, p0)), out, w);
+        pushed = t.inside & push_out(s, surface.top, height_of(s, level(s, d0, m)), out, w);
         for (int k = 0; k < 3; ++k) {
-            p[k] = pick<D>(pushed, out[k], p[k]);
+            d[k] = pick<D>(pushed, out[k], d[k]);
             u[k] = pick<D>(pushed, w[k], u[k]);
         }
     }
     // Rounding: a point that was outside ends outside.
-    const D limit = pick<D>(t.inside, D(0), pick<D>(t.hit, surface.held, surface.lowest));
-    const MaskOf<D> lifted = lift(p, limit, surface.top);
+    const MaskOf<D> lifted = lift(s, d, pick<D>(t.inside, D(-1e300), surface.lowest), surface.top);
     const MaskOf<D> responded = (t.hit | pushed | lifted) & !in_the_air;
     for (int k = 0; k < 3; ++k) {
-        x[k] = pick<D>(responded, D(s.end[k]) + p[k], x[k]);
+        x[k] = pick<D>(responded, D(s.end[k]) + d[k], x[k]);
         v[k] = pick<D>(responded, D(s.velocity[k]) + u[k], v[k]);
     }
-    return {responded, in_the_air, t.inside};
+    const D height = any<D>(t.inside) ? height_of(s, level(s, d, m)) : zero;
+    return {responded, in_the_air, t.inside, pick<D>(t.hit & t.rested, leaving - t.speed, zero), height};
 }
 
 }  // namespace

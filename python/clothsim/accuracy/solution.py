@@ -42,10 +42,9 @@ def first_contact(scene: Scene, duration: float) -> tuple[float, int] | None:
         t = n * dt
         x, v = stepper.positions[free], stepper.velocities[free]
         for k, sphere in enumerate(scene.spheres):
-            center = sphere.center_at(t)
-            distance = np.linalg.norm(x - center, axis=-1)
+            height = sphere.height(x, t)
             speed = np.linalg.norm(v - sphere.velocity_at(t), axis=-1)
-            if (distance < sphere.contact_radius(scene.cloth) + speed * dt).any():
+            if (height < sphere.offset_length(scene.cloth) + speed * dt).any():
                 return t, k
         if n < count:
             stepper.advance(1, dt)

@@ -10,11 +10,12 @@ from ..base.table import ReadOnly, aligned
 from ..methods.data import METHODS
 from ..methods.integration import integrators
 from ..methods.limiting import limiting_term
+from ..model.as_core import in_cells
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
-from ..model.sphere import CONTACT_COSTS, Sphere
+from ..model.sphere import CONTACT_COSTS, Plane, Sphere
 from .options import Options
-from .plan import core_plan, in_cells, point_radius
+from .plan import core_plan
 
 
 class Explanation(ReadOnly[Any]):
@@ -44,13 +45,13 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _radius_text(sphere: Sphere, cloth: Cloth) -> str:
+def _radius_text(sphere: Sphere | Plane, cloth: Cloth) -> str:
     if in_cells(sphere):
         return f"by cells, {sphere.contact_radius(cloth):.6g} m at rest"
-    return f"{point_radius(sphere, cloth):.6g} m"
+    return f"{sphere.contact_radius(cloth):.6g} m"
 
 
-def _contact_cost(sphere: Sphere, precision: str) -> dict[str, float]:
+def _contact_cost(sphere: Sphere | Plane, precision: str) -> dict[str, float]:
     """Measured time of a step over a step without spheres."""
     if sphere.response != "continuous":
         return {"untouched": 1.0}

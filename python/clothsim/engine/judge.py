@@ -13,8 +13,8 @@ from .. import _core
 from ..base.on_demand import later
 from ..errors import ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
 from ..methods.limiting import limiting_term
+from ..model.as_core import in_cells
 from ..model.scene import Scene
-from .plan import in_cells
 
 
 class Judge:
@@ -36,6 +36,7 @@ class Judge:
     def forget_warnings(self) -> None:
         """Give each warning again. A flag that is set keeps its warning from the user."""
         self.warned_of_dt = self.warned_of_growth = self.warned_of_pins = self.warned_of_cells = False
+        self.warned_of_start = self.warned_of_lifts = False
 
     def time_step(self, dt: float) -> None:
         """Warn once of a time step above the guarantee of a member that moves."""
@@ -52,8 +53,12 @@ class Judge:
         """Give a warning for each finding of the core, and raise an error for a failed step."""
         if "pinned_inside" in outcome and not self.warned_of_pins:
             self._warn_of_pins(*outcome["pinned_inside"])
-        if "capped" in outcome and not self.warned_of_cells:
-            self._warn_of_cells(*outcome["capped"])
+        if "large_cell" in outcome and not self.warned_of_cells:
+            self._warn_of_cells(*outcome["large_cell"])
+        if "start" in outcome and not self.warned_of_start:
+            self._warn_of_start(*outcome["start"])
+        if "lifted" in outcome and not self.warned_of_lifts:
+            self._warn_of_lifts(outcome["lifted"])
         if "grown" in outcome and not self.warned_of_growth:
             self._warn_of_growth(outcome["grown"], dt)
         if "point" in outcome:
@@ -91,6 +96,26 @@ class Judge:
             f"a cell at the mass point {divmod(point, cloth.columns)}"
             f"{f' of batch member {member}' if self._batched else ''} is larger than the sphere that it touches; "
             f"take more mass points: offset 'cell' needs {needed}, else triangles there may be inside",
+            ContactWarning,
+        )
+
+    def _warn_of_start(self, member: int, k: int, points: int, deepest: int, depth: float) -> None:
+        self.warned_of_start = True
+        scene = self._scenes[member]
+        warn_caller(
+            f"spheres[{k}] starts on the cloth{f' of member {member}' if self._batched else ''}: {points} mass points are "
+            f"nearer than they may be, the deepest, {divmod(deepest, scene.cloth.columns)}, by {depth:.3g} m; they are "
+            f"pushed out at {scene.spheres[k].push_out_speed:g} m/s at most",
+            ContactWarning,
+        )
+
+    def _warn_of_lifts(self, member: int) -> None:
+        self.warned_of_lifts = True
+        made = self._core.watched[member]["lift_work"]
+        warn_caller(
+            f"cells that grow on a sphere{f' of batch member {member}' if self._batched else ''} have lifted mass points "
+            f"against their springs and gravity: this made {made:.3g} J, more than 1 % of the largest kinetic and elastic "
+            "energy; take more mass points, or offset 'edge'",
             ContactWarning,
         )
 

@@ -5,22 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from .. import _core
-from ..model.as_core import core_cloth, core_pins
+from ..model.as_core import core_cloth, core_pins, core_sphere
 from .options import Options
 
 if TYPE_CHECKING:
     from ..model.scene import Scene
-    from ..model.sphere import Sphere
-
-
-def point_radius(sphere: Sphere, cloth: Any) -> float:
-    """Contact radius of mass points that is equal for all; "cell" adds to it in each step."""
-    return sphere.radius if in_cells(sphere) else sphere.contact_radius(cloth)
-
-
-def in_cells(sphere: Sphere) -> bool:
-    """Whether each mass point has a contact radius of its own, by its cells as they are."""
-    return sphere.offset == "cell" and sphere.response == "continuous"
 
 
 _MOST_PLANS = 8  # kept for a scene
@@ -45,21 +34,7 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
         gravity=scene.gravity,
         force=scene.force,
         **core_pins(scene),
-        spheres=[
-            _core.Sphere(
-                center=sphere.center,
-                radius=sphere.radius,
-                contact_radius=point_radius(sphere, scene.cloth),
-                response=sphere.response,
-                as_printed=sphere.as_printed,
-                restitution=sphere.restitution,
-                friction=sphere.friction,
-                motion=sphere.motion.core if sphere.motion else _core.Motion(),
-                cells=in_cells(sphere),
-                push_out_speed=sphere.push_out_speed,
-            )
-            for sphere in scene.spheres
-        ],
+        spheres=[core_sphere(sphere, scene) for sphere in scene.spheres],
         precision=options.precision,
         kernel=options.chosen_kernel,
         instruction_set="",

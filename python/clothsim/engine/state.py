@@ -17,7 +17,7 @@ from ..methods.integration import integrators, warn_of_order
 from ..model.as_core import core_cloth
 from ..model.motion import Linear
 from ..model.scene import Scene
-from ..model.sphere import Sphere
+from ..model.sphere import Plane, Sphere
 from .arrays import (
     FloatArray,
     check_driven_pins,
@@ -32,7 +32,6 @@ from .arrays import (
 from .judge import Judge
 from .options import Options
 from .plan import kept_plan
-from .start import warn_of_start
 
 _ROUNDING = 2.0**-53  # of a float64, as part of it
 
@@ -52,15 +51,10 @@ def _own(scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
     return np.array([one.initial_position for one in scenes]), np.array([one.initial_velocity for one in scenes])
 
 
-def inspect(scenes: list[Scene], batched: bool, t: float, precision: str) -> None:
-    """Check the numbers of the scenes' own states, and warn of continuous spheres that are on the cloth."""
+def inspect(scenes: list[Scene], batched: bool, precision: str) -> None:
+    """Check the numbers of the scenes' own states."""
     if precision == "single":
         checked_state(*_own(scenes, batched), scenes, batched, precision)
-    for member, scene in enumerate(scenes):
-        for sphere in scene.spheres:
-            if sphere.response == "continuous":
-                warn_of_start(scene, scene.initial_position, t, member if batched else None)
-                break
 
 
 class State:
@@ -91,7 +85,7 @@ class State:
     def checked(cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, options: Options) -> State:
         """The state of the arguments of a call. The state or time that a call leaves out is the scenes' own.
 
-        Driven pins that are elsewhere are refused, and continuous spheres that are on the cloth give a warning.
+        Driven pins that are elsewhere are refused.
         """
         scenes, batched, own = scenes_of(scene), not isinstance(scene, Scene), x is None
         time = 0.0 if t is None and own else start_time(t, scenes)
@@ -105,7 +99,6 @@ class State:
             check_driven_pins(scenes, x, time)
         state = cls(scenes, x.ndim == 4, x.shape, x.dtype, time, options)
         state.core.load(x, v)
-        state.warn_of_start(x, time)
         return state
 
     @classmethod
@@ -117,18 +110,11 @@ class State:
         return state
 
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
-        """Replace the scenes, and keep the state. An error leaves everything as it was. Spheres that are put on the
-        cloth give a warning.
-        """
+        """Replace the scenes, and keep the state. An error leaves everything as it was."""
         scenes = scenes_of(scene) * (len(self.scenes) if isinstance(scene, Scene) else 1)
         compiled = self._compiled(scenes)
         self.core.set_scene(compiled.plans, compiled.stable_dt)
-        known = [one.spheres for one in self.scenes]
         self._adopt(scenes, compiled)
-        if self._continuous:
-            x = np.empty(self.shape)
-            self.core.store(x, None)
-            self.warn_of_start(x, self.core.time, known)
 
     def _compiled(self, scenes: list[Scene]) -> _Compiled:
         """Compile the scenes."""
@@ -144,20 +130,10 @@ class State:
         self.kernel = "gather" if on_gpu else self.options.chosen_kernel
         self.instruction_set = str(cast("Any", self.core).adapter if on_gpu else compiled.plans[0].instruction_set)
         self.judge = Judge(self.core, scenes, self.batched, self.integrator, compiled.stable_dt)
-        self._driven = self._moves = self._continuous = False
+        self._driven = self._moves = False
         for scene in scenes:
             self._driven |= bool(scene.cloth.driven)
-            for sphere in scene.spheres:
-                self._moves |= sphere.motion is not None
-                self._continuous |= sphere.response == "continuous"
-        self._moves |= self._driven
-
-    def warn_of_start(self, x: FloatArray, t: float, but: Sequence[Sequence[Sphere]] = ()) -> None:
-        """Warn of continuous spheres that are on the cloth; `but`: for each member, those that give no warning."""
-        if not self._continuous:
-            return
-        for member, one in enumerate(x if self.batched else x[None]):
-            warn_of_start(self.scenes[member], one, t, member if self.batched else None, but[member] if but else ())
+            self._moves |= self._driven or any(sphere.motion is not None for sphere in scene.spheres)
 
     def step(
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any
@@ -171,8 +147,6 @@ class State:
         results = out_arrays(out, self.shape, self.dtype)
         if self._driven:
             check_driven_pins(self.scenes, x, time)
-        if self._continuous:
-            self.warn_of_start(x, time)
         if self._may_lose_order:
             self.warn_of_order()
         try:
@@ -193,8 +167,6 @@ class State:
         out_array("out", result, self.shape, np.dtype(np.float64))
         if self._driven:
             check_driven_pins(self.scenes, x, time)
-        if self._continuous:
-            self.warn_of_start(x, time)
         # Driven pins have the velocity of their motion, and `out` may lie over a part of `x` or `v`.
         whole = x.flags.c_contiguous and v.flags.c_contiguous and not self._driven
         if not (whole and self.core.accelerations(x, v, result, self.threads)):
@@ -286,9 +258,7 @@ class State:
                 ends = [target if arrived else x + passed * v for x, v in zip(starts[k], speeds[k])]
                 self.core.set_sphere(k, ends, [_core.Motion()] * len(ends))
                 self.scenes = [
-                    scene.replace(
-                        spheres=[s.replace(center=x, motion=None) if n == k else s for n, s in enumerate(scene.spheres)]
-                    )
+                    scene.replace(spheres=[_stopped(s, x) if n == k else s for n, s in enumerate(scene.spheres)])
                     for scene, x in zip(self.scenes, ends)
                 ]
 
@@ -297,3 +267,10 @@ class State:
         self.core.set_force(force)
         members = force if self.batched else force[None]
         self.scenes = [scene.replace(force=one) for scene, one in zip(self.scenes, members)]
+
+
+def _stopped(sphere: Sphere | Plane, center: FloatArray) -> Sphere | Plane:
+    """The sphere or plane at rest at a place."""
+    if isinstance(sphere, Plane):
+        return sphere.replace(point=center, motion=None)
+    return sphere.replace(center=center, motion=None)

@@ -14,11 +14,12 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
+from ..model.as_core import in_cells
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
 from .arrays import FloatArray, check_driven_pins, checked_state, refuse_none, scenes_of, start_time, state_arrays
 from .options import Options
-from .plan import core_plan, in_cells
+from .plan import core_plan
 from .state import State
 
 # Larger states are stepped so long that a new engine does not count, and their engines would hold memory.

@@ -208,7 +208,7 @@ class Block:
         self._settled = not results[len(self._results) - 1]
         bad, pinned, capped, contacts = results[1 : len(self._results) - 1].reshape(4, -1)
         self.contacts = contacts.astype(np.int64)
-        found = {name: self._first(points) for name, points in (("pinned_inside", pinned), ("capped", capped))}
+        found = {name: self._first(points) for name, points in (("pinned_inside", pinned), ("large_cell", capped))}
         self.found = {name: one for name, one in found.items() if one}
         return self._first(bad)
 

@@ -25,6 +25,7 @@ from ..base.files import write_bytes
 from ..base.progress import in_notebook
 from ..engine.options import Options
 from ..engine.plan import core_plan
+from ..model.as_core import core_sphere
 from ..model.mesh import GROUP
 from ..model.scene import Scene
 from ..stability.limit import max_stable_dt
@@ -32,7 +33,7 @@ from ..viewing.camera import DIRECTIONS, camera_for
 from ..viewing.notebook import Frame
 from ..viewing.page import filled, json_text, page_text, poster
 from ..viewing.picture import PIN_SIZE, file_path
-from .parameters import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, NEAR, rest_lengths
+from .parameters import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, rest_lengths
 from .shader import Features, SphereFeatures, check_scenes, shader_text, source
 
 STIFFNESS_FACTORS = tuple(2.0**k for k in range(-4, 5))
@@ -197,12 +198,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "firstSpring": FIRST_SPRING,
         "firstWeight": FIRST_WEIGHT,
         "contactSize": CONTACT_SIZE,
-        "outerEpsilons": _core.outer_epsilons,
-        "slopEpsilons": _core.slop_epsilons,
-        "band": _core.band_of_cells(1.0, 0.0, True),
-        "rounding": _core.cell_roundings[0],
-        "excess": 1 + _core.cell_excess,
-        "near": NEAR,
+        "contact": _core.contact_constants,
         "epsilon": eps,
         "largestFloat": float(np.finfo(np.float32).max),
         "constants": features.constants(),
@@ -235,11 +231,14 @@ def _limits(scene: Scene, damping: tuple[float, ...]) -> list[list[float | None]
 
 
 def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
+    core = core_sphere(sphere, scene)
     # Length of the cloth in eq 13; 0: the offset is a number.
     side = {"edge": max(scene.cloth.spacing), "cell": math.hypot(*scene.cloth.spacing)}.get(sphere.offset, 0.0)
     return {
         "center": list(sphere.center),
-        "radius": sphere.radius,
+        "radius": sphere.radius if math.isfinite(sphere.radius) else None,  # None: a plane
+        "normal": list(core.normal),
+        "spread": core.spread,
         "restitution": sphere.restitution,
         "friction": sphere.friction,
         "side": side,

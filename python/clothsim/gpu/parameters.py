@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..engine.plan import in_cells, point_radius
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
 
@@ -19,17 +18,13 @@ _SPRINGS = _core.spring_kinds
 
 FIRST_SPRING = 5
 FIRST_WEIGHT = FIRST_SPRING + 3 * len(_SPRINGS)
-CONTACT_SIZE = 20
-# Part by which the squared radius of the test in `real` is larger, so that no fast point is missed, inverse. With half more
-# fast points pass the test, with twice more near points; any number is right (kernels/contact/contact_impl.hpp).
-NEAR = 64
+CONTACT_SIZE = 26
 
 _SHARED = {
     "group_size": _core.group_size,
     "first_spring": FIRST_SPRING,
     "first_weight": FIRST_WEIGHT,
     "contact_size": CONTACT_SIZE,
-    "near_factor": 1 + NEAR,
 }
 """Numbers that the shader shares with the core or with the host."""
 
@@ -87,36 +82,12 @@ def contacts(
     shape (scenes, 3). `times` are before the first step and after each step [s]; one time where no sphere moves. `single`:
     a step's arithmetic is float32. `wide` is the type of the arithmetic of the responses.
     """
-    real = np.float32 if single else np.float64
-    eps = float(np.finfo(real).eps)
     shape = (len(times), len(scenes), len(scenes[0].spheres), CONTACT_SIZE)
     table = np.zeros(shape, wide)
-    for k, (scene, plan) in enumerate(zip(scenes, plans, strict=True)):
-        states = plan.sphere_states(list(times))
-        for s, sphere in enumerate(scene.spheres):
-            centers, velocities = states[:, s, :3] - origins[k], states[:, s, 3:]
-            radius: Any = point_radius(sphere, scene.cloth)
-            outer = radius * radius * (1 + _core.outer_epsilons * eps)
-            row = table[:, k, s]
-            if sphere.response == "continuous":
-                gone = np.diff(centers, axis=0, prepend=centers[:1])
-                slop = _core.slop_epsilons * eps * (_sum(centers) + radius)
-                # The largest distance that a point keeps, and the rounding of the test in `real` (contact_impl.hpp).
-                reach = (radius + slop) * (math.sqrt(2) if in_cells(sphere) else 1) * (1 + 1e-4)
-                outer = (1 + 1 / NEAR) * (reach + 16 * eps * (reach + _sum(centers) + _sum(gone))) ** 2 * (1 + 1e-6)
-                velocities, radius = gone / dt, radius + slop
-                row[:, 13], row[:, 14], row[:, 15] = slop, sphere.push_out_speed * dt, dt
-                row[:, 16] = _core.band_of_cells(point_radius(sphere, scene.cloth), math.hypot(*scene.cloth.spacing), single)
-                row[:, 17] = eps
-                row[:, 18], row[:, 19] = _core.cell_roundings[not single], 1 + _core.cell_excess
-            row[:, 9], row[:, 10:12], row[:, 12] = radius, (sphere.restitution, sphere.friction), real(outer)
-            row[:, 0:3] = centers
-            row[:, 3:6] = centers - row[:, 0:3]
-            row[:, 6:9] = velocities
+    for k, plan in enumerate(plans):
+        values = plan.contact_table(list(times), origins[k], dt, single)
+        row = table[:, k]
+        row[..., 0:3] = values[..., :3]
+        row[..., 3:6] = values[..., :3] - row[..., 0:3]
+        row[..., 6:] = values[..., 3:]
     return table
-
-
-def _sum(vectors: np.ndarray) -> npt.NDArray[np.float64]:
-    """Sums of the sizes of components, in the core's order."""
-    x, y, z = np.abs(vectors).T
-    return np.asarray(x + (y + z))

@@ -10,7 +10,7 @@ from itertools import groupby
 from typing import Any
 
 from .. import _core
-from ..engine.plan import in_cells
+from ..model.as_core import in_cells
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
 from .device import Device, translated

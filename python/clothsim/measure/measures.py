@@ -8,9 +8,9 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..engine.arrays import state_arrays
-from ..model.as_core import core_cloth
+from ..model.as_core import core_cloth, core_sphere
 from ..model.scene import Scene
-from ..model.sphere import Sphere
+from ..model.sphere import Plane, Sphere
 
 Value = float | npt.NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
-def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None) -> dict[str, Value]:
+def penetration(x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | None = None) -> dict[str, Value]:
     """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
 
     Depths count from the sphere's true radius, without the offset. The depth of a triangle is exact: it is the depth of
@@ -93,8 +93,8 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
     ----------
     x : array_like
         Positions [m], shape (rows, columns, 3) or (B, rows, columns, 3).
-    sphere : Sphere
-        The sphere, at its place at time `t`.
+    sphere : Sphere or Plane
+        At its place at time `t`.
     t : float or array_like, optional
         Time of `x` [s], or of each member of a batch, shape (B,): ``penetration(run.x, sphere,
         run.t)``. Required where the sphere moves; else it has no effect.
@@ -114,7 +114,8 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
     >>> depth["points"], round(depth["triangles"], 6)
     (0.0, 0.224745)
     """
-    check.instance("sphere", sphere, Sphere)
+    if not isinstance(sphere, Plane):
+        check.instance("sphere", sphere, Sphere)
     accepted = "an array of shape (rows, columns, 3) or (B, rows, columns, 3) of finite numbers"
     x = check.as_array("x", x, accepted)
     if x.ndim not in (3, 4) or x.shape[-1] != 3 or 0 in x.shape:
@@ -123,21 +124,19 @@ def penetration(x: npt.ArrayLike, sphere: Sphere, t: npt.ArrayLike | None = None
     check.check_all("x", x, np.isfinite(x), accepted, points=True)
     rows, columns = x.shape[-3:-1]
     batch = x.reshape(-1, rows, columns, 3)
-    centers = sphere.center_at(_times(t, sphere, x.shape[:-3]))
-    if not np.isfinite(centers).all():
+    times = np.asarray(_times(t, sphere, x.shape[:-3]), float)
+    if not np.isfinite(sphere.center_at(times)).all():
         raise ValueError(f"t must be a time at which the centre of the sphere is finite, got {check.shown(t)}")
+    core = core_sphere(sphere)
     depths = np.array(
-        [
-            _core.penetration(rows, columns, one, center, sphere.radius)
-            for one, center in zip(batch, np.broadcast_to(centers, (len(batch), 3)))
-        ]
+        [_core.penetration(rows, columns, one, core, at) for one, at in zip(batch, np.broadcast_to(times, len(batch)))]
     )
     _refuse_overflow("the depth", depths, x=x.reshape(-1, rows, columns, 3))
     values = dict(zip(("points", "triangles"), depths.T))
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
-def _times(t: npt.ArrayLike | None, sphere: Sphere, batch: tuple[int, ...]) -> npt.ArrayLike:
+def _times(t: npt.ArrayLike | None, sphere: Sphere | Plane, batch: tuple[int, ...]) -> npt.ArrayLike:
     """`t` checked: one time, or one per member of a batch of this shape, () or (B,)."""
     if t is None:
         if sphere.motion is not None:

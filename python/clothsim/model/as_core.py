@@ -1,12 +1,15 @@
-"""A cloth, motions and driven pins as the core takes them."""
+"""A cloth, spheres, motions and driven pins as the core takes them."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from .. import _core
 from .cloth import Cloth
 from .scene import Scene
+from .sphere import Plane, Sphere
 
 
 def core_cloth(cloth: Cloth) -> _core.Cloth:
@@ -45,3 +48,39 @@ def core_pins(scene: Scene) -> dict[str, Any]:
         for r, c, start in zip(group.rows, group.columns, group.starts)
     ]
     return {"pin_motions": [group.motion.core for group in groups], "driven_pins": sorted(pins, key=lambda pin: pin[0])}
+
+
+def in_cells(sphere: Sphere | Plane) -> bool:
+    """Whether each mass point has a contact surface of its own, by its cells as they are."""
+    return sphere.offset == "cell" and sphere.response == "continuous"
+
+
+def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sphere:
+    """The sphere or plane as the core takes it; without a scene it has no offset.
+
+    The core measures points from the top of a sphere, against gravity, or from the `point` of a plane. Points are expected
+    up to four times the size of the cloth farther from there than they start.
+    """
+    up = np.array((0.0, 1.0, 0.0)) if scene is None or not any(scene.gravity) else -np.array(scene.gravity)
+    if isinstance(sphere, Plane):
+        up = sphere.unit_normal
+    normal = up / np.linalg.norm(up)
+    offset, spread = 0.0, 1.0
+    if scene is not None:
+        offset = 0.0 if in_cells(sphere) else sphere.offset_length(scene.cloth)
+        place = sphere.center_at(0.0) + (0 if isinstance(sphere, Plane) else sphere.radius * normal)
+        spread = 4 * float(np.hypot(*scene.cloth.size)) + float(np.abs(scene.initial_position - place).max())
+    return _core.Sphere(
+        center=sphere.center,
+        radius=sphere.radius,
+        offset=offset,
+        response=sphere.response,
+        as_printed=sphere.as_printed,
+        restitution=sphere.restitution,
+        friction=sphere.friction,
+        motion=sphere.motion.core if sphere.motion else _core.Motion(),
+        cells=in_cells(sphere),
+        push_out_speed=sphere.push_out_speed,
+        normal=normal,
+        spread=spread,
+    )

@@ -12,7 +12,7 @@ from ..base import Floats, check
 from .cloth import FAMILIES, Cloth
 from .motion import MOTIONS, Linear, Reciprocate
 from .scene import Scene
-from .sphere import Sphere
+from .sphere import Plane, Sphere
 from .wording import counted
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel")
@@ -175,7 +175,7 @@ def _with_families(cloth: Cloth, parts: Mapping[str, Any]) -> dict[str, dict[str
     return changed
 
 
-def _change_spheres(spheres: tuple[Sphere, ...], values: Mapping[str, Any]) -> list[Sphere]:
+def _change_spheres(spheres: tuple[Sphere | Plane, ...], values: Mapping[str, Any]) -> list[Sphere | Plane]:
     parts = {name: _sphere_part(name) for name in values}
     for name, (index, _) in parts.items():
         if (index or 0) >= len(spheres):
@@ -198,7 +198,7 @@ def _sphere_part(name: str) -> tuple[int | None, str]:
     return int(match[1]) if match[1] else None, match[2]
 
 
-def _change_part(sphere: Sphere, name: str, part: str, value: Any) -> Sphere:
+def _change_part(sphere: Sphere | Plane, name: str, part: str, value: Any) -> Sphere | Plane:
     if part == "speed":
         return sphere.replace(motion=_with_speed(sphere, name, value))
     if part.startswith("center_"):
@@ -208,7 +208,7 @@ def _change_part(sphere: Sphere, name: str, part: str, value: Any) -> Sphere:
     return sphere.replace(motion=sphere.motion.replace(**{part: value}))
 
 
-def _with_speed(sphere: Sphere, name: str, value: Any) -> Linear | Reciprocate:
+def _with_speed(sphere: Sphere | Plane, name: str, value: Any) -> Linear | Reciprocate:
     """For Linear the length of the velocity, for Reciprocate the mean speed, 2 distance / period."""
     motion = sphere.motion
     if isinstance(motion, Linear) and any(motion.velocity):

@@ -18,7 +18,7 @@ from .cloth import Cloth
 from .motion import Keyframes, Motion
 from .pins import DrivenPins
 from .record import Record
-from .sphere import Sphere
+from .sphere import Plane, Sphere
 
 SCHEMA = 2
 """Version of the layout of ``Scene.to_dict``."""
@@ -44,8 +44,8 @@ class Scene(Record):
     ----------
     cloth : Cloth
         The cloth.
-    spheres : Sphere or sequence of Sphere, default ()
-        The spheres. A collision pass treats them in this order.
+    spheres : Sphere, Plane or a sequence of them, default ()
+        The spheres and planes. A contact pass treats them in this order.
     gravity : sequence of 3 floats, default (0, -9.80665, 0)
         Acceleration of every point that is not pinned [m/s^2].
     position : array_like, optional
@@ -76,7 +76,7 @@ class Scene(Record):
     """
 
     cloth: Cloth
-    spheres: tuple[Sphere, ...] = ()
+    spheres: tuple[Sphere | Plane, ...] = ()
     gravity: tuple[float, float, float] = (0.0, -9.80665, 0.0)
     position: npt.NDArray[np.float64] | None = None
     velocity: npt.NDArray[np.float64] | None = None
@@ -87,7 +87,7 @@ class Scene(Record):
         def __init__(
             self,
             cloth: Cloth,
-            spheres: Sphere | Iterable[Sphere] = (),
+            spheres: Sphere | Plane | Iterable[Sphere | Plane] = (),
             gravity: Numbers = (0.0, -9.80665, 0.0),
             position: npt.ArrayLike | None = None,
             velocity: npt.ArrayLike | None = None,
@@ -292,18 +292,18 @@ class Scene(Record):
         spheres = arguments.get("spheres", ())
         if not isinstance(spheres, (list, tuple)):
             raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
-        arguments["spheres"] = tuple(Sphere.from_dict(sphere) for sphere in spheres)
+        arguments["spheres"] = tuple((Plane if {"normal", "point"} & set(one) else Sphere).from_dict(one) for one in spheres)
         return cls(**arguments)
 
 
-def _spheres(value: Any) -> tuple[Sphere, ...]:
-    accepted = "a Sphere or a sequence of Sphere"
-    if isinstance(value, Sphere):
+def _spheres(value: Any) -> tuple[Sphere | Plane, ...]:
+    accepted = "a Sphere, a Plane or a sequence of them"
+    if isinstance(value, (Sphere, Plane)):
         return (value,)
     if not np.iterable(value) or isinstance(value, (Set, Mapping)):  # the order of spheres counts
         raise TypeError(f"spheres must be {accepted}, got {check.shown(value)}")
     spheres = tuple(value)
     for k, sphere in enumerate(spheres):
-        if not isinstance(sphere, Sphere):
+        if not isinstance(sphere, (Sphere, Plane)):
             raise TypeError(f"spheres must be {accepted}, got {check.shown(sphere)} at index {k}")
     return spheres

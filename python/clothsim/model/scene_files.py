@@ -32,7 +32,9 @@ _COMMENTS = {
     "spheres.radius": "m",
     "spheres.response": "what a contact does",
     "spheres.offset": "a rule, or m",
-    "spheres.motion.offsets": "m, from the centre",
+    "spheres.point": "m, a place on a plane",
+    "spheres.normal": "of a plane, of any length",
+    "spheres.motion.offsets": "m, from the start",
     "cloth.pins.points": "row, column",
     "cloth.pins.motion.offsets": "m, from the start",
     **{

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from .cloth import Cloth
 from .motion import Linear, Motion, checked_motion, motion_from_dict
 from .record import Record
 
+Self = TypeVar("Self", bound="Obstacle")
 RESPONSES: tuple[Response, ...] = get_args(Response)
 _RESTITUTION = {"continuous": 0.0, "ray": 1.0, "reflect": 1.0}  # where none is given
 OFFSETS: tuple[Offset, ...] = get_args(Offset)
@@ -40,7 +41,100 @@ CONTACT_COSTS: dict[Offset, ContactCost] = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sphere(Record):
+class Obstacle(Record):
+    """What a sphere and a plane have in common."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def center(self) -> tuple[float, float, float]: ...
+        @property
+        def motion(self) -> Motion | None: ...
+        @property
+        def _has_own_restitution(self) -> bool: ...
+
+    def _values(self) -> dict[str, Any]:
+        values = super()._values()
+        return values if self._has_own_restitution else {**values, "restitution": None}
+
+    @classmethod
+    def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
+        """The sphere or plane that `data` (as from ``to_dict``) describes.
+
+        Parameters
+        ----------
+        data : mapping
+            Arguments of the constructor; `motion` a mapping with its "kind".
+
+        Returns
+        -------
+        Sphere or Plane
+
+        Raises
+        ------
+        ValueError
+            For an unknown key or a value that the constructor refuses.
+        TypeError
+            If `data` is no mapping.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Sphere.from_dict({"radius": 0.1, "motion": {"kind": "linear", "velocity": [0, 1, 0]}}).motion
+        Linear(velocity=(0.0, 1.0, 0.0))
+        """
+        arguments = cls._arguments(data)
+        if arguments.get("motion") is not None:
+            arguments["motion"] = motion_from_dict(arguments["motion"])
+        return cls(**arguments)
+
+    def center_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
+        """Centre at the time `t`.
+
+        Parameters
+        ----------
+        t : float or array_like, default 0.0
+            Time [s].
+
+        Returns
+        -------
+        numpy.ndarray
+            Positions [m], the shape of `t` with 3 appended.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> sphere = cs.Sphere(radius=0.25, motion=cs.Linear(velocity=(0, 1, 0)))
+        >>> sphere.center_at(0.5)
+        array([0. , 0.5, 0. ])
+        """
+        return (self.motion or _STILL).center_at(t, self.center)
+
+    def velocity_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
+        """Velocity of the centre at the time `t`.
+
+        Parameters
+        ----------
+        t : float or array_like, default 0.0
+            Time [s].
+
+        Returns
+        -------
+        numpy.ndarray
+            Velocities [m/s], the shape of `t` with 3 appended.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> sphere = cs.Sphere(radius=0.25, motion=cs.Linear(velocity=(0, 1, 0)))
+        >>> sphere.velocity_at(0.5)
+        array([0., 1., 0.])
+        """
+        return (self.motion or _STILL).velocity_at(t)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sphere(Obstacle):
     """A sphere that keeps cloth out: after Kim et al., section 5, or continuously.
 
     A mass point is in contact when its distance to the centre is less than the contact radius,
@@ -124,8 +218,6 @@ class Sphere(Record):
             push_out_speed: float = 1.0,
         ) -> None: ...
 
-        _has_own_restitution: bool = True  # no argument
-
     def __post_init__(self) -> None:
         self._set(
             motion=checked_motion("motion", self.motion),
@@ -143,61 +235,6 @@ class Sphere(Record):
         )
         if self.as_printed and self.response == "continuous":
             raise ValueError("as_printed must be False with response 'continuous', which the paper does not have")
-
-    def _values(self) -> dict[str, Any]:
-        values = super()._values()
-        return values if self._has_own_restitution else {**values, "restitution": None}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Sphere:
-        arguments = cls._arguments(data)
-        if arguments.get("motion") is not None:
-            arguments["motion"] = motion_from_dict(arguments["motion"])
-        return cls(**arguments)
-
-    def center_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
-        """Centre at the time `t`.
-
-        Parameters
-        ----------
-        t : float or array_like, default 0.0
-            Time [s].
-
-        Returns
-        -------
-        numpy.ndarray
-            Positions [m], the shape of `t` with 3 appended.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> sphere = cs.Sphere(radius=0.25, motion=cs.Linear(velocity=(0, 1, 0)))
-        >>> sphere.center_at(0.5)
-        array([0. , 0.5, 0. ])
-        """
-        return (self.motion or _STILL).center_at(t, self.center)
-
-    def velocity_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
-        """Velocity of the centre at the time `t`.
-
-        Parameters
-        ----------
-        t : float or array_like, default 0.0
-            Time [s].
-
-        Returns
-        -------
-        numpy.ndarray
-            Velocities [m/s], the shape of `t` with 3 appended.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> sphere = cs.Sphere(radius=0.25, motion=cs.Linear(velocity=(0, 1, 0)))
-        >>> sphere.velocity_at(0.5)
-        array([0., 1., 0.])
-        """
-        return (self.motion or _STILL).velocity_at(t)
 
     def offset_length(self, cloth: Cloth) -> float:
         """Length that the contact radius adds to the true radius.
@@ -238,6 +275,24 @@ class Sphere(Record):
             return float(_core.edge_offset(self.radius, min(diagonal, 2 * self.radius)))
         return float(_core.edge_offset(self.radius, max(cloth.spacing)))
 
+    def height(self, x: npt.ArrayLike, t: float = 0.0) -> npt.NDArray[np.float64]:
+        """Height of places over the surface at the time `t` [m]; below it negative.
+
+        Parameters
+        ----------
+        x : array_like
+            Places [m], shape (..., 3).
+        t : float, default 0.0
+            Time [s].
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> float(cs.Sphere(radius=0.25).height((0.0, 1.0, 0.0)))
+        0.75
+        """
+        return np.asarray(np.linalg.norm(np.asarray(x, float) - self.center_at(t), axis=-1) - self.radius)
+
     def contact_radius(self, cloth: Cloth) -> float:
         """Distance from the centre below which a mass point is in contact.
 
@@ -262,6 +317,101 @@ class Sphere(Record):
         0.26
         """
         return self.radius + self.offset_length(cloth)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plane(Obstacle):
+    """A plane that keeps cloth on the side to which its normal points: a floor or a wall, a sphere of no curvature.
+
+    It stands where a `Sphere` stands, in `Scene.spheres` too, and has the laws of its responses. The distance of a point is
+    its height over the plane. A flat triangle is out where its corners are, so that a plane needs no offset.
+
+    Parameters
+    ----------
+    point : sequence of 3 floats, default (0, 0, 0)
+        A place on the plane [m]. In precision "single" take one near the cloth. With a `motion` it is the point of
+        reference, as `Sphere.center` is.
+    normal : sequence of 3 floats, default (0, 1, 0)
+        Direction out of the plane, of any length > 0.
+    motion : Linear, Reciprocate or Keyframes, optional
+        Default: the plane stands still.
+    response : {"continuous", "ray", "reflect"}, default "continuous"
+        As for `Sphere`.
+    restitution, friction : float, optional
+        As for `Sphere`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above; the message names it, what came and what is accepted.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> floor = cs.Plane((0, -1, 0), friction=0.3)
+    >>> scene = cs.Scene(cs.Cloth((8, 8), mass=1.0, stiffness=500.0, damping=1.0, pins=()), floor)
+    >>> run = cs.simulate(scene, 1.0)
+    >>> bool(run.x[-1][..., 1].min() >= -1)
+    True
+    """
+
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    normal: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    motion: Motion | None = None
+    response: Response = "continuous"
+    restitution: float = None  # type: ignore[assignment]  # a number once the response is known
+    friction: float = 0.0
+
+    if TYPE_CHECKING:  # the constructor takes more than the fields hold
+
+        def __init__(
+            self,
+            point: Numbers = (0.0, 0.0, 0.0),
+            normal: Numbers = (0.0, 1.0, 0.0),
+            motion: Motion | None = None,
+            response: Response = "continuous",
+            restitution: float | None = None,
+            friction: float = 0.0,
+        ) -> None: ...
+
+    radius: ClassVar[float] = math.inf  # what a sphere has of its own
+    offset: ClassVar[Offset] = "none"
+    as_printed: ClassVar[bool] = False
+    push_out_speed: ClassVar[float] = 1.0
+
+    def __post_init__(self) -> None:
+        normal = check.vector("normal", self.normal)
+        if not any(normal):
+            raise ValueError("normal must be a direction, got (0, 0, 0)")
+        like = Sphere(self.point, 1.0, self.motion, self.response, "none", self.restitution, self.friction)
+        self._set(
+            point=check.vector("point", self.point),
+            normal=normal,
+            response=like.response,
+            _has_own_restitution=self.restitution is not None,
+            restitution=like.restitution,
+            friction=like.friction,
+            center=like.center,
+        )
+
+    @property
+    def unit_normal(self) -> npt.NDArray[np.float64]:
+        """The normal, of length 1."""
+        n = np.array(self.normal)
+        n /= np.abs(n).max()
+        return np.asarray(n / np.linalg.norm(n))
+
+    def height(self, x: npt.ArrayLike, t: float = 0.0) -> npt.NDArray[np.float64]:
+        """Height of places over the plane at the time `t` [m]; see `Sphere.height`."""
+        return np.asarray((np.asarray(x, float) - self.center_at(t)) @ self.unit_normal)
+
+    def contact_radius(self, cloth: Cloth) -> float:
+        """Infinite."""
+        return self.radius
+
+    def offset_length(self, cloth: Cloth) -> float:
+        """0: a plane has no offset."""
+        return 0.0
 
 
 _STILL = Linear((0.0, 0.0, 0.0))

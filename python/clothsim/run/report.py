@@ -19,7 +19,7 @@ _VERSION = _core.build_facts()["version"]
 RESUMED = "the error of a resumed run is not estimated"
 _SUMS = {
     *("steps", "rejected_steps", "force_evaluations", "solution_evaluations", "estimate_evaluations"),
-    *("wall_time", "estimate_wall_time", "force_work"),
+    *("wall_time", "estimate_wall_time", "force_work", "lift_work"),
 }
 _PARTS = ("kinetic", "elastic", "gravity", "force", "total")
 
@@ -65,6 +65,7 @@ def report(
         "first_contact": {"time": time, "reason": (untouched or missing) if math.isnan(time) else ""},
         "impulse": watched["impulse"],
         "impulse_reason": missing,
+        "lift_work": watched.get("lift_work", math.nan),
         "kernel": state.kernel,
         "integrator": options.integrator,
         "as_printed": any(sphere.as_printed for sphere in scene.spheres),

@@ -81,6 +81,8 @@ class Run:
     "first_contact"            "time" [s]: end of the first step in which a response changed the cloth
     "impulse"                  one (x, y, z) per sphere [N s]: minus the momentum that its responses gave to the cloth;
                                see `Stepper.impulses`. A resumed run counts its own. "impulse_reason"
+    "lift_work"                energy that cells which grew on a sphere have made by lifting mass points [J]; the reason of
+                               a NaN is "impulse_reason"
     "residual", "reason"       of `settle`
     "integrator", ...          "precision", "kernel", "threads", "backend", "instruction_set" (with "gpu" the adapter) and
                                "version" say how the run was computed; "as_printed": whether a sphere responds as printed

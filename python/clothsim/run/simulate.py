@@ -183,7 +183,7 @@ def simulate(
         )
     if integrator == "auto":
         options = options.replace(integrator="dop853", precision="double")
-    inspect(scenes, batched, t, options.precision)
+    inspect(scenes, batched, options.precision)
     job = Job(scenes, batched, duration, options, frames, force, dt)
     error = _DEFAULT_RTOL * size_of(scenes[0]) if asked is None else asked
 

@@ -21,16 +21,15 @@ from .. import _core
 from ..base import Floats, check
 from ..engine.arrays import put_driven_pins
 from ..engine.options import Options
-from ..engine.plan import in_cells, point_radius
 from ..engine.snapshot import Snapshot, of_members
 from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import guaranteed_dt, stable_dt
 from ..methods.data import METHODS
-from ..model.as_core import core_cloth
+from ..model.as_core import core_cloth, in_cells
 from ..model.cells import point_radii2
 from ..model.scene import Scene
-from ..model.sphere import Sphere
+from ..model.sphere import Plane, Sphere
 from .frames import NEGLIGIBLE, Moment, Schedule
 
 Callback = Callable[[float, Floats, Floats], Any]
@@ -558,22 +557,26 @@ def interpolated(t: float, scenes: Sequence[Scene], begin: float, h: float, befo
         member = k if x.ndim == 4 else ...
         for sphere in scene.spheres:
             ends = ((begin, x0[member]), (begin + h, x1[member]))
-            _lift(x[member], ends, ~scene.cloth.pinned, sphere, point_radius(sphere, scene.cloth), t)
+            offset = 0.0 if in_cells(sphere) else sphere.offset_length(scene.cloth)
+            _lift(x[member], ends, ~scene.cloth.pinned, sphere, offset, t)
     return x, v
 
 
-def _lift(x: Floats, ends: Any, free: npt.NDArray[np.bool_], sphere: Sphere, radius: float, t: float) -> None:
-    """Lift free points to the lesser of their distances at both ends, where that is below the contact radius."""
-    distances = [np.linalg.norm(places - sphere.center_at(time), axis=-1) for time, places in ends]
-    center = sphere.center_at(t)
-    away = x - center
-    distance = np.linalg.norm(away, axis=-1)
-    least = np.minimum(*distances)
-    highest = np.full(distance.shape, radius)
-    near = free & (distance < np.minimum(least, math.sqrt(2) * radius))
-    if in_cells(sphere) and near.any():
-        part = tuple(slice(max(k.min() - 1, 0), k.max() + 2) for k in np.nonzero(near))
-        highest[part] *= np.sqrt(1 + np.minimum(point_radii2(x[part]) / radius**2, 1))
+def _lift(x: Floats, ends: Any, free: npt.NDArray[np.bool_], sphere: Sphere | Plane, offset: float, t: float) -> None:
+    """Lift free points to the lesser of their heights at both ends, where that is below the contact offset."""
+    height = sphere.height(x, t)
+    least = np.minimum(*(sphere.height(places, time) for time, places in ends))
+    highest = np.full(height.shape, offset)
+    if in_cells(sphere):
+        near = free & (height < np.minimum(least, (math.sqrt(2) - 1) * sphere.radius))
+        if near.any():
+            part = tuple(slice(max(k.min() - 1, 0), k.max() + 2) for k in np.nonzero(near))
+            highest[part] = sphere.radius * (np.sqrt(1 + np.minimum(point_radii2(x[part]) / sphere.radius**2, 1)) - 1)
     allowed = np.minimum(least, highest)
-    inside = free & (distance < allowed) & (distance > 0)
-    x[inside] = center + away[inside] * (allowed[inside] / distance[inside])[:, None]
+    inside = free & (height < allowed)
+    if isinstance(sphere, Plane):
+        x[inside] += (allowed - height)[inside, None] * sphere.unit_normal
+        return
+    center = sphere.center_at(t)
+    inside &= height > -sphere.radius
+    x[inside] = center + (x[inside] - center) * ((sphere.radius + allowed) / (sphere.radius + height))[inside][:, None]

@@ -2,29 +2,46 @@
 // which goes through the scene's spheres in their order.
 struct Body { position: vec3<real>, position_low: vec3<real>, velocity: vec3<real>, velocity_low: vec3<real> }
 
-// A sphere at the moment of the pass.
+// A sphere or plane at the moment of the pass (cpp/kernels/contact/continuous.hpp): a place on it, the normal there and its
+// curvature, levels that start from there, and the check in `real`, which finds a point too many, but none too few.
 struct Contact {
-    center: vec3<wide>, center_low: vec3<wide>, velocity: vec3<wide>,  // low: where `wide` is too narrow
-    radius: wide, restitution: wide, friction: wide,                   // radius: with the offset
-    outer_radius_squared: wide,  // of the test in `real`, which finds a point too many, but none too few
-    // Of a continuous sphere: radius - slop is the contact radius; a point that began inside goes outwards by `push` in
-    // a step at most; epsilon of `real`; `band`, `rounding` and `excess` of offset "cell" (CellBand).
-    slop: wide, push: wide, dt: wide, band: wide, epsilon: wide, rounding: wide, excess: wide,
+    place: vec3<wide>, place_low: vec3<wide>, velocity: vec3<wide>, normal: vec3<wide>,  // low: where `wide` is too narrow
+    curvature: wide, least: wide, innermost: wide, band: wide, tolerance: wide, most_of_cells: wide,
+    restitution: wide, friction: wide, push: wide, dt: wide, near_level: wide, near_curvature: wide, of_cells: wide,
+    excess: wide,
 }
 
-// From the centre.
-struct Response { moved: bool, on_surface: vec3<wide>, velocity: vec3<wide> }
+// From the place.
+struct Response { moved: bool, d: vec3<wide>, velocity: vec3<wide> }
+
+fn contact_vector(at: u32) -> vec3<wide> { return vec3<wide>(contacts[at], contacts[at + 1u], contacts[at + 2u]); }
 
 fn contact_of(member: u32, sphere: u32, steps_ago: u32) -> Contact {
     var at = member * constants.contact_member_stride + sphere * contact_size;
     if (moving) { at += (atomicLoad(&results[0]) - steps_ago) * constants.contact_step_stride; }
+    let c = at + 12u;
     return Contact(
-        vec3<wide>(contacts[at], contacts[at + 1u], contacts[at + 2u]),
-        vec3<wide>(contacts[at + 3u], contacts[at + 4u], contacts[at + 5u]),
-        vec3<wide>(contacts[at + 6u], contacts[at + 7u], contacts[at + 8u]),
-        contacts[at + 9u], contacts[at + 10u], contacts[at + 11u], contacts[at + 12u], contacts[at + 13u],
-        contacts[at + 14u], contacts[at + 15u], contacts[at + 16u], contacts[at + 17u], contacts[at + 18u],
-        contacts[at + 19u]);
+        contact_vector(at), contact_vector(at + 3u), contact_vector(at + 6u), contact_vector(at + 9u),
+        contacts[c], contacts[c + 1u], contacts[c + 2u], contacts[c + 3u], contacts[c + 4u], contacts[c + 5u],
+        contacts[c + 6u], contacts[c + 7u], contacts[c + 8u], contacts[c + 9u], contacts[c + 10u], contacts[c + 11u],
+        contacts[c + 12u], contacts[c + 13u]);
+}
+
+fn gradient(s: Contact, d: vec3<wide>) -> vec3<wide> { return s.normal + wide_scaled(s.curvature, d); }
+
+fn level(s: Contact, d: vec3<wide>) -> wide { return wide_inner(d, s.normal + gradient(s, d)); }
+
+fn height_of(s: Contact, level: wide) -> wide {
+    return level / (wide(1.0) + sqrt(max(wide(1.0) + wide_product(s.curvature, level), wide(0.0))));
+}
+
+// Whether a point may respond: `gone` is its way in the sphere's frame.
+fn is_near(s: Contact, position: vec3<real>, gone: vec3<real>) -> bool {
+    let d = position - vec3<real>(s.place);
+    let n = vec3<real>(s.normal);
+    let f = inner(d, n + n + scaled(real(s.near_curvature), d));
+    let more = real(s.most_of_cells) + product(real(2.0) * real(s.curvature), inner(gone, gone));
+    return f < real(s.near_level) + more;
 }
 
 fn length_of(a: vec3<wide>) -> wide {
@@ -34,11 +51,12 @@ fn length_of(a: vec3<wide>) -> wide {
     return wide_product(largest, sqrt(wide_inner(b, b)));
 }
 
-// A point at the exact centre leaves upwards.
-fn outward_normal(m: vec3<wide>) -> vec3<wide> {
-    let distance = sqrt(wide_inner(m, m));
-    if (distance > wide(0.0)) { return m / distance; }
-    return vec3<wide>(wide(0.0), wide(1.0), wide(0.0));
+// A point at the exact centre leaves along the normal of the place.
+fn outward_normal(s: Contact, d: vec3<wide>) -> vec3<wide> {
+    let m = gradient(s, d);
+    let length = sqrt(wide_inner(m, m));
+    if (length > wide(0.0)) { return m / length; }
+    return s.normal;
 }
 
 // Velocity that a response reflects: relative to the sphere, or absolute as printed.
@@ -62,38 +80,41 @@ fn reflected(contact: Contact, velocity: vec3<wide>, normal: vec3<wide>, as_prin
 }
 
 // Method 2 (eq 8-12): back along the ray to the surface, reflected there. With a restitution below 1 or friction the
-// point goes on for the rest of the step (cpp/contact/raycast.hpp).
-fn ray_response(contact: Contact, m: vec3<wide>, velocity: vec3<wide>, as_printed: bool, rough: bool) -> Response {
-    let v = relative(contact, velocity, as_printed);
+// point goes on for the rest of the step (cpp/contact/response.hpp).
+fn ray_response(s: Contact, start: vec3<wide>, velocity: vec3<wide>, as_printed: bool, rough: bool) -> Response {
+    let v = relative(s, velocity, as_printed);
     let speed = length_of(v);
-    var on_surface = wide_scaled(contact.radius, outward_normal(m));
+    let m = gradient(s, start);
+    let lacks = s.least - level(s, start);
+    let back = select(vec3<wide>(), -v / speed, speed > wide(0.0));
+    let b = wide_inner(m, back);
+    if (b < wide(0.0) && !as_printed) { return Response(false, start, velocity); }  // on its way out
+    let root = sqrt(wide_product(b, b) + wide_product(s.curvature, lacks));
+    let w = wide_inner(m, m);
+    var d = wide_scaled(height_of(s, s.least), s.normal);
     var rest = wide(0.0);
-    if (speed > wide(0.0)) {
-        let back = -v / speed;
-        let b = wide_inner(m, back);
-        if (b < wide(0.0) && !as_printed) { return Response(false, m, velocity); }  // on its way out
-        let c = wide_inner(m, m) - wide_product(contact.radius, contact.radius);
-        let root = sqrt(wide_product(b, b) - c);
-        let distance = select(root - b, -c / (b + root), b > wide(0.0));
-        on_surface = m + wide_scaled(distance, back);
-        rest = min(distance / speed, wide(constants.half_h + constants.half_h));
+    if (speed > wide(0.0) && root > wide(0.0)) {
+        let way = select((root - b) / s.curvature, lacks / (b + root), b > wide(0.0));
+        d = start + wide_scaled(way, back);
+        rest = min(way / speed, wide(constants.half_h + constants.half_h));
+    } else if (w > wide(0.0)) {
+        let sum = w + sqrt(wide_product(w, wide(1.0) + wide_product(s.curvature, s.least)));
+        d = start + wide_scaled(lacks / sum, m);
     }
-    let turned = reflected(contact, velocity, outward_normal(on_surface), as_printed, rough);
-    if (!as_printed && (contact.restitution < wide(1.0) || contact.friction > wide(0.0))) {
-        on_surface = on_surface + wide_scaled(rest, relative(contact, turned, as_printed));
+    let turned = reflected(s, velocity, outward_normal(s, d), as_printed, rough);
+    if (!as_printed && (s.restitution < wide(1.0) || s.friction > wide(0.0))) {
+        d = d + wide_scaled(rest, relative(s, turned, as_printed));
     }
-    return Response(true, on_surface, turned);
+    return Response(true, d, turned);
 }
 
 // The body after the response to one sphere. `ray`: method 2, else method 1, which leaves the position alone.
-fn respond(body: Body, contact: Contact, member: u32, ray: bool, as_printed: bool, rough: bool) -> Body {
-    let from_center = body.position - vec3<real>(contact.center);
-    // Outside by rounded numbers, with a margin: nearly all points end here.
-    if (!(inner(from_center, from_center) < real(contact.outer_radius_squared))) { return body; }
-    let m = position_from(body, contact);
-    if (!(wide_inner(m, m) < wide_product(contact.radius, contact.radius))) { return body; }
+fn respond(body: Body, s: Contact, member: u32, ray: bool, as_printed: bool, rough: bool) -> Body {
+    if (!is_near(s, body.position, vec3<real>())) { return body; }  // nearly all points end here
+    let d = position_from(body, s);
+    if (!(level(s, d) < s.least)) { return body; }
     atomicAdd(&results[1u + 3u * constants.members + member], 1u);
     let velocity = velocity_of(body);
-    if (ray) { return moved_body(body, contact, ray_response(contact, m, velocity, as_printed, rough)); }
-    return moved_body(body, contact, Response(false, m, reflected(contact, velocity, outward_normal(m), as_printed, rough)));
+    if (ray) { return moved_body(body, s, ray_response(s, d, velocity, as_printed, rough)); }
+    return moved_body(body, s, Response(false, d, reflected(s, velocity, outward_normal(s, d), as_printed, rough)));
 }

@@ -1,36 +1,44 @@
 // Continuous contact of a mass point with one moving sphere, after the classic responses: the law of
 // cpp/kernels/contact/continuous.hpp. The mean force of the step balances a bounce that flies, in place of spring energies.
 
-// Distances from the centre: after a response, from the inside at the start, least without a contact, least after it.
-struct Surface { top: wide, innermost: wide, lowest: wide, held: wide }
+// Levels: after a response, from the inside at the start, least.
+struct Surface { top: wide, innermost: wide, lowest: wide }
 
 fn surface_of(s: Contact, radius2: real) -> Surface {
-    if (!cells) { return Surface(s.radius, s.radius - wide(2.0) * s.slop, s.radius - s.slop / wide(2.0), s.radius); }
-    let surface2 = wide_product(s.radius, s.radius);
-    let least = sqrt(surface2 + min(wide_product(wide(radius2), s.rounding), surface2));
-    let held = wide_product(least, wide(1.0) + s.band / wide(2.0));
-    return Surface(wide_product(least, wide(1.0) + s.band), least - s.slop, least, held);
+    var least = s.least;
+    if (cells) { least = least + min(wide_product(wide(radius2), s.of_cells), s.most_of_cells); }
+    return Surface(least + s.band, least - (s.least - s.innermost), least);
 }
 
-// A place that is nearer than `limit` goes to the distance `top`.
-fn lifted(end: Response, limit: wide, top: wide) -> Response {
-    let distance2 = wide_inner(end.on_surface, end.on_surface);
-    if (!(distance2 < wide_product(limit, limit))) { return end; }
-    return Response(true, wide_scaled(top / sqrt(distance2), end.on_surface), end.velocity);
+// A place below the level `limit` goes along its normal to the level `top`; the exact centre along that of the place.
+fn lifted(s: Contact, end: Response, limit: wide, top: wide) -> Response {
+    let one = wide(1.0);
+    let now = level(s, end.d);
+    if (!(now < limit)) { return end; }
+    let length2 = one + wide_product(s.curvature, now);
+    if (!(length2 > wide(0.0))) { return Response(true, wide_scaled(height_of(s, top), s.normal), end.velocity); }
+    let sum = length2 + sqrt(wide_product(length2, one + wide_product(s.curvature, top)));
+    return Response(true, end.d + wide_scaled((top - now) / sum, gradient(s, end.d)), end.velocity);
 }
 
-// The response at the time of impact, if that is in the step. p, q: start and way of the point; end: its free end.
-fn impact(s: Contact, top: wide, end: Response, p: vec3<wide>, q: vec3<wide>, gain: vec3<wide>) -> Response {
+// The response at the time of impact, if that is in the step. d, q: start and way of the point; end: its free end.
+fn impact(s: Contact, top: wide, end: Response, d: vec3<wide>, q: vec3<wide>, gain: vec3<wide>) -> Response {
     let none = wide(0.0);
-    let a = wide_inner(q, q);
-    let b = wide_inner(p, q);
-    let closest = p + wide_scaled(-b / a, q);
-    let below = wide_product(top, top) - wide_inner(closest, closest);
-    let time = max(wide_inner(p, p) - wide_product(top, top), none) / (sqrt(max(wide_product(a, below), none)) - b);
-    if (!(b < none && below > none && time <= wide(1.0))) { return end; }
-    let on_surface = p + wide_scaled(time, q);
-    let n = wide_scaled(wide(1.0) / sqrt(wide_inner(on_surface, on_surface)), on_surface);
-    let rest = wide(1.0) - time;
+    let one = wide(1.0);
+    let start = level(s, d);
+    let a = wide_product(s.curvature, wide_inner(q, q));
+    let b = wide_inner(gradient(s, d), q);
+    let closest = min(select(one, -b / a, a > none), one);
+    let below = top - level(s, d + wide_scaled(closest, q));
+    let last = b + wide_product(closest, a);
+    let down = sqrt(max(wide_product(last, last) + wide_product(a, below), none)) - b;
+    let rested = start <= top + s.tolerance;
+    let time = select((start - top) / down, none, rested || down <= none);
+    if (!(b < none && (rested || below > none && time <= one))) { return end; }
+    let place = d + wide_scaled(time, q);
+    let m = gradient(s, place);
+    let n = wide_scaled(one / sqrt(wide_inner(m, m)), m);
+    let rest = one - time;
     let normal_way = min(wide_inner(q, n), none);
     let depth = wide_product(-rest, normal_way);
     let speed = wide_inner(end.velocity, n);
@@ -46,11 +54,11 @@ fn impact(s: Contact, top: wide, end: Response, p: vec3<wide>, q: vec3<wide>, ga
     }
     let tangential = end.velocity - wide_scaled(speed, n);
     let most = wide_product(s.friction, max(leaving - speed, none));
-    let kept = max(wide(1.0) - most / sqrt(wide_inner(tangential, tangential)), none);
+    let kept = max(one - most / sqrt(wide_inner(tangential, tangential)), none);
     let along = wide_scaled(rest, q - wide_scaled(normal_way, n));
-    let part = select(wide(1.0), kept, most > none);
+    let part = select(one, kept, most > none);
     return Response(
-        true, on_surface + wide_scaled(part, along) + wide_scaled(height, n),
+        true, place + wide_scaled(part, along) + wide_scaled(height, n),
         wide_scaled(part, tangential) + wide_scaled(leaving, n));
 }
 
@@ -58,34 +66,39 @@ fn respond_continuously(body: Body, before: Body, id: vec3<u32>) -> Body {
     let start = contact_of(id.z, continuous_sphere, 1u);
     let s = contact_of(id.z, continuous_sphere, 0u);
     if (cells) { accelerations[place(id)] = real(-1.0); }
-    let m = body.position - vec3<real>(s.center);
-    let gone = (body.position - before.position) - vec3<real>(s.center - start.center);
-    if (!(inner(m, m) < real(s.outer_radius_squared) + real(near_factor) * inner(gone, gone))) { return body; }
+    let gone = (body.position - before.position) - vec3<real>(s.place - start.place);
+    if (!is_near(s, body.position, gone)) { return body; }
     var radius2 = real(0.0);
     if (cells) { radius2 = point_radius2(id, real(s.excess)); }
     let surface = surface_of(s, radius2);
-    let p = position_from(before, start);
-    let start2 = wide_inner(p, p);
+    let d = position_from(before, start);
+    let begun = level(s, d);
     var end = Response(false, position_from(body, s), velocity_of(body) - s.velocity);
-    if (is_pinned(id) && lifted(end, surface.lowest, surface.top).moved) { note(1u, id); }
-    if (is_pinned(id)) { return body; }
-    if (start2 < wide_product(surface.innermost, surface.innermost)) {
-        let distance = sqrt(wide_inner(end.on_surface, end.on_surface));
-        if (!(distance < surface.top)) { return body; }
-        let n = outward_normal(end.on_surface);
-        let aim = min(surface.top, max(distance, sqrt(start2) + s.push));
+    if (is_pinned(id)) {
+        if (level(s, end.d) < surface.innermost) { note(1u, id); }
+        return body;
+    }
+    if (begun < surface.innermost) {
+        let now = level(s, end.d);
+        if (!(now < surface.top)) { return body; }
+        let m = gradient(s, end.d);
+        let length2 = wide_inner(m, m);
+        var n = s.normal;
+        if (length2 > wide(0.0)) { n = wide_scaled(wide(1.0) / sqrt(length2), m); }
         let inwards = min(wide_inner(end.velocity, n), wide(0.0));
-        end = Response(true, wide_scaled(aim, n), end.velocity - wide_scaled(inwards, n));
+        let aim = min(height_of(s, surface.top), max(height_of(s, now), height_of(s, begun) + s.push));
+        let out = Response(true, end.d, end.velocity - wide_scaled(inwards, n));
+        end = lifted(s, out, surface.top, wide_product(aim, wide(2.0) + wide_product(s.curvature, aim)));
     } else {
         if (cells) { accelerations[place(id)] = real(1.0); }
-        end = impact(s, surface.top, end, p, way(body, before, s, start), velocity_of(body) - velocity_of(before));
-        end = lifted(end, select(surface.lowest, surface.held, end.moved), surface.top);
+        end = impact(s, surface.top, end, d, way(body, before, s, start), velocity_of(body) - velocity_of(before));
+        end = lifted(s, end, surface.lowest, surface.top);
     }
     if (!end.moved) { return body; }
-    return moved_body(body, s, Response(true, end.on_surface, s.velocity + end.velocity));
+    return moved_body(body, s, Response(true, end.d, s.velocity + end.velocity));
 }
 
-// Offset "cell": each mass point keeps sqrt(R^2 + rho^2) from the centre (cpp/kernels/contact/cell_impl.hpp). The fourth
+// Offset "cell": each mass point keeps sqrt(R^2 + rho^2) from the centre (cpp/kernels/contact/contact_impl.hpp). The fourth
 // stage leaves 1 in `accelerations`, or -1 for a point that is far or began inside.
 fn squared(a: vec3<real>, b: vec3<real>) -> real { return inner(b - a, b - a); }
 
@@ -131,15 +144,18 @@ fn raise(@builtin(global_invocation_id) id: vec3<u32>) {
     if (accelerations[at] >= real(0.0)) {
         let s = contact_of(id.z, continuous_sphere, 0u);
         let radius2 = point_radius2(id, real(s.excess));
-        let center = vec3<real>(s.center);
-        let low = vec3<real>((s.center - vec3<wide>(center)) + s.center_low);
-        let m = (body.position - center) + (body.position_low - low);
-        let surface2 = real(wide_product(wide_product(s.radius, s.radius), wide(1.0) + wide(8.0) * s.epsilon));
-        let inflated = product(radius2, real(s.rounding + wide(8.0) * s.epsilon));
-        if (radius2 > surface2 && inner(m, m) < real(2.0002) * surface2) { note(2u, id); }
-        if (inner(m, m) < surface2 + min(inflated, surface2)) {
+        let whole = vec3<real>(s.place);
+        let low = vec3<real>((s.place - vec3<wide>(whole)) + s.place_low);
+        let d = (body.position - whole) + (body.position_low - low);
+        let n = vec3<real>(s.normal);
+        let f = inner(d, n + n + scaled(real(s.curvature), d));
+        let more = min(product(radius2, real(s.of_cells)), real(s.most_of_cells));
+        let least = real(s.least + s.tolerance / wide(4.0));
+        if (product(radius2, real(s.curvature)) > real(s.most_of_cells) && f < least + more + real(s.band)) { note(2u, id); }
+        if (f < least + more) {
             let end = Response(false, position_from(body, s), vec3<wide>());
-            body = moved_body(body, s, lifted(end, wide(2.0) * s.radius, surface_of(s, radius2).top));
+            let top = surface_of(s, radius2).top;
+            body = moved_body(body, s, lifted(s, end, top, top));
             if (stage == 7u) { atomicStore(&results[1u + 4u * constants.members], 1u); }
         }
     }

@@ -74,7 +74,7 @@ class Live {
 
   contactRadius(sphere, s) {
     if (this.data.methods[this.method].responses[s] === "continuous" && sphere.cells) return sphere.radius;
-    const R = sphere.radius, half = Math.min(sphere.side, (sphere.cells ? 2 : Infinity) * R) / 2;
+    const R = sphere.radius ?? Infinity, half = Math.min(sphere.side, (sphere.cells ? 2 : Infinity) * R) / 2;
     return R + (sphere.side ? half * half / (Math.sqrt(half * half + R * R) + R) : sphere.offset);
   }
 

@@ -109,17 +109,19 @@ class Solver {
     this.write(this.constants, new Uint32Array([...data.shape, 0, 0, stride, 0, 1]), 16);
   }
 
-  // A sphere after a step, as parameters.contacts writes it; `from`: its centre before.
+  // A sphere of its contact radius after a step, as parameters.contacts writes it; `from`: its centre before.
   contact(s, { center, velocity, radius }, from) {
-    const { data, dt } = this, { restitution, friction, push } = data.spheres[s], { epsilon, near, band, rounding, excess } = data;
-    const low = center.map((k) => k - Math.fround(k)), size = (v) => Math.abs(v[0]) + Math.abs(v[1]) + Math.abs(v[2]);
-    if (this.responses[s] !== "continuous") {
-      return [...center, ...low, ...velocity, radius, restitution, friction, radius * radius * (1 + data.outerEpsilons * epsilon)];
-    }
-    const gone = center.map((k, i) => k - from[i]), slop = data.slopEpsilons * epsilon * (size(center) + radius);
-    const reach = 1.4144 * (radius + slop), outer = reach + 16 * epsilon * (reach + size(center) + size(gone));
-    return [...center, ...low, ...gone.map((k) => k / dt), radius + slop, restitution, friction,
-      (1 + 1 / near) * outer * outer * (1 + 1e-6), slop, push * dt, dt, band, epsilon, rounding, excess];
+    const { data, dt } = this, { restitution, friction, push, normal, spread, cells } = data.spheres[s], { epsilon, contact } = data;
+    const curvature = 1 / radius, size = Math.min(radius, spread), level = (h) => h * (2 + curvature * h);
+    const sum = (v) => Math.abs(v[0]) + Math.abs(v[1]) + Math.abs(v[2]), path = this.responses[s] === "continuous";
+    const place = center.map((c, i) => curvature ? c + radius * normal[i] : c), gone = center.map((c, i) => c - from[i]);
+    const slop = path ? contact.slop * epsilon * (sum(place) + size) : 0, least = level(slop), inCells = path && cells;
+    const band = inCells ? 2 * contact.bandOfCells * size : contact.band * epsilon * size;
+    const tolerance = contact.tolerance * epsilon * size;
+    const near = least + band + tolerance + 32 * epsilon * (size + sum(place) + sum(gone));
+    return [...place, ...place.map((k) => k - Math.fround(k)), ...(path ? gone.map((k) => k / dt) : velocity), ...normal,
+      curvature, least, level(-slop), band, tolerance, inCells ? radius : 0, restitution, friction, push * dt, dt,
+      near, curvature - 64 * epsilon / size, curvature * contact.rounding, contact.excess];
   }
 
   // Take the steps of a path: centre, velocity and contact radius of every sphere before the first step and after each.
