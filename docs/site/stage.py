@@ -25,20 +25,6 @@ from sphinx.cmd.build import main as sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ["docs", "notebooks", "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "CITATION.cff", "LICENSE"]
-# Public names by use, the most used first; a module stands for its further names.
-REFERENCE = {
-    "Run a scene": "simulate Run load_run settle step Stepper Snapshot acceleration",
-    "Describe a scene": "Scene Cloth Sphere Linear Reciprocate Sinusoid Keyframes load_scene save_scene thread_grid "
-    "triangles",
-    "Ready scenes": "scenes",
-    "Measure a state": "energy penetration largest_stretch difference",
-    "Error and stable step": "reference Reference convergence Convergence work_precision max_stable_dt stability_map "
-    "integrators reference_step accuracy",
-    "Sweep and fit": "sweep open_sweep sweepable fit Fit sensitivity",
-    "Look at it": "picture Picture compare view Camera",
-    "Errors and warnings": "UnstableError ContactError RunInterrupted StabilityWarning ContactWarning OrderWarning",
-    "Machine and graphics card": "build_config gpu",
-}
 GALLERY = {
     "First steps": "drape moving_sphere driven_pins flag ball_by_hand settle resume blender",
     "Error and speed": "order speed_against_error stability_map gather_bits hard_case",
@@ -48,14 +34,22 @@ GALLERY = {
 }
 
 
-def names(listed: str) -> list[str]:
-    """Full names of one group of the reference."""
-    found = []
-    for name in listed.split():
-        value = getattr(cs, name, None) or __import__(f"clothsim.{name}", fromlist=["__all__"])
-        beside = value.__all__ if inspect.ismodule(value) else []
-        found += [f"clothsim.{name}.{one}" for one in beside if one not in cs.__all__] or [f"clothsim.{name}"]
-    return found
+def by_use() -> dict[str, list[str]]:
+    """Full names of the groups of `help(clothsim)`, the most used first; a module stands for its further names."""
+    groups = re.findall(r"^(\w[^\n]*)\n((?:    \w+ {2,}[^\n]+\n)+)", cs.__doc__, re.M)
+    listed = {title: re.findall(r"^    (\w+)", names, re.M) for title, names in groups}
+    listed = {"Simulate": listed["Simulate"], **listed}
+    listed["Know the error"].append("accuracy")
+    listed["Look up"].append("gpu")
+    return {title: [full for name in names for full in full_names(name)] for title, names in listed.items()}
+
+
+def full_names(name: str) -> list[str]:
+    """The full name, or those of a module that are not in `cs.__all__`."""
+    value = getattr(cs, name, None) or __import__(f"clothsim.{name}", fromlist=["__all__"])
+    if not inspect.ismodule(value):
+        return [f"clothsim.{name}"]
+    return [f"clothsim.{name}.{one}" for one in value.__all__ if one not in cs.__all__]
 
 
 def is_called(full: str) -> bool:
@@ -81,10 +75,10 @@ def reference(folder: Path) -> None:
     folder.mkdir()
     index = "Reference\n=========\n\n"
     tree = ".. toctree::\n   :hidden:\n\n"
-    for title, listed in REFERENCE.items():
+    for title, names in by_use().items():
         file = title.lower().replace(" ", "-")
-        (folder / f"{file}.rst").write_text(f"{title}\n{'=' * len(title)}\n\n" + "".join(map(directive, names(listed))))
-        table = "".join(f"   {name}\n" for name in names(listed) if is_called(name))
+        (folder / f"{file}.rst").write_text(f"{title}\n{'=' * len(title)}\n\n" + "".join(map(directive, names)))
+        table = "".join(f"   {name}\n" for name in names if is_called(name))
         index += f"{title}\n{'-' * len(title)}\n\n.. autosummary::\n   :nosignatures:\n\n{table}\n"
         tree += f"   {file}\n"
     (folder / "index.rst").write_text(f"{index}{tree}   commands\n")
