@@ -10,14 +10,13 @@ All take uniform mass, spring damping and no spheres. Compilation ends before th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
 import clothsim as cs
 import numpy as np
-from clothsim.accuracy import RTOLS, Outcome, extent, step_sizes
+from clothsim.accuracy import Method
 from clothsim.typing import Precision
 from common import Stopwatch
 from timing import measure
@@ -26,90 +25,55 @@ from .numba_peer import NumbaSlopes, NumbaStrided, set_threads
 from .numpy_peer import spring_ends, spring_kinds
 
 
-@dataclass(frozen=True)
-class NumbaRK4:
+def numba_rk4(precision: Precision = "double", threads: int = 1) -> Method:
     """RK4 by the strong numba kernel."""
 
-    precision: Precision = "double"
-    threads: int = 1
-    name: str = "rk4 (numba)"
-    library: str = "numba"
-    control: str = "dt"
-
-    def settings(self, scene: cs.Scene, duration: float) -> list[float]:
-        return step_sizes(scene, duration)
-
-    def solve(self, scene: cs.Scene, duration: float, setting: float) -> Outcome:
-        steps = max(1, int(np.ceil(duration / setting - 1e-9)))
-        dtype = np.float64 if self.precision == "double" else np.float32
+    def solve(scene: cs.Scene, duration: float, dt: float) -> Any:
+        steps = max(1, int(np.ceil(duration / dt - 1e-9)))
+        dtype = np.float64 if precision == "double" else np.float32
         state = scene.initial_position, scene.initial_velocity
-        peer = NumbaStrided(scene, *state, duration / steps, dtype, self.threads)
+        peer = NumbaStrided(scene, *state, duration / steps, dtype, threads)
         peer.prepare()
         with Stopwatch() as watch:
             peer.run(steps)
-        x, v = (a.astype(np.float64) for a in (peer.positions, peer.velocities))
-        return Outcome(x, v, 4 * steps, watch.seconds)
+        return *(a.astype(np.float64) for a in (peer.positions, peer.velocities)), 4 * steps, watch.seconds
+
+    return Method("rk4 (numba)", solve, "dt", "numba", precision, threads)
 
 
-@dataclass(frozen=True)
-class SciPy:
+def scipy(method: str, threads: int = 1) -> Method:
     """A method of `solve_ivp` over the strong numba kernel's forces."""
 
-    method: str
-    threads: int = 1
-    precision: Precision = "double"
-    library: str = "SciPy"
-    control: str = "rtol"
-
-    @property
-    def name(self) -> str:
-        return f"{self.method} (SciPy)"
-
-    def settings(self, scene: cs.Scene, duration: float) -> list[float]:
-        return list(RTOLS)
-
-    def solve(self, scene: cs.Scene, duration: float, setting: float) -> Outcome:
+    def solve(scene: cs.Scene, duration: float, rtol: float) -> Any:
         from scipy.integrate import solve_ivp
 
-        set_threads(self.threads)
-        slopes = NumbaSlopes(scene, self.threads)
-        options = {"rtol": setting, "atol": setting * extent(scene), "t_eval": (duration,)}
+        set_threads(threads)
+        slopes = NumbaSlopes(scene, threads)
+        options = {"rtol": rtol, "atol": rtol * max(scene.cloth.size), "t_eval": (duration,)}
         with Stopwatch() as watch:
-            run = solve_ivp(slopes, (0.0, duration), slopes.start, method=self.method, **options)
+            run = solve_ivp(slopes, (0.0, duration), slopes.start, method=method, **options)
         if not run.success:
-            raise ArithmeticError(f"{self.name}: {run.message}")
-        return Outcome(*slopes.points(run.y[:, -1]), int(run.nfev), watch.seconds)
+            raise ArithmeticError(f"{method}: {run.message}")
+        return *slopes.points(run.y[:, -1]), int(run.nfev), watch.seconds
+
+    return Method(f"{method} (SciPy)", solve, "rtol", "SciPy", "double", threads)
 
 
-@dataclass(frozen=True)
-class Diffrax:
+def diffrax(solver: str, stages: int) -> Method:
     """A solver of diffrax with its PID controller's default (an I controller), in double."""
 
-    solver: str
-    stages: int
-    threads: int | None = None
-    precision: Precision = "double"
-    library: str = "diffrax"
-    control: str = "rtol"
-
-    @property
-    def name(self) -> str:
-        return f"{self.solver} (diffrax)"
-
-    def settings(self, scene: cs.Scene, duration: float) -> list[float]:
-        return list(RTOLS)
-
-    def solve(self, scene: cs.Scene, duration: float, setting: float) -> Outcome:
+    def solve(scene: cs.Scene, duration: float, rtol: float) -> Any:
         import jax
 
         with jax.enable_x64(True):
-            run, start = _diffrax_program(_Identity(scene), self.solver)
-            arguments = start, duration, setting, setting * extent(scene)
+            run, start = _diffrax_program(_Identity(scene), solver)
+            arguments = start, duration, rtol, rtol * max(scene.cloth.size)
             jax.block_until_ready(run(*arguments))  # compiled at the first call
             with Stopwatch() as watch:
                 end, steps = jax.block_until_ready(run(*arguments))
-            x, v = (np.moveaxis(np.asarray(a), 0, -1) for a in end)
-            return Outcome(x, v, self.stages * int(steps), watch.seconds)
+            return *(np.moveaxis(np.asarray(a), 0, -1) for a in end), stages * int(steps), watch.seconds
+
+    return Method(f"{solver} (diffrax)", solve, "rtol", "diffrax")
 
 
 class _Identity:
@@ -167,9 +131,6 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
     return run, start
 
 
-Peer = NumbaRK4 | SciPy | Diffrax
-
-
 def refused(scene: cs.Scene) -> str | None:
     """The reason why the peers cannot solve this scene; None if they can."""
     cloth = scene.cloth
@@ -182,7 +143,7 @@ def refused(scene: cs.Scene) -> str | None:
     return None
 
 
-def installed_peers(scene: cs.Scene, threads: int | None = None) -> tuple[list[Peer], list[str]]:
+def installed_peers(scene: cs.Scene, threads: int | None = None) -> tuple[list[Method], list[str]]:
     """The peers that can be run here, and a reason for each that cannot.
 
     Parameters
@@ -198,14 +159,14 @@ def installed_peers(scene: cs.Scene, threads: int | None = None) -> tuple[list[P
     missing : list of str
     """
     missing = [f"{name} is not installed" for name in ("numba", "scipy", "diffrax") if find_spec(name) is None]
-    peers: list[Peer] = []
+    peers: list[Method] = []
     if find_spec("numba"):
         count = threads if threads and threads > 1 and parallel_pays(scene, threads) else 1
-        peers += [NumbaRK4(precision, count) for precision in ("double", "single")]
+        peers += [numba_rk4(precision, count) for precision in ("double", "single")]
         if find_spec("scipy"):
-            peers += [SciPy(method, count) for method in ("DOP853", "RK45")]
+            peers += [scipy(method, count) for method in ("DOP853", "RK45")]
     if find_spec("diffrax"):
-        peers += [Diffrax("Tsit5", 6), Diffrax("Dopri8", 13)]
+        peers += [diffrax("Tsit5", 6), diffrax("Dopri8", 13)]
     return peers, missing
 
 

@@ -109,7 +109,7 @@ from .engine.stepping import acceleration, reference_step, step
 if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
     from .accuracy.fit import Fit, fit
-    from .accuracy.sensitivity import sensitivity
+    from .accuracy.fit import sensitivity
     from .gpu.live_page import view
     from .stability.map import stability_map
     from .sweeps.api import sweep
@@ -187,7 +187,7 @@ __getattr__, __dir__ = _on_demand(
         "convergence": ".accuracy",
         "fit": ".accuracy.fit",
         "reference": ".accuracy",
-        "sensitivity": ".accuracy.sensitivity",
+        "sensitivity": ".accuracy.fit",
         "work_precision": ".accuracy",
         "stability_map": ".stability.map",
         "open_sweep": ".sweeps.store",

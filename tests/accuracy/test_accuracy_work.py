@@ -1,14 +1,13 @@
 """Error against cost: the measurements."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import replace
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy import methods
-from clothsim.accuracy.measured import pareto
-from clothsim.accuracy.methods import Outcome, own_methods
+from clothsim.accuracy import Method, work
+from clothsim.accuracy.work import own_method, pareto
 
 pytest.importorskip("xarray", reason="work_precision returns an xarray.Dataset")
 
@@ -39,27 +38,18 @@ def data(scene, solution):
     )
 
 
-@dataclass
-class Known:
-    """A method with the rms error setting^4; calls take 1 ms / setting, and 0.1 ms more each."""
+@pytest.fixture
+def known(solution):
+    """A method with the rms error setting^4, and its calls, which take 1 ms / setting, and 0.1 ms more each."""
+    calls = []
 
-    solution: cs.Reference
-    name: str = "known"
-    library: str = "nobody"
-    precision: str = "double"
-    threads: int | None = None
-    control: str = "dt"
-    calls: list = field(default_factory=list)
-
-    def settings(self, scene, duration):
-        return [0.5, 0.25]
-
-    def solve(self, scene, duration, setting):
-        self.calls.append(setting)
-        x = self.solution.x[-1].copy()
+    def solve(scene, duration, setting):
+        calls.append(setting)
+        x = solution.x[-1].copy()
         x[2, 3, 0] += setting**4 * math.sqrt(math.prod(SHAPE))
-        seconds = 1e-3 / setting + 1e-4 * len(self.calls)
-        return Outcome(x, self.solution.v[-1].copy(), round(10 / setting), seconds)
+        return x, solution.v[-1].copy(), round(10 / setting), 1e-3 / setting + 1e-4 * len(calls)
+
+    return Method("known", solve, library="nobody"), calls
 
 
 def test_errors_evaluations_and_drift_are_those_of_the_runs(data, scene, solution):
@@ -100,22 +90,33 @@ def test_the_energy_drift_of_an_undamped_scene_is_the_change_of_energy():
     assert float(found["energy_drift"][0, 0]) == pytest.approx(change, rel=1e-6, abs=0)
 
 
-def test_a_users_method_and_the_least_of_its_times(scene, solution):
-    known = Known(solution)
-    found = cs.work_precision(scene, DURATION, [known], windows=3, reference=solution)
-    assert sorted(known.calls) == [0.25] * 4 + [0.5] * 4
+def test_a_users_method_and_the_least_of_its_times(scene, solution, known):
+    method, calls = known
+    found = cs.work_precision(scene, DURATION, [method], dts=[0.25, 0.5], windows=3, reference=solution)
+    assert sorted(calls) == [0.25] * 4 + [0.5] * 4
     assert found["rms_error"][0].values == pytest.approx([0.5**4, 0.25**4], rel=1e-9, abs=0)
     # The first run of each is not timed; the least of the others is one of calls 3 and 4.
     least = found["wall_time"][0].values * DURATION - 1e-3 / found["setting"][0].values
     assert sorted(least) == pytest.approx([3e-4, 4e-4], rel=1e-9, abs=0)
-    assert not found["pareto"].any() and found["pareto_all"].all()
+    assert found["pareto"].all() and found["library"].item() == "nobody"
 
 
-def test_finer_settings_are_left_out_after_a_long_run(scene, solution):
-    known = Known(solution)
-    found = cs.work_precision(scene, DURATION, [known], windows=1, longest=2e-3, reference=solution)
-    assert known.calls == [0.5, 0.5]
-    assert found.sizes["level"] == 1
+@pytest.mark.parametrize("control", ["dt", "rtol"])
+def test_default_settings_of_a_users_method(scene, solution, known, control, monkeypatch):
+    monkeypatch.setattr(work, "_LONGEST", math.inf)
+    method, calls = known
+    cs.work_precision(scene, DURATION, [replace(method, control=control)], windows=1, reference=solution)
+    coarsest = min(0.95 * cs.max_stable_dt(scene), DURATION / 4)
+    settings = coarsest / 2 ** np.arange(7) if control == "dt" else 10.0 ** -np.arange(3, 14)
+    np.testing.assert_allclose(calls[: len(settings)], settings)
+
+
+def test_finer_settings_are_left_out_after_a_long_run(scene, solution, known, monkeypatch):
+    monkeypatch.setattr(work, "_LONGEST", 2e-3)
+    method, calls = known
+    found = cs.work_precision(scene, DURATION, [method], dts=[0.5, 0.25], windows=1, reference=solution)
+    assert calls == [0.5, 0.5]
+    assert np.isnan(found["setting"][0, 1]) and np.isfinite(found["wall_time"][0, 0])
 
 
 def test_pareto():
@@ -125,37 +126,34 @@ def test_pareto():
 
 
 def test_a_tolerance_below_rounding_ends(scene, monkeypatch):
-    (method,) = own_methods(["dopri5 adaptive"], ["single"])
+    method = own_method("dopri5 adaptive", "single")
     spent = []
-    simulate = methods.simulate
-    monkeypatch.setattr(methods, "simulate", lambda *a, **k: spent.append(simulate(*a, **k)) or spent[-1])
+    simulate = work.simulate
+    monkeypatch.setattr(work, "simulate", lambda *a, **k: spent.append(simulate(*a, **k)) or spent[-1])
     method.solve(scene, DURATION, 1e-13)
     assert spent[0].report["force_evaluations"] <= 3020
     assert "smallest tolerance" in spent[0].report["error_estimate"]["reason"]
 
 
-def test_bad_arguments(scene, solution):
-    options = {"reference": solution}
-    with pytest.raises(ValueError, match="methods must be one of .*did you mean 'rk4'"):
-        cs.work_precision(scene, DURATION, ["rk5"], **options)
-    with pytest.raises(ValueError, match="methods must be a sequence of at least 1"):
-        cs.work_precision(scene, DURATION, [], **options)
-    with pytest.raises(ValueError, match=r"precisions\[0\]"):
-        cs.work_precision(scene, DURATION, ["rk4"], precisions=["half"], **options)
-    with pytest.raises(ValueError, match=r"dts\[0\]"):
-        cs.work_precision(scene, DURATION, ["rk4"], dts=[-1.0], **options)
-    with pytest.raises(ValueError, match="windows"):
-        cs.work_precision(scene, DURATION, ["rk4"], windows=0, **options)
-    with pytest.raises(TypeError, match="scene"):
-        cs.work_precision(None, DURATION)
+BAD = [
+    ({"methods": ["rk5"]}, "methods must be one of .*did you mean 'rk4'"),
+    ({"methods": ["rk4 adaptive"]}, "methods must be one of 'dopri5 adaptive'"),
+    ({"methods": []}, "methods must be a sequence of at least 1"),
+    ({"methods": "rk4"}, "methods must be a sequence of at least 1 names or methods, got 'rk4'"),
+    ({"methods": [print]}, r"methods\[0\] must be a Method"),
+    ({"precisions": ["half"]}, r"precisions\[0\]"),
+    ({"dts": [-1.0]}, r"dts\[0\]"),
+    ({"windows": 0}, "windows"),
+    ({"scene": None}, "scene"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BAD)
+def test_bad_arguments(scene, solution, change, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        cs.work_precision(**{"scene": scene, "duration": DURATION, "methods": ["rk4"], "reference": solution, **change})
 
 
 def test_five_methods_in_double_are_compared_by_default():
-    compared = [(m.name, m.precision) for m in own_methods()]
-    assert len(compared) == 5 and {precision for _, precision in compared} == {"double"}
-    assert {"rk4", "dop853 adaptive"} < {name for name, _ in compared}
-
-
-def test_one_name_is_no_sequence_of_methods(scene):
-    with pytest.raises(TypeError, match=r"^methods must be a sequence of names and methods, got 'rk4' \(str\)"):
-        cs.work_precision(scene, 0.05, methods="rk4")
+    compared = work._chosen(None, ["double"], None)
+    assert len(compared) == 5 and {"rk4", "dop853 adaptive"} < {one.name for one in compared}

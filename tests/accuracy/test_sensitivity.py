@@ -3,7 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy.sensitivity import Clock, checked_times, positions_of
+from clothsim.accuracy.fit import Clock, checked_times
 
 pytest.importorskip("xarray")
 integrate = pytest.importorskip("scipy.integrate")
@@ -107,7 +107,7 @@ def test_a_contact_ends_what_is_known():
     assert np.isfinite(found.dx.values[:, before]).all() and (found.dx.values[1:, before] == 0).all()
     assert np.isnan(found.dx.values[:, ~before]).all() and np.isnan(found.error.values[:, ~before]).all()
     assert (found.known_until == times[before][-1]).all()
-    assert all("the cloth meets a sphere between 0.2" in reason for reason in found.reason.values)
+    assert all("the cloth meets a sphere at 0.2" in reason for reason in found.reason.values)
 
 
 def test_where_buckling_amplifies_rounding_nothing_is_known():
@@ -118,11 +118,18 @@ def test_where_buckling_amplifies_rounding_nothing_is_known():
     )
     found = cs.sensitivity(cs.Scene(cloth, position=position), np.linspace(0.1, 2, 6), ["stiffness"])
     assert np.isnan(found.dx.values[0, -1]).all() and np.isfinite(found.dx.values[0, 0]).all()
-    assert found.reason.item().startswith("differences of two sizes disagree from") and found.known_until < 2
+    assert found.reason.item().startswith("differences of two orders disagree from") and found.known_until < 2
+
+
+def test_a_plane_has_a_friction_alone():
+    scene = SCENE.replace(spheres=[cs.Plane((0, -3, 0), friction=0.2), cs.Sphere((9, 9, 9))])
+    assert (cs.sensitivity(scene, [0.1], ["sphere0_friction", "sphere1_radius"]).dx == 0).all()
+    with pytest.raises(ValueError, match="of must name numbers of the scene, got 'sphere0_radius'"):
+        cs.sensitivity(scene, [0.1], ["sphere0_radius"])
 
 
 def test_an_unstable_run_ends_what_is_known(monkeypatch):
-    monkeypatch.setattr("clothsim.accuracy.sensitivity._LONGEST", 4.0)
+    monkeypatch.setattr("clothsim.accuracy.fit._LONGEST", 4.0)
     with pytest.warns(cs.StabilityWarning):
         found = cs.sensitivity(SCENE.replace(cloth=CLOTH.replace(stiffness=1e5)), [0.2, 2.0], ["stiffness"])
     assert np.isnan(found.dx.values[0, -1]).all() and found.reason.item()
@@ -131,24 +138,18 @@ def test_an_unstable_run_ends_what_is_known(monkeypatch):
 def test_steps_end_where_a_pin_turns():
     turn = cs.Keyframes([0.0, 0.1234, 1.0], offsets=[(0, 0, 0), (0, 0.1, 0), (0, 0, 0)])
     scene = cs.Scene(cs.Cloth((3, 3), mass=0.1, stiffness=50.0, damping=0.01, pins={(0, 0): turn, (2, 0): None}))
-    clock = Clock(scene, checked_times([0.3]))
-    assert clock.stops.tolist() == [0.1234, 0.3]
-    clock.refine(scene, 1e-9)
-    x = positions_of([scene], clock, clock.counts(scene))[0][0, 0]
+    clock = Clock(scene, checked_times([0.3]), 1e-9)
+    assert clock.stops == [0.1234, 0.3]
+    x = clock.run([scene], clock.counts(scene)).x[0, 0]
     assert np.abs(x - cs.reference(scene, 0.3).x[-1]).max() < 1e-9
 
 
 def test_the_cost_in_runs(monkeypatch):
-    taken, single = [], Clock(SCENE, TIMES)
-
-    def counted(scenes, clock, counts):
-        taken.append(len(scenes) * counts.sum())
-        return positions_of(scenes, clock, counts)
-
-    monkeypatch.setattr("clothsim.accuracy.sensitivity.positions_of", counted)
+    taken, run = [], Clock.run
+    monkeypatch.setattr(Clock, "run", lambda *given: taken.append(len(given[1]) * given[2].sum()) or run(*given))
     cs.sensitivity(SCENE, TIMES, ["stiffness_shear", "drag", "mass"])
-    single.refine(SCENE, 1e-11)
-    assert sum(taken[:4]) <= (3.6 * 3 + 2.8) * single.counts(SCENE).sum() * 1.05
+    one = Clock(SCENE, TIMES, 1e-11).counts(SCENE).sum()
+    assert sum(taken[:3]) <= (3 * 3 + 2.8) * one * 1.05
 
 
 @pytest.mark.parametrize(

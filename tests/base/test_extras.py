@@ -22,8 +22,7 @@ def nothing_runs(monkeypatch):
     for module, name in [
         ("engine.state", "State"),
         ("stability.map", "is_stable"),
-        ("accuracy.work", "Bench"),
-        ("accuracy.work", "solution_for"),
+        ("accuracy.work", "reference_for"),
         ("sweeps.workers", "run_task"),
     ]:
         monkeypatch.setattr(importlib.import_module(f"clothsim.{module}"), name, never)

@@ -118,12 +118,12 @@ def test_rooms_of_evidence_use_public_names_alone():
         ("paper.x", "gpu.device", "using", False),
     ]
     planted += [
-        ("paper.x", "accuracy", "own_methods", False),
-        ("paper.x", "accuracy", "Outcome", False),
+        ("paper.x", "accuracy", "own_method", False),
+        ("paper.x", "accuracy", "Method", False),
         ("paper.x", "", "", False),
     ]
     found = private_uses("paper.x", "cs.Scene(cs._core.Cloth, cs.typing.Precision)", planted)
-    wrong = ["engine.plan.KERNELS", "_core", "gpu.device.using", "accuracy.own_methods", "cs._core"]
+    wrong = ["engine.plan.KERNELS", "_core", "gpu.device.using", "accuracy.own_method", "cs._core"]
     assert [what for _, what in found] == wrong
 
 

@@ -6,8 +6,8 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.methods.region import mode_limit
+from clothsim.stability.limit import limiting_modes, spectral_limit, tangent
 from clothsim.stability.map import is_stable
-from clothsim.stability.spectrum import _limiting_modes, spectral_limit, tangent
 from variants import pairs
 
 EXPLICIT = tuple(name for name, one in cs.integrators().items() if one.explicit)
@@ -110,7 +110,7 @@ def test_the_projection_finds_the_limit_of_all_modes(crumpled, features):
     free = np.flatnonzero(np.repeat(~scene.cloth.pinned.ravel(), 3))
     k, c = (product(np.eye(x.size))[np.ix_(free, free)].T for product in tangent(scene, x, v))
     for integrator in ("rk4", "velocity_verlet"):
-        exact = _limiting_modes(integrator, k, c)[0][0]
+        exact = limiting_modes(integrator, k, c)[0][0]
         assert spectral_limit(integrator, scene, x, v) == pytest.approx(exact, rel=2e-3, abs=0)
 
 

@@ -101,6 +101,3 @@ def test_a_convergence_draws_its_errors_order_and_floor():
     assert order.get_label() == f"order {found.order:.2f}" and len(order.get_xdata()) == 3
     np.testing.assert_allclose(order.get_ydata(), found.rms[1:], rtol=0.05)
     assert hollow.get_xdata().tolist() == [found.dt[0]] and floor.get_ydata().tolist() == found.floor.tolist()
-    data = found.to_xarray()
-    assert data["rms"].values.tolist() == found.rms.tolist() and data.attrs["order"] == found.order
-    assert data["dt"].attrs == {"units": "s"} and data.attrs["duration"] == 0.5

@@ -1,8 +1,12 @@
-"""Parameters of a scene from a measured motion: `fit`.
+"""Derivatives of a motion with respect to parameters of its scene, and parameters from a measured motion.
 
-The logarithms of positive parameters are fitted by SciPy's least squares. A start that is far off gives a motion that is
-out of phase with the data, where least squares finds a wrong minimum. So the first times are fitted first, and then twice as
-many, until all are. While few times are fitted, each parameter is held near its start by a weak prior.
+Derivatives: runs that differ in a parameter are the members of one batch, with the same steps and method, so their
+differences are as smooth as the solution. A central difference and one more value give a difference of third order, and the
+correction from second order bounds its error.
+
+Fit: least squares over the logarithms of positive parameters. A start that is far off gives a motion that is out of phase
+with the data, where least squares finds a wrong minimum. So the first times are fitted first, and then twice as many, until
+all are. While few times are fitted, each parameter is held near its start by a weak prior.
 """
 
 from __future__ import annotations
@@ -10,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,12 +23,25 @@ from ..base import Floats, check
 from ..base.clocks import Stopwatch
 from ..base.extras import needed
 from ..base.table import aligned
+from ..methods.bound import stable_dt
+from ..model.fields import change_scene, check_name, units
 from ..model.scene import Scene
+from ..model.sphere import Sphere
 from ..run.result import Run
 from ..run.simulate import simulate
-from .sensitivity import Clock, Parameter, changed, changes, checked_times, difference, parameters_of, positions_of
-from .work_plot import draw_fit
+from .plots import draw_fit
+from .solution import METHOD, ORDER, Motion, motion
 
+if TYPE_CHECKING:
+    import xarray
+
+_STEP = 7e-5  # of a parameter over its scale: rounding and truncation are then below 1e-9 of most derivatives
+_PARTED = 1e-3  # error over the largest derivative so far, from which on neither is believed
+_VISIBLE = 1e-4  # of the cloth's size: the least derivative of which that part is asked
+_ROUNDING = 2e-14  # of positions, over the cloth's size
+_LONGEST = 0.9  # of the guaranteed stable step
+_FINEST = 64.0  # times as many steps, at most
+_DIGITS = 1e-11  # error of positions over the cloth's size that `sensitivity` asks for
 _FEWEST = 4  # times of the first stage
 _PRIOR = 3.0  # width of the prior, in logarithms or scales
 _WIDEST = 1e3  # factor, or scales, that a parameter without bounds may move
@@ -34,6 +51,213 @@ _SINGULAR = 1e-5  # singular value over the largest, of columns of length 1: bel
 _PART = 1e-2  # of a parameter in a direction that is not determined
 _SIGMAS = 5.0  # from which on a chi-square, or a correlation of residuals, is no chance
 _CORRELATED = 0.2  # of residuals at neighbouring times
+
+
+class Parameter(NamedTuple):
+    """A number of a scene that can vary continuously."""
+
+    name: str  # as the caller wrote it
+    field: str  # as in a sweep
+    value: float
+    scale: float  # a change of it changes the motion visibly
+    least: float
+    most: float
+
+    @property
+    def side(self) -> int:
+        """The only side to which it can vary, else 0."""
+        reach = 3 * _STEP * self.scale
+        return int(self.value - reach <= self.least) - int(self.value + reach >= self.most)
+
+
+def _numbers(scene: Scene) -> dict[str, list[float]]:
+    """The numbers of a scene that can vary continuously, by the names of a sweep."""
+    cloth = scene.cloth
+    found = {"mass": [float(cloth.mass_per_point.sum())], "drag": [cloth.drag]}
+    for kind, families in (("stiffness", cloth.family_stiffness), ("damping", cloth.family_damping)):
+        found |= {kind: [*families.values()], **{f"{kind}_{family}": [value] for family, value in families.items()}}
+    vectors = {"gravity": [scene.gravity], **{f"pin{k}": [scene.initial_position[pin]] for k, pin in enumerate(cloth.pins)}}
+    for prefix, spheres in {"sphere": scene.spheres, **{f"sphere{k}": [one] for k, one in enumerate(scene.spheres)}}.items():
+        parts = ["restitution", "friction"]
+        if all(isinstance(one, Sphere) for one in spheres):  # no plane
+            vectors[f"{prefix}_center"] = [sphere.center for sphere in spheres]
+            parts.append("radius")
+        for part in parts:
+            found[f"{prefix}_{part}"] = [getattr(sphere, part) for sphere in spheres]
+    found |= {f"{name}_{c}": [float(v[k]) for v in some] for name, some in vectors.items() for k, c in enumerate("xyz")}
+    return {name: values for name, values in found.items() if values}
+
+
+def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
+    """The named parameters with their values in `scene`."""
+    if isinstance(names, str) or not isinstance(names, (Sequence, Mapping)) or not names:
+        raise TypeError(f"{argument} must be a sequence of names such as ('stiffness', 'drag'), got {check.shown(names)}")
+    known, found = _numbers(scene), []
+    scales = {"m": max(scene.cloth.size), "m/s^2": 9.80665, "1": 1.0}
+    scales["N s/m"] = float(scene.cloth.mass_per_point.min())  # a drag that acts within a second
+    for name in names:
+        field = check_name(name.replace(".", "_") if isinstance(name, str) else name)
+        if field not in known:
+            raise ValueError(f"{argument} must name numbers of the scene, got {name!r}; this one has {', '.join(known)}")
+        value = known[field][0]
+        if any(other != value for other in known[field]):
+            raise ValueError(f"{argument} must name single numbers, got {name!r}, here {known[field]}: name its parts")
+        least = -math.inf if field[-2:] in ("_x", "_y", "_z") else 0.0
+        most = 1.0 if field.endswith("restitution") else math.inf
+        found.append(Parameter(name, field, value, max(abs(value), scales.get(units(field), 0.0)), least, most))
+    if len({one.field for one in found}) < len(found):
+        raise ValueError(f"{argument} must name each parameter once, got {list(names)}")
+    return found
+
+
+def changed(scene: Scene, parameters: Sequence[Parameter], values: Sequence[float] | Floats) -> Scene:
+    """A copy of `scene` with new values of the parameters."""
+    named: dict[str, Any] = {p.field: float(value) for p, value in zip(parameters, values)}
+    if "mass" in named:  # the masses of the points keep their ratios
+        named["mass"] *= scene.cloth.mass_per_point / scene.cloth.mass_per_point.sum()
+    return change_scene(scene, named)
+
+
+def checked_times(times: npt.ArrayLike) -> Floats:
+    """Times at which positions are asked for [s]."""
+    accepted = "increasing times >= 0 [s]"
+    given = np.atleast_1d(check.array("times", times, what=accepted))
+    if given.ndim > 1:
+        raise ValueError(f"times must be {accepted} in one dimension, got shape {given.shape}")
+    check.check_all("times", given, np.diff(given, prepend=-1e-300) > 0, accepted)
+    if not given.size or given[-1] == 0:
+        raise ValueError(f"times must be {accepted} of which one is > 0, got {given.tolist()}")
+    return given
+
+
+class Clock:
+    """The times of all steps: every run of a comparison takes the same."""
+
+    def __init__(self, scene: Scene, times: Floats, rtol: float) -> None:
+        """With steps so short that positions should be off by at most `rtol` of the cloth's size."""
+        self.times, self.size, self.finer = times, max(scene.cloth.size), 1.0
+        self.stops = sorted({*times.tolist(), *scene.stops(0.0, float(times[-1]))} - {0.0})
+        coarse = self.counts(scene)
+        x, y = (self.run([scene], counts) for counts in (coarse + -(-coarse // 4), coarse))
+        off = np.abs(x.x - y.x)[:, times <= min(x.known, y.known)].max(initial=0.0) / (rtol * self.size)
+        # The coarse steps are longer by a fourth, which is not counted on.
+        self.finer = float(np.clip(off ** (1 / ORDER), 1.0, _FINEST)) * 1.25
+
+    def counts(self, scene: Scene) -> npt.NDArray[np.int64]:
+        """Steps up to each stop."""
+        longest = _LONGEST * stable_dt(scene, METHOD) / self.finer
+        return np.maximum(np.ceil(np.diff(self.stops, prepend=0.0) / longest), 1).astype(np.int64)
+
+    def run(self, scenes: Sequence[Scene], counts: npt.NDArray[np.int64]) -> Motion:
+        """The scenes at `times`."""
+        found = motion(scenes, self.stops, counts.tolist())
+        x = found.x[:, np.searchsorted(self.stops, self.times)]
+        if self.times[0] == 0:
+            x[:, 0] = [scene.initial_position for scene in scenes]
+        return found._replace(x=x)
+
+
+def derivatives(scene: Scene, parameters: Sequence[Parameter], clock: Clock, most: int = 3) -> tuple[Motion, Floats, Floats]:
+    """The motion of `scene`, its changes per scale of each parameter, and the last term of these.
+
+    Each is a difference of three positions, for the values -1, 0 and 1 of the parameter or, at a bound, 0, 1 and 2. With
+    `most` = 4 values the term of third order corrects it.
+    """
+    places = [np.arange(most) * one.side if one.side else np.arange(-1, most - 1) for one in parameters]
+    members = [
+        changed(scene, [p], [p.value + k * _STEP * p.scale]) for p, some in zip(parameters, places) for k in some if k
+    ]
+    found = clock.run([scene, *members], clock.counts(scene))
+    change = np.empty((len(parameters), *found.x.shape[1:]))
+    term, moved = np.zeros_like(change), iter(found.x[1:])
+    for n, (one, some) in enumerate(zip(parameters, places)):
+        x = [next(moved) if k else found.x[0] for k in some]
+        change[n] = (4 * (x[1] - x[0]) - (x[2] - x[0])) / 2 * one.side if one.side else (x[2] - x[0]) / 2
+        if most > 3:
+            term[n] = (x[3] - x[0] - 3 * (x[2] - x[1])) * (one.side / 3 or -1 / 6)
+    return found._replace(x=found.x[0]), (change + term) / _STEP, term / _STEP
+
+
+def known_derivatives(
+    scene: Scene, parameters: Sequence[Parameter], clock: Clock
+) -> tuple[Floats, Floats, Floats, Floats, list[str]]:
+    """Positions, derivatives per scale of each parameter, their errors, until when they are known, and why no longer."""
+    found, change, term = derivatives(scene, parameters, clock, 4)
+    largest = np.fmax.accumulate(np.abs(change).max(axis=(2, 3, 4)), axis=1)
+    error = np.abs(term).max(axis=(2, 3, 4)) + _ROUNDING * clock.size / _STEP + _DIGITS * largest
+    bad = np.isnan(error) | (clock.times > found.known)
+    parted = ~bad & (error > _PARTED * (largest + _VISIBLE * clock.size))
+    reasons = [
+        f"differences of two orders disagree from {clock.times[one.argmax()]:.4g} s on: motions part there"
+        if one.any()
+        else found.reason * bool(late.any())
+        for one, late in zip(parted, bad)
+    ]
+    bad |= np.logical_or.accumulate(parted, axis=1)
+    change[bad], error[bad] = np.nan, np.nan
+    return found.x, change, error, np.where(bad, 0.0, clock.times).max(axis=1), reasons
+
+
+def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray.Dataset:
+    """How each position changes with each parameter, and how far that is known.
+
+    Parameters
+    ----------
+    scene : Scene
+    times : array_like
+        Times at which the derivatives are wanted [s], increasing, >= 0.
+    of : sequence of str
+        Names as in `sweep`: "mass" (in all; the ratios of the points stay), "stiffness", "damping", "stiffness_shear" and
+        alike ("stiffness.shear" too), "drag", "gravity_y", "pin0_x" (the place of a pin), and of spheres "sphere_radius",
+        "sphere0_center_x", "sphere_friction", "sphere_restitution".
+
+    Returns
+    -------
+    xarray.Dataset
+        "dx", derivatives of the positions at (parameter, time, row, column, component) in metres per unit of the parameter;
+        "error", their error at (parameter, time), the largest over the points: that of a difference of lower order, which is
+        usually far above the true error; "x", the positions [m]; "value", "unit", and until when the
+        derivatives have a meaning, "known_until" [s]. Later ones, as after a contact, are NaN with a "reason".
+
+    Notes
+    -----
+    Costs 3 runs a parameter, and 2.8 more runs; all with the same steps of "dop853".
+
+    Examples
+    --------
+    The exact derivative by the stiffness is -0.1 sin(w t) t / (2 w), with w = 10 / s:
+
+    >>> import math
+    >>> import clothsim as cs
+    >>> data = cs.sensitivity(cs.scenes.oscillator(stiffness=100.0), [0.5, 1.0], of=["stiffness"])
+    >>> found = data.dx.sel(parameter="stiffness", time=1.0, row=0, column=1, component="x").item()
+    >>> abs(found + 0.1 * math.sin(10.0) * 1.0 / 20.0) < 1e-12
+    True
+    """
+    xr: Any = needed("xarray", "sensitivity")
+    check.instance("scene", scene, Scene)
+    parameters = parameters_of(scene, of, "of")
+    clock = Clock(scene, checked_times(times), _DIGITS)
+    x, change, error, until, reasons = known_derivatives(scene, parameters, clock)
+    scales = np.array([one.scale for one in parameters])
+    place = ("time", "row", "column", "component")
+    data: xarray.Dataset = xr.Dataset(
+        {
+            "dx": (("parameter", *place), change / scales.reshape(-1, 1, 1, 1, 1)),
+            "error": (("parameter", "time"), error / scales[:, None]),
+            "x": (place, x, {"units": "m"}),
+            "value": ("parameter", [one.value for one in parameters]),
+            "unit": ("parameter", [units(one.field) for one in parameters]),
+            "known_until": ("parameter", until, {"units": "s"}),
+            "reason": ("parameter", reasons),
+        },
+        {
+            "parameter": [one.name for one in parameters],
+            "time": ("time", clock.times, {"units": "s"}),
+            "component": ["x", "y", "z"],
+        },
+    )
+    return data
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,15 +282,6 @@ class Fit:
         "reason": "", or why something is NaN; "reasons" by parameter; "sigma" [m], as given or estimated; "chi_square" per
         degree of freedom (NaN if sigma is estimated); "correlation" of residuals at neighbouring times; "condition" of
         the Jacobian with columns of length 1; "evaluations", "jacobians", "starts", "wall_time" [s].
-
-    Examples
-    --------
-    >>> import clothsim as cs
-    >>> truth = cs.scenes.oscillator(stiffness=90.0, damping=0.5)
-    >>> run = cs.simulate(truth, 1.0, rtol=1e-9, times=[0.2, 0.4, 0.6, 0.8, 1.0])
-    >>> found = cs.fit(cs.scenes.oscillator(damping=1.0), run.t, run.x, over=["stiffness", "damping"])
-    >>> round(found.values["stiffness"], 3), round(found.values["damping"], 3)
-    (90.0, 0.5)
     """
 
     scene: Scene
@@ -86,25 +301,7 @@ class Fit:
         return text + f"\n{self.report['reason']}".rstrip()
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw data and fit, residuals, and correlations of the parameters.
-
-        Parameters
-        ----------
-        ax : three axes of matplotlib, optional
-            Default: those of a new figure.
-
-        Returns
-        -------
-        numpy.ndarray of matplotlib.axes.Axes
-
-        Examples
-        --------
-        >>> import clothsim as cs, matplotlib; matplotlib.use("Agg")
-        >>> scene = cs.scenes.oscillator()
-        >>> found = cs.fit(scene, [0.1, 0.2, 0.3], cs.simulate(scene, 0.3, times=[0.1, 0.2, 0.3]).x[1:], over=["stiffness"])
-        >>> found.plot().shape
-        (3,)
-        """
+        """Draw data and fit, residuals, and correlations of the parameters on three axes, given or new, which come back."""
         return draw_fit(self, ax)
 
 
@@ -114,25 +311,33 @@ class _Problem:
     def __init__(self, scene: Scene, names: Sequence[str], times: Floats, data: Floats, measured: Any) -> None:
         self.scene, self.names, self.times = scene, names, times
         self.data, self.measured = data, measured  # (times, rows, columns, 3); whether a number counts
-        parameters = parameters_of(scene, names, "over")
-        self.start, self.scales, self.least, self.most = np.array([one[2:] for one in parameters]).T
-        self.logarithmic = (self.least == 0) & (self.start > 0)
-        self.size = max(scene.cloth.size)
-        self.evaluations = self.jacobians = 0
+        self.start, self.scales, *ends = np.array([one[2:] for one in parameters_of(scene, names, "over")]).T
+        self.ends, self.evaluations, self.jacobians = np.array(ends), 0, 0
+        self.logarithmic = (self.ends[0] == 0) & (self.start > 0)
 
     def values(self, u: Floats) -> Floats:
         values: Floats = np.where(self.logarithmic, self.start * np.exp(u * self.logarithmic), self.start + u * self.scales)
         return values
 
-    def coordinates(self, values: Floats) -> Floats:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u: Floats = np.where(self.logarithmic, np.log(values / self.start), (values - self.start) / self.scales)
-        return u
-
     def slopes(self, u: Floats) -> Floats:
         """Derivatives of the values by the coordinates."""
         slopes: Floats = np.where(self.logarithmic, self.values(u), self.scales)
         return slopes
+
+    def bounds(self, over: Any) -> Floats:
+        """Least and largest coordinates."""
+        ends = self.ends.copy()
+        for k, name in enumerate(self.names if isinstance(over, Mapping) else ()):
+            argument, value, (low, high) = f"over[{name!r}]", self.start[k], ends[:, k]
+            given = [check.number(argument, n) for n in check.items(argument, over[name], 2, "numbers (least, most)")]
+            if not (low <= given[0] <= value <= given[1] <= high and given[0] < given[1]):
+                accepted = f"(least, most) from {low:g} to {high:g} around {value:g}"
+                raise ValueError(f"{argument} must be {accepted}, got {tuple(given)}")
+            ends[:, k] = given
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = np.where(self.logarithmic, np.log(ends / self.start), (ends - self.start) / self.scales)
+        far = np.where(self.logarithmic, math.log(_WIDEST), _WIDEST)
+        return np.asarray(np.clip(u, -far, far))
 
     def at(self, u: Floats) -> tuple[Scene, list[Parameter]]:
         scene = changed(self.scene, parameters_of(self.scene, self.names, "over"), self.values(u))
@@ -143,32 +348,35 @@ class _Problem:
         slopes = self.slopes(u) / [one.scale for one in parameters]
         return np.nan_to_num(change[:, self.measured[: change.shape[1]]].T * slopes)
 
-    def minimise(self, u: Floats, bounds: Any, sigma: float, rtol: float, least_squares: Any) -> Any:
+    def minimise(self, u: Floats, bounds: Floats, sigma: float, rtol: float, least_squares: Any) -> Any:
         """The minimum over all times that is found from `u` by way of the first times."""
         total = len(self.times)
         counts = [-(-total // 2**k) for k in range(int(math.log2(total)), 0, -1)]
         for count in [*(n for n in counts if n >= _FEWEST), total]:
-            clock, held = Clock(self.scene, self.times[:count]), (count < total) / _PRIOR
-            clock.refine(self.at(u)[0], rtol)
-
-            def residuals(v: Floats, middle: Floats, clock: Clock, held: float, n: int) -> Floats:
-                self.evaluations += 1
-                scene, _ = self.at(v)
-                off = (positions_of([scene], clock, clock.counts(scene))[0][0] - self.data[:n])[self.measured[:n]]
-                return np.append(np.nan_to_num(off, nan=self.size) / sigma, (v - middle) * held)
-
-            def jacobian(v: Floats, middle: Floats, clock: Clock, held: float, n: int) -> Floats:
-                self.jacobians += 1
-                scene, parameters = self.at(v)
-                found = self.columns(difference(scene, parameters, clock)[1], parameters, v)
-                return np.append(found / sigma, np.eye(len(v)) * held, axis=0)
-
-            digits = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if held else 1e-10)
-            start, most = np.clip(u, bounds[0] + _EDGE / 2, bounds[1] - _EDGE / 2), 20 if held else 60
-            found = least_squares(residuals, start, jacobian, bounds, args=(u, clock, held, count), max_nfev=most, **digits)
+            found = self._minimum(u, bounds, sigma, Clock(self.at(u)[0], self.times[:count], rtol), least_squares)
             u = found.x
-        found.unit = sigma
         return found
+
+    def _minimum(self, middle: Floats, bounds: Floats, sigma: float, clock: Clock, least_squares: Any) -> Any:
+        """The minimum over the times of `clock`, near `middle` unless these are all times."""
+        n = len(clock.times)
+        held, data, measured = (n < len(self.times)) / _PRIOR, self.data[:n], self.measured[:n]
+
+        def residuals(u: Floats) -> Floats:
+            self.evaluations += 1
+            scene, _ = self.at(u)
+            off = (clock.run([scene], clock.counts(scene)).x[0] - data)[measured]
+            return np.append(np.nan_to_num(off, nan=clock.size) / sigma, (u - middle) * held)
+
+        def jacobian(u: Floats) -> Floats:
+            self.jacobians += 1
+            scene, parameters = self.at(u)
+            found = self.columns(derivatives(scene, parameters, clock)[1], parameters, u)
+            return np.append(found / sigma, np.eye(len(u)) * held, axis=0)
+
+        digits, most = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if held else 1e-10), 20 if held else 60
+        start = np.clip(middle, bounds[0] + _EDGE / 2, bounds[1] - _EDGE / 2)
+        return least_squares(residuals, start, jacobian, (*bounds,), max_nfev=most, **digits)
 
 
 def fit(
@@ -206,13 +414,6 @@ def fit(
         A parameter that the data does not determine is NaN, with a reason. All are after a contact. Where the residuals
         are no noise, which says that a cloth like this did not make the motion, errors are NaN.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above, or there are fewer numbers than parameters.
-    ImportError
-        Without SciPy, naming the extra that brings it.
-
     Examples
     --------
     >>> import clothsim as cs
@@ -242,23 +443,22 @@ def fit(
     if count <= len(names):
         raise ValueError(f"positions must have more numbers at free points than over has names, {len(names)}, got {count}")
     problem = _Problem(scene, names, times, data, measured)
-    bounds = _bounds(over, problem)
-    least = rtol * problem.size  # of what residuals can show
+    bounds = problem.bounds(over)
+    least = rtol * max(scene.cloth.size)  # of what residuals can show
     moved = float(np.sqrt(np.mean((data - scene.initial_position)[measured] ** 2)))
+    unit = sigma or max(1e-3 * moved, least)
     random, u, starts, misfit = np.random.default_rng(0), np.zeros(len(names)), 0, "not tried"
     best: Any = None
     with Stopwatch() as watch:
         while misfit and starts <= _STARTS:
-            found = problem.minimise(u, bounds, sigma or max(1e-3 * moved, least), rtol, least_squares)
+            found = problem.minimise(u, bounds, unit, rtol, least_squares)
             best = found if best is None or found.cost < best.cost else best
-            chi, correlation, noise, misfit = _judged(problem, best, sigma, least)
+            quality, misfit = _judged(best, measured, len(names), sigma, unit, least)
             u, starts = random.uniform(-math.log(10), math.log(10), len(names)) * problem.logarithmic, starts + 1
         scene, parameters = problem.at(best.x)
-        clock = Clock(scene, times)
-        clock.refine(scene, rtol)
-        _, change, _, _, ended = changes(scene, parameters, clock)
+        _, change, _, _, ended = known_derivatives(scene, parameters, Clock(scene, times, rtol))
         run = simulate(scene, float(times[-1]), rtol=rtol, times=times)
-    jacobian = problem.columns(change, parameters, best.x) / noise
+    jacobian = problem.columns(change, parameters, best.x) / quality["sigma"]
     covariance, condition, reasons = _determined(jacobian, ended, best.x, bounds)
     slopes = problem.slopes(best.x)
     values = np.where([bool(reason) for reason in reasons], np.nan, problem.values(best.x))
@@ -270,18 +470,9 @@ def fit(
     elif misfit:
         told.append(f"{misfit}: no such cloth moves like this, or the noise is not independent; errors have no meaning")
         covariance = np.full_like(covariance, np.nan)
-    report = {
-        "reason": "; ".join(told),
-        "reasons": dict(zip(names, reasons)),
-        "sigma": noise,
-        "chi_square": chi,
-        "correlation": correlation,
-        "condition": condition,
-        "evaluations": problem.evaluations,
-        "jacobians": problem.jacobians,
-        "starts": starts,
-        "wall_time": watch.seconds,
-    }
+    report = {"reason": "; ".join(told), "reasons": dict(zip(names, reasons)), **quality, "condition": condition}
+    spent = {"evaluations": problem.evaluations, "jacobians": problem.jacobians}
+    report |= {**spent, "starts": starts, "wall_time": watch.seconds}
     residuals = given - run.x[np.searchsorted(run.t, times)][:, place[0], place[1]]
     errors = dict(zip(names, np.sqrt(np.diag(covariance)).tolist()))
     return Fit(scene, dict(zip(names, values.tolist())), errors, covariance, residuals, run, times, given, report)
@@ -289,16 +480,13 @@ def fit(
 
 def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tuple[Floats, Any]:
     """Measured positions, and the rows and columns of their points."""
-    sides = scene.cloth.shape
-    place: Any = np.indices(sides)
+    sides, place = scene.cloth.shape, np.indices(scene.cloth.shape)
     if points is not None:
-        points = check.items("points", points, None, "(row, column)", 1)
-        pairs = [check.items(f"points[{k}]", pair, 2, "integers (row, column)") for k, pair in enumerate(points)]
-        ends = [
-            [check.integer(f"points[{k}]", i, minimum=-n, maximum=n - 1) % n for i, n in zip(pair, sides)]
-            for k, pair in enumerate(pairs)
-        ]
-        place = np.array(ends, dtype=int).reshape(-1, 2).T
+        pairs = []
+        for k, pair in enumerate(check.items("points", points, None, "(row, column)", 1)):
+            both = zip(check.items(f"points[{k}]", pair, 2, "integers (row, column)"), sides)
+            pairs.append([check.integer(f"points[{k}]", i, minimum=-n, maximum=n - 1) % n for i, n in both])
+        place = np.array(pairs).T
         if len(np.unique(place, axis=1).T) < len(pairs):
             raise ValueError(f"points must name each point once, got {list(points)}")
     shape = (len(times), *place[0].shape, 3)
@@ -311,44 +499,28 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
     return given, place
 
 
-def _bounds(over: Any, problem: _Problem) -> tuple[Floats, Floats]:
-    """Bounds of the coordinates."""
-    ends = np.stack([problem.least, problem.most])
-    for k, name in enumerate(problem.names if isinstance(over, Mapping) else ()):
-        argument, value, (low, high) = f"over[{name!r}]", problem.start[k], ends[:, k]
-        given = [check.number(argument, n) for n in check.items(argument, over[name], 2, "numbers (least, most)")]
-        if not (low <= given[0] <= value <= given[1] <= high and given[0] < given[1]):
-            raise ValueError(
-                f"{argument} must be (least, most) from {low:g} to {high:g} around {value:g}, got {tuple(given)}"
-            )
-        ends[:, k] = given
-    far = np.where(problem.logarithmic, math.log(_WIDEST), _WIDEST)
-    low, high = np.clip(problem.coordinates(ends), -far, far)
-    return low, high
-
-
-def _judged(problem: _Problem, found: Any, sigma: float | None, least: float) -> tuple[float, float, float, str]:
-    """Chi-square per degree of freedom, correlation of neighbouring residuals, sigma, and why residuals are no noise."""
-    count = int(problem.measured.sum())
-    free = count - len(problem.names)
-    whole = np.full(problem.measured.shape, np.nan)
-    whole[problem.measured] = found.fun[:count]
+def _judged(
+    found: Any, measured: Any, parameters: int, sigma: float | None, unit: float, least: float
+) -> tuple[dict[str, float], str]:
+    """Sigma, chi-square per degree of freedom, correlation of neighbouring residuals; and why residuals are no noise."""
+    free = measured.sum() - parameters
+    whole = np.full(measured.shape, np.nan)
+    whole[measured] = found.fun[: measured.sum()]
     pairs = whole[1:] * whole[:-1]
     number = int(np.isfinite(pairs).sum())
     correlation = float(np.nansum(pairs) / number / max(np.nanmean(whole**2), 1e-300)) if number else math.nan
+    chi, reason = 2 * float(found.cost) / free, ""
     if sigma is not None:
-        chi = 2 * float(found.cost) / free
-        bad = chi > 1 + _SIGMAS * math.sqrt(2 / free)
-        return chi, correlation, sigma, f"chi-square is {chi:.3g} per degree of freedom" if bad else ""
-    noise = found.unit * math.sqrt(2 * float(found.cost) / free)
-    bad = noise > 10 * least and correlation > max(_CORRELATED, _SIGMAS / math.sqrt(max(number, 1)))
-    reason = f"residuals at neighbouring times have a correlation of {correlation:.2f}" if bad else ""
-    return math.nan, correlation, max(noise, least), reason
+        if chi > 1 + _SIGMAS * math.sqrt(2 / free):
+            reason = f"chi-square is {chi:.3g} per degree of freedom"
+        return {"sigma": sigma, "chi_square": chi, "correlation": correlation}, reason
+    noise = unit * math.sqrt(chi)
+    if noise > 10 * least and correlation > max(_CORRELATED, _SIGMAS / math.sqrt(max(number, 1))):
+        reason = f"residuals at neighbouring times have a correlation of {correlation:.2f}"
+    return {"sigma": max(noise, least), "chi_square": math.nan, "correlation": correlation}, reason
 
 
-def _determined(
-    jacobian: Floats, ended: list[str], u: Floats, bounds: tuple[Floats, Floats]
-) -> tuple[Floats, float, list[str]]:
+def _determined(jacobian: Floats, ended: list[str], u: Floats, bounds: Floats) -> tuple[Floats, float, list[str]]:
     """Covariance of the coordinates, condition of the scaled Jacobian, and why a parameter is not determined."""
     lengths = np.linalg.norm(jacobian, axis=0)
     used = lengths > 0

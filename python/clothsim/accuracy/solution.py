@@ -1,11 +1,15 @@
-"""The trusted solution: two independent computations, and their difference as its error bound."""
+"""The trusted solution: two independent computations, and their difference as its error bound.
+
+The second one, steps of dop853 in double, also measures sweeps and derivatives.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,50 +17,24 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check, frozen
 from ..base.build import available_threads
-from ..base.clocks import Stopwatch
-from ..engine.options import Options
-from ..engine.stepper import Stepper
+from ..engine.stepper import SilentStepper
+from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.as_core import core_pins
 from ..model.scene import Scene
-from .in_double import solve_in_double
+from ..run.trajectory import PAUSE
 
-# Of the time in which the cloth's size is crossed: how far apart the looks are at most.
-_MOST_BETWEEN = 1e-4  # s
-
-
-def first_contact(scene: Scene, duration: float) -> tuple[float, int] | None:
-    """Earliest time at which a mass point comes as close to a sphere as its contact radius [s], and the sphere's index.
-
-    None without contact up to `duration`. The cloth moves freely, by RK4. Between two samples a point counts as near as its
-    speed relative to the sphere allows. So no contact is missed, and a near miss within that distance counts as a contact.
-    """
-    if not scene.spheres:
-        return None
-    free = ~scene.cloth.pinned
-    stepper = Stepper(scene.replace(spheres=()), threads=1)
-    between = min(_MOST_BETWEEN, 0.5 * stable_dt(scene), duration)
-    count = math.ceil(duration / between)
-    dt = duration / count
-    for n in range(count + 1):
-        t = n * dt
-        x, v = stepper.positions[free], stepper.velocities[free]
-        for k, sphere in enumerate(scene.spheres):
-            height = sphere.height(x, t)
-            speed = np.linalg.norm(v - sphere.velocity_at(t), axis=-1)
-            if (height < sphere.offset_length(scene.cloth) + speed * dt).any():
-                return t, k
-        if n < count:
-            stepper.advance(1, dt)
-    return None
+METHOD, ORDER = "dop853", 8
+_COARSEST = 0.5  # of RK4's stable step, well below the stable step of dop853
+_FEWEST_STEPS = 8
+_MOST_HALVINGS = 8
+_STEPS_BETWEEN_PAUSES = 512
 
 
 # The extrapolation that is returned, and the looser one of other order that it is compared with.
 # The tolerances are per step and of the cloth's extent; long double has 5e-20.
 _TRUSTED: dict[str, Any] = {"columns": 8, "tolerance": 1e-15}
 _CONTROL: dict[str, Any] = {"columns": 7, "tolerance": 1e-14}
-
-METHODS = ("extrapolation (GBS), order 16, long double", "dop853, order 8, double")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,14 +50,10 @@ class Reference:
         Positions [m] and velocities [m/s] of the extrapolation in long double, rounded to float64,
         shape (frames, rows, columns, 3), read-only.
     error_bound : dict
-        "max" and "rms" [m], each of shape (frames,): distance of the mass points from the second
-        method, plus half a unit in the last place. Most of it is rounding of double, amplified by
-        the cloth.
+        "max" and "rms" [m], each of shape (frames,): distance of the mass points from the second method, plus half a unit
+        in the last place.
     error_estimate : dict
-        The likely error of `x`, with the same keys: the distance to a looser extrapolation of another order, in long
-        double.
-    report : dict
-        "methods", "force_evaluations" (of each method) and "wall_time" [s] of the computation.
+        The likely error of `x`, with the same keys: the distance to a looser extrapolation of another order.
 
     Examples
     --------
@@ -94,14 +68,10 @@ class Reference:
     v: Floats
     error_bound: dict[str, Floats]
     error_estimate: dict[str, Floats]
-    report: dict[str, Any]
 
     def __repr__(self) -> str:
-        rows, columns = self.scene.cloth.shape
-        return (
-            f"<Reference of {rows} x {columns} points: {len(self.t)} frames to {self.t[-1]:g} s, "
-            f"error bound {float(np.max(self.error_bound['max'])):.1e} m>"
-        )
+        bound = float(np.max(self.error_bound["max"]))
+        return f"<Reference of {len(self.t)} frames to {self.t[-1]:g} s, error bound {bound:.1e} m>"
 
     def error_of(self, x: npt.ArrayLike, frame: int = -1) -> dict[str, float]:
         """Distance of positions from this solution.
@@ -116,13 +86,7 @@ class Reference:
         Returns
         -------
         dict
-            "max" and "rms" [m] over the mass points of the distance to the reference; NaN if `x`
-            is not finite.
-
-        Raises
-        ------
-        ValueError
-            For another shape.
+            "max" and "rms" [m] over the mass points of the distance to the reference; NaN if `x` is not finite.
 
         Examples
         --------
@@ -135,14 +99,11 @@ class Reference:
         x = check.as_array("x", x, accepted)
         if x.shape != self.x.shape[1:]:
             raise ValueError(f"x must be {accepted}, got {x.shape}")
-        x = x.astype(np.float64)
-        count = len(self.t)
-        frame = check.integer("frame", frame, minimum=-count, maximum=count - 1)
-        largest, rms = _distances(x, self.x[frame])
-        return {"max": float(largest), "rms": float(rms)}
+        frame = check.integer("frame", frame, minimum=-len(self.t), maximum=len(self.t) - 1)
+        return {name: float(value) for name, value in _distances(x.astype(np.float64), self.x[frame]).items()}
 
 
-def reference(scene: Scene, duration: float, every: float | None = None, *, threads: int | None = None) -> Reference:
+def reference(scene: Scene, duration: float, every: float | None = None) -> Reference:
     """A trusted solution of a scene without contact, with its own error bound.
 
     Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer
@@ -161,8 +122,6 @@ def reference(scene: Scene, duration: float, every: float | None = None, *, thre
         Simulated time [s], > 0.
     every : float, optional
         Seconds between frames. Default: only the first and the last state.
-    threads : int, optional
-        Threads used, 1 to 256; the solution does not depend on it. Default: all available threads.
 
     Returns
     -------
@@ -171,10 +130,9 @@ def reference(scene: Scene, duration: float, every: float | None = None, *, thre
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above, or if a mass point comes within a sphere's contact radius
-        before `duration`. A trajectory after contact is chaotic: perturbations grow a hundred
-        thousand times within a sixth of a second. No arithmetic then determines where a point is.
-        Compare outcomes there (`penetration`, `energy`, the centre of mass).
+        If an argument is not as above, or if a mass point meets a sphere before `duration`. A trajectory after contact is
+        chaotic: perturbations grow a hundred thousand times within a sixth of a second. No arithmetic then determines where
+        a point is. Compare outcomes there (`penetration`, `energy`, the centre of mass).
     ArithmeticError
         If the extrapolation cannot continue, because points coincide or the state grows beyond bounds.
     KeyboardInterrupt
@@ -194,69 +152,121 @@ def reference(scene: Scene, duration: float, every: float | None = None, *, thre
     """
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
+    count = 1
     if every is not None:
         every = check.number("every", every, minimum=0, exclusive=True)
         check.frame_count("every", every, duration / every)
-    threads = Options(threads=threads).threads or available_threads()
-    return _assemble(scene, _compute(scene, _times(duration, every), threads))
+        count = math.ceil(duration / every - 1e-9)
+    return _solved(scene, (*(k * (every or 0.0) for k in range(1, count)), duration))
 
 
-def _times(duration: float, every: float | None) -> tuple[float, ...]:
-    """Times of the frames after 0: each multiple of `every` before the end, and the end."""
-    count = 1 if every is None else math.ceil(duration / every - 1e-9)
-    return *(k * (every or 0.0) for k in range(1, count)), duration
+def reference_for(scene: Scene, duration: float, given: Reference | None) -> Reference:
+    """The reference `given`, checked to fit the scene and duration; where it is None, a new reference."""
+    if given is None:
+        return reference(scene, duration)
+    check.instance("reference", given, Reference)
+    if given.scene != scene or given.t[-1] != duration:
+        raise ValueError(
+            f"reference must be one of this scene over {duration:g} s, got one of "
+            f"{'this' if given.scene == scene else 'another'} scene over {given.t[-1]:g} s"
+        )
+    return given
 
 
 @lru_cache(maxsize=32)
-def _compute(scene: Scene, times: tuple[float, ...], threads: int) -> dict[str, np.ndarray]:
-    contact = first_contact(scene, times[-1])
-    if contact is not None:
-        t, k = contact
+def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
+    """The reference with frames at 0 and at `times`."""
+    threads, free = available_threads(), scene.replace(spheres=())
+    # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
+    stops = sorted({*times, *free.stops(0.0, times[-1])})
+    frames = np.searchsorted(stops, times)
+    # A continuous sphere misses no contact between two states, and does nothing without one. Without spheres the
+    # extrapolation comes first: it finds out whether forces are smooth.
+    swept = [one.replace(as_printed=False) if one.as_printed else one for one in scene.spheres]
+    swept = [one.replace(response="continuous") for one in swept]
+    double = solve_in_double(scene.replace(spheres=swept), stops, threads) if swept else None
+    if double and double.ended.contact:
         raise ValueError(
-            f"duration must end before the cloth meets a sphere: it comes within the contact "
-            f"radius of spheres[{k}] at about {t:.4g} s, got {times[-1]:g} s. After contact "
-            "trajectories are chaotic and there is no reference; compare outcomes (penetration, "
-            "energy, centre of mass) instead"
+            f"duration must end before the cloth meets a sphere, at about {double.ended.known:.4g} s, got {times[-1]:g} s. "
+            "After contact trajectories are chaotic and there is no reference: compare outcomes (penetration, energy)"
         )
-    scene = scene.replace(spheres=())
-    with Stopwatch() as watch:
-        # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
-        every_time = sorted({*times, *scene.stops(0.0, times[-1])})
-        frames = np.searchsorted(every_time, times)
-        x, v, evaluations = extrapolation(scene, every_time, **_TRUSTED, threads=threads)
-        control, _, more = extrapolation(scene, every_time, **_CONTROL, threads=threads)
-        double = solve_in_double(scene, every_time, threads)
-        x, v, control = x[frames], v[frames], control[frames]
-    initial = scene.initial_position, scene.initial_velocity
+    x, v = (one[frames] for one in extrapolation(free, stops, **_TRUSTED, threads=threads))
+    control = extrapolation(free, stops, **_CONTROL, threads=threads)[0][frames]
+    double = double or solve_in_double(free, stops, threads)
+    if double.ended.reason:
+        raise ArithmeticError(f"no reference: {double.ended.reason}")
     # The solution is rounded to float64: half a unit in the last place, but for the state given.
     rounding = np.spacing(np.abs(x).max()) / 2 * (np.arange(len(times) + 1) > 0)
-    arrays = {
-        "t": np.array([0.0, *times]),
-        "x": np.concatenate([initial[0][None], x]),
-        "v": np.concatenate([initial[1][None], v]),
-        "bound": _per_frame(x, double.x[frames]) + rounding,
-        "estimate": _per_frame(x, control),
-        "force_evaluations": np.array([evaluations + more, double.force_evaluations]),
-        "wall_time": np.array(watch.seconds),
-    }
-    return {name: frozen(array) for name, array in arrays.items()}
+    x, v = (np.concatenate([[a], b]) for a, b in ((scene.initial_position, x), (scene.initial_velocity, v)))
+    second, control = (np.concatenate([x[:1], one]) for one in (double.x[frames], control))
+    bound = {name: value + rounding for name, value in _distances(x, second).items()}
+    return Reference(scene, frozen(np.array([0.0, *times])), frozen(x), frozen(v), bound, _distances(x, control))
 
 
-def _assemble(scene: Scene, arrays: dict[str, np.ndarray]) -> Reference:
-    frames = arrays["t"], arrays["x"], arrays["v"]
-    bound, estimate = (dict(zip(("max", "rms"), arrays[name], strict=True)) for name in ("bound", "estimate"))
-    report = {
-        "methods": METHODS,
-        "force_evaluations": dict(zip(METHODS, map(int, arrays["force_evaluations"]), strict=True)),
-        "wall_time": float(arrays["wall_time"]),
-    }
-    return Reference(scene, *frames, bound, estimate, report)
+class Motion(NamedTuple):
+    """Positions of scenes at some times, and until when they have a meaning."""
+
+    x: Floats  # [m], shape (scenes, times, rows, columns, 3); NaN after a failure
+    known: float  # time before the first response of a sphere or failure in any of the scenes [s]; infinite without
+    reason: str = ""  # what ended it
+    contact: bool = False  # whether that was a response
+
+
+def motion(scenes: Sequence[Scene], times: Sequence[float], counts: Sequence[int], threads: int | None = None) -> Motion:
+    """The scenes at `times` [s], increasing and > 0, with `counts` equal steps up to each."""
+    stepper = SilentStepper(scenes if len(scenes) > 1 else scenes[0], integrator=METHOD, threads=threads)
+    x = np.full((len(scenes), len(times), *scenes[0].cloth.shape, 3), np.nan)
+    t, failure, pause = 0.0, "", PAUSE.get()
+    for k, (end, count) in enumerate(zip(times, counts, strict=True)):
+        try:
+            for done in range(0, int(count), _STEPS_BETWEEN_PAUSES):
+                if pause is not None:
+                    pause()
+                stepper.advance(min(_STEPS_BETWEEN_PAUSES, int(count) - done), (end - t) / count)
+        except (UnstableError, ContactError) as error:
+            failure = f"a run ended after {t:.4g} s: {error}"
+            break
+        x[:, k], t = stepper.positions, end
+    contact = float(np.fmin.reduce([one["first_contact"] for one in stepper._state.core.watched]))
+    if not math.isnan(contact):
+        return Motion(x, contact, f"the cloth meets a sphere at {contact:.4g} s: motions part there", True)
+    return Motion(x, t if failure else math.inf, failure)
+
+
+class InDouble(NamedTuple):
+    """Positions of a scene at some times, and their error."""
+
+    x: Floats  # [m], shape (times, rows, columns, 3); NaN after a failure
+    change: (
+        Floats  # by the last halving [m]: the largest distance of a mass point, shape (times,); infinite without a halving
+    )
+    ended: Motion
+
+
+def solve_in_double(scene: Scene, times: Sequence[float], threads: int | None = None) -> InDouble:
+    """Positions at `times` [s], increasing and > 0, by the kernels.
+
+    The step is halved until a halving changes no more than rounding does. No tolerance has to be chosen for a scene. After a
+    response of a sphere or a failure nothing is halved.
+    """
+    largest = min(_COARSEST * stable_dt(scene), times[-1] / _FEWEST_STEPS)
+    counts = np.ceil(np.diff(times, prepend=0.0) / largest * 2.0 ** np.arange(1 + _MOST_HALVINGS)[:, None]).astype(int)
+    found, halving = motion([scene], times, counts[0].tolist(), threads), 0
+    change, changes = math.inf, np.full(len(times), np.inf)
+    while not found.reason and halving < _MOST_HALVINGS:
+        halving, coarser, before = halving + 1, found, change
+        found = motion([scene], times, counts[halving].tolist(), threads)
+        off = found.x[0] - coarser.x[0]
+        change, changes = float(abs(off).max()), np.linalg.norm(off, axis=-1).max(axis=(-2, -1))
+        if change >= before / 2 ** (ORDER / 2):  # truncation would have made it 256 times smaller
+            break
+    return InDouble(found.x[0], changes, found)
 
 
 def extrapolation(
     scene: Scene, times: list[float], *, columns: int, tolerance: float, threads: int
-) -> tuple[Floats, Floats, int]:
-    """States at `times` by extrapolation in long double, and the number of force evaluations."""
+) -> tuple[Floats, Floats]:
+    """States at `times` by extrapolation in long double."""
     cloth = scene.cloth
     table = cloth.spring_table()
     fields = ("i", "j", "rest_length", "stiffness", "damping")
@@ -283,15 +293,10 @@ def extrapolation(
             "or something grows beyond bounds"
         )
     shape = (len(times), *cloth.shape, 3)
-    return result["x"].reshape(shape), result["v"].reshape(shape), result["force_evaluations"]
+    return result["x"].reshape(shape), result["v"].reshape(shape)
 
 
-def _distances(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+def _distances(a: Floats, b: Floats) -> dict[str, Floats]:
     """Largest and root mean square distance of the mass points, of one frame or of each."""
     distance = np.linalg.norm(a - b, axis=-1)
-    return distance.max(axis=(-2, -1)), np.sqrt((distance**2).mean(axis=(-2, -1)))
-
-
-def _per_frame(a: Floats, b: Floats) -> Floats:
-    """(max, rms) of each frame, with that of the initial state, 0, first."""
-    return np.array([np.concatenate([[0.0], one]) for one in _distances(a, b)])
+    return {"max": distance.max(axis=(-2, -1)), "rms": np.sqrt((distance**2).mean(axis=(-2, -1)))}

@@ -1,17 +1,67 @@
-"""The largest stable time step: guaranteed for a scene, or of the forces linearised at a state."""
+"""The largest stable time step: guaranteed for a scene, or by the modes that limit it near a given state.
+
+About a state (x, v) the cloth moves as M y'' + C y' + K y = 0 with the tangent matrices of the
+spring forces. A spring along d = l n, with ends that move apart with w, has the force f = (k (l -
+L) + c (w . n)) n. With P = 1 - n n^T,
+
+    df/dd = k n n^T + k (1 - L/l) P + c ((w . n) P + n (P w)^T) / l,      df/dw = c n n^T
+
+A mode is a pair (mu, y) with (mu^2 + mu C + K) y = 0 (M is scaled away). Only the few modes that
+limit the time step are needed, so the problem is projected on a small space (Galerkin). K and C
+keep their symmetry and their signs, and no projected mode is beyond the true ones. Residuals of the
+limiting modes extend the space until the limit no longer changes. For an undamped cloth that is
+Lanczos' iteration, in general a residual Arnoldi iteration.
+
+The step matrix of a Runge-Kutta method is a function of the first-order system's matrix, so both have the same modes. The
+step matrix S(h) of a splitting method, of z = (x, h v), mixes the modes where K and C do not commute: its eigenvalues leave
+the unit circle before those of any single mode. The space then grows by the accelerations that the stages of the full step
+give for the eigenvectors that leave first. Once these lie in the space, the projected step of that eigenvector is the full
+step.
+
+A compressed spring buckles: K has a negative eigenvalue, and a mode of the equation grows without
+alternating. A step reproduces that growth, so it does not count as instability of the step. A growing eigenvector
+counts as buckling where K is negative along its velocity, and damping along it is within the limit of pure damping.
+Other growth counts as growth of the equation only up to the number of its growing modes.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check
+from ..base import Floats, check
 from ..engine.arrays import state_array, state_arrays
+from ..methods.amplification import splitting_step
 from ..methods.bound import stable_dt
-from ..methods.data import integrator_name
+from ..methods.data import METHODS, integrator_name
+from ..methods.integration import integrators
+from ..methods.region import mode_limit, notched
 from ..model.scene import Scene
 from ..typing import Integrator
-from .spectrum import stable_dt_at
+
+Operator = Callable[[Floats], Floats]
+
+_SAFETY = 0.97  # a little below, as the limit found approaches the true one from above
+_NOISE = 1e-12  # of the rest length: four digits of a direction are left, of coordinates near 1 m
+_BLOCK = 4  # modes followed at once
+_DENSE = 400  # coordinates; a method that modes in the middle can limit takes all of up to so many, in 1 s
+_KEPT = 8  # modes that a space is reduced to
+_MOST_VECTORS = 48  # in a space
+_MOST_PRODUCTS = 600
+_SETTLED = 5e-4  # relative change of the limit over the last rounds
+_ROUNDS = 4
+_DOUBT = 0.01  # part by which a followed mode may yet come out below the limit, by its residual
+# Growth per step that counts, by the sign of Re lambda. Damped springs that turn make modes grow by some 1e-3 a
+# step without alternating, in the equation too. Twice of either growth moves the limit by less than 1 %.
+_GROWTH = {-1: 1e-3, 1: 1e-2}
+_FOLLOWED = 2  # eigenvectors of a step matrix per sign of Re lambda
+_RATIO = 1.08  # between the steps tried; an unstable interval narrower than that is passed over
+_PRECISION = 2e-4  # of the limit in a space
+_RESIDUAL = 0.02  # of S z = lambda z: moves lambda, and the limit, by about 1 % at most
 
 
 def max_stable_dt(
@@ -21,26 +71,13 @@ def max_stable_dt(
 
     A mode of the cloth has a frequency omega and a damping rate delta: x'' = -omega^2 x - delta x'.
     A mode does not grow if the integrator's amplification matrix of (omega dt, delta dt) has no eigenvalue above 1 in
-    size. RK4 allows omega dt <= 2.8284 without damping, 2.6155 for any damping, and delta dt <= 2.7853 without a
-    spring.
+    size. Without a state, omega^2 <= lambda and a largest delta bound all modes, and the step is stable for every pair up to
+    these bounds. The guarantee holds where no spring is shorter than half its rest length. With spring damping, c w/l must
+    also be at most K, where w is the relative speed of a spring's ends and l its length. In other states a run at this step
+    may be unstable. Compressed springs buckle at any step, because their modes grow in the exact solution too.
 
-    Without a state, omega^2 <= lambda and a largest delta bound all modes (docs/stability.md). A
-    uniform grid has lambda = kappa K / m, with kappa = 8 for structural springs, 12 with shear, and
-    16.33 with bend. Kappa is the maximum of the grid's Fourier symbol. The symbol also bounds families of different
-    stiffness. The symbol of the damping bounds delta. With mass per point, and in narrow cloths, lambda is at most the
-    maximum over the points i of sum_j K_ij (1/m_i + 1/m_j). A pinned point has 1/m = 0. The step is stable for every
-    pair up to these bounds.
-
-    The guarantee holds where no spring is shorter than half its rest length. With spring damping, c w/l must also be at
-    most K, where w is the relative speed of a spring's ends and l its length. In other states a mode may be faster than
-    lambda allows, and a run at this step may be unstable. Compressed springs buckle at any step, because their modes
-    grow in the exact solution too.
-
-    With a state, the step is computed from the forces linearised at that state. For Runge-Kutta methods, the modes of
-    the equation determine it. For splittings, such as "velocity_verlet", the eigenvalues of the step
-    matrix determine it, because the step mixes modes where stiffness and damping do not commute. Both are found by
-    projection on a space that grows until the limit no longer changes. The value is 3 % below that limit. A moving
-    cloth has other modes: in the paper's swing the limit falls to 11 % below its value at rest.
+    With a state, the step is 3 % below the limit of the forces linearised at that state. A moving cloth has other modes: in
+    the paper's swing the limit falls to 11 % below its value at rest. docs/stability.md has the bounds and the methods.
 
     Parameters
     ----------
@@ -82,4 +119,263 @@ def max_stable_dt(
     x, v = state_arrays(x, np.zeros(x.shape) if v is None else v, [scene], False)
     if x.ndim != 3:
         raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
-    return stable_dt_at(integrator, scene, x.astype(np.float64), v.astype(np.float64))
+    return _SAFETY * spectral_limit(integrator, scene, x.astype(np.float64), v.astype(np.float64))
+
+
+def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
+    """Products with K [1/s^2] and C [1/s] at a state, of vectors of shape (n, 3 points).
+
+    Both are scaled with the roots of the masses on either side; pinned points are left out. Springs
+    without length have no direction and exert no force; they are left out too.
+    """
+    cloth, table = scene.cloth, scene.cloth.spring_table()
+    scale = np.where(cloth.pinned, 0.0, cloth.mass_per_point**-0.5).reshape(-1, 1)
+    x, v = x.reshape(-1, 3), v.reshape(-1, 3)
+    i, j = table["i"], table["j"]
+    d, w = x[j] - x[i], v[j] - v[i]
+    length = np.linalg.norm(d, axis=1)
+    there = length > 0
+    near = np.flatnonzero(there & (length < _NOISE * table["rest_length"]))
+    if len(near):
+        ends = [divmod(int(end[near[0]]), cloth.columns) for end in (i, j)]
+        raise ValueError(
+            f"x must have the ends of every spring together or apart, got {length[near[0]]:.3g} m "
+            f"between mass points {ends[0]} and {ends[1]}: less than rounding leaves of the spring's "
+            "direction"
+        )
+    i, j, d, w, length, table = (part[there] for part in (i, j, d, w, length, table))
+    n = d / length[:, None]
+    stretching = (w * n).sum(axis=1)
+    turning = (w - stretching[:, None] * n) / length[:, None]
+    across = table["stiffness"] * (1 - table["rest_length"] / length)
+    across += table["damping"] * stretching / length
+    along, damping = table["stiffness"] - across, table["damping"]
+    place = np.concatenate([i, j])
+
+    def to_points(force: Floats) -> Floats:
+        """Forces of shape (n, springs, 3) summed up at the points."""
+        both = np.concatenate([force, -force], axis=1)
+        at_points = [[np.bincount(place, one[:, k], len(x)) for k in range(3)] for one in both]
+        return np.reshape(np.swapaxes(at_points, 1, 2) * scale, (len(force), -1))
+
+    def apart(y: Floats) -> Floats:
+        y = y.reshape(len(y), -1, 3) * scale
+        return np.subtract(y[:, j], y[:, i])
+
+    def stiffness(y: Floats) -> Floats:
+        u = apart(y)
+        radial = along * (u * n).sum(axis=2) + damping * (u * turning).sum(axis=2)
+        return -to_points(across[:, None] * u + radial[..., None] * n)
+
+    def damping_(y: Floats) -> Floats:
+        radial = damping * (apart(y) * n).sum(axis=2)
+        at_points = (y.reshape(len(y), -1, 3) * scale**2).reshape(y.shape)
+        return np.asarray(cloth.drag * at_points - to_points(radial[..., None] * n))
+
+    return stiffness, damping_
+
+
+def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats) -> float:
+    """The largest stable time step [s] of the motion linearised about a state, to about 1 %.
+
+    With dopri5 and more than 400 free coordinates it may miss slow modes of little damping, which
+    grow by up to some 1e-3 a step.
+    """
+    operators = tangent(scene, x, v)
+    free = np.flatnonzero(np.repeat(~scene.cloth.pinned.ravel(), 3))
+    size = 3 * scene.cloth.pinned.size
+    if not len(free):
+        return np.inf
+    if notched(integrator) and len(free) <= _DENSE:
+        rows = np.eye(size)[free]
+        k, c = (product(rows)[:, free].T for product in operators)
+        return float(limiting_modes(integrator, k, c)[0].min(initial=np.inf))
+    start = np.zeros((min(_BLOCK, len(free)), size))
+    start[:, free] = np.random.default_rng(0).normal(size=(len(start), len(free)))
+    space = Subspace(*operators, len(free))
+    limit, followed = space.search(start, lambda _: _by_modes(integrator, space))
+    if METHODS[integrator].family != "splitting" or not np.isfinite(limit):
+        return limit
+    space = Subspace(*operators, len(free))
+    return space.search(np.concatenate([start, followed]), lambda near: _by_steps(integrator, space, near or limit))[0]
+
+
+# The limit in a space, the coordinates (in rows) of the modes that set it, vectors outside the space to which they lead, and
+# whether the limit is that of the modes outside too.
+Finding = tuple[float, npt.NDArray[Any], npt.NDArray[Any], bool]
+
+
+class Subspace:
+    """Orthonormal rows, their products with K and C, and the projected matrices `k` and `c`."""
+
+    def __init__(self, stiffness: Operator, damping: Operator, size: int) -> None:
+        self.operators, self.size = (stiffness, damping), size  # `size`: free coordinates
+        self.rows: list[Floats] = []  # the basis, and its products with K and C
+        self.products = 0
+
+    def search(self, start: Floats, examine: Callable[[float], Finding]) -> tuple[float, Floats]:
+        """Extend the space until what `examine` finds no longer changes: the limit, and the modes that set it."""
+        self.rows = [start[:0]] * 3
+        extension, limits = start, [0.0]
+        while self._extend(extension):
+            limit, modes, outside, known = examine(limits[-1])
+            limits.append(limit)
+            recent, followed = limits[1:][-_ROUNDS:], self.vectors(_parts(modes[:_BLOCK]))
+            settled = len(recent) == _ROUNDS and max(recent) <= min(recent) * (1 + _SETTLED)
+            full = len(self.rows[0]) >= self.size or self.products >= _MOST_PRODUCTS
+            if full or not np.isfinite(limit) or (settled and known):
+                break
+            extension = _parts(outside)
+            if len(self.rows[0]) + len(extension) > _MOST_VECTORS:
+                kept = _orthonormal(_parts(modes), np.empty((0, len(self.rows[0]))))
+                self.rows = [_sums(kept, rows) for rows in self.rows]
+        return min(recent), followed
+
+    def _extend(self, vectors: Floats) -> bool:
+        new = _orthonormal(vectors, self.rows[0])
+        if not len(new):
+            return False
+        self.products += len(new)
+        self.rows = [np.concatenate([old, more]) for old, more in zip(self.rows, (new, *(of(new) for of in self.operators)))]
+        self.k, self.c = (_dots(self.rows[0], product) for product in self.rows[1:])
+        return True
+
+    def vectors(self, weights: Floats) -> Floats:
+        """Vectors (in rows) with these coordinates."""
+        return np.asarray(_sums(weights, self.rows[0]))
+
+
+def _parts(rows: npt.NDArray[Any]) -> Floats:
+    """The real parts of rows, then the imaginary ones."""
+    return np.concatenate([rows.real, rows.imag])
+
+
+# einsum, not @: products this flat gain nothing from the threads of a BLAS, which wait for each other
+# where processors are busy.
+def _dots(a: Any, b: Any) -> Any:
+    return np.einsum("ik,jk->ij", a, b)
+
+
+def _sums(weights: Any, vectors: Any) -> Any:
+    return np.einsum("ij,jk->ik", weights, vectors)
+
+
+def _orthonormal(vectors: Floats, basis: Floats) -> Floats:
+    """The part of `vectors` outside the span of the orthonormal rows of `basis`, as orthonormal rows."""
+    rest: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+    for _ in range(2):  # twice is enough to be orthogonal to the last bit
+        rest = rest - _sums(_dots(rest, basis), basis)
+        columns, triangle = np.linalg.qr(rest.T)
+        rest = columns.T[np.abs(np.diag(triangle)) > 1e-10]
+    return rest
+
+
+def modes(k: Floats, c: Floats) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Eigenvalues mu of y'' + C y' + K y = 0 [1/s] and eigenvectors (in columns), 2 n of them."""
+    m = len(k)
+    speed = max(np.sqrt(np.abs(k).max(initial=0)), np.abs(c).max(initial=0), 1e-300)  # balances the two halves
+    mu, z = np.linalg.eig(np.block([[np.zeros((m, m)), speed * np.eye(m)], [-k / speed, -c]]))
+    return mu, z[:m]
+
+
+def limiting_modes(integrator: str, k: Floats, c: Floats) -> tuple[Floats, npt.NDArray[Any], npt.NDArray[Any]]:
+    """Step limits, eigenvalues and eigenvectors (in rows) of projected modes, the most limiting first."""
+    mu, z = modes(k, c)
+    wave = np.abs(mu.imag) > 1e-9 * np.abs(mu)
+    # A wave has omega^2 = |mu|^2 and delta = -2 Re mu. A mode that decays without waves has its own damping. Growth of the
+    # exact motion is no matter of the time step.
+    omega = np.where(wave, np.abs(mu), 0.0)
+    delta = np.where(wave, -2 * mu.real, -mu.real).clip(0)
+    limits = mode_limit(integrator, omega, delta)
+    keep = (mu.imag >= 0) & np.isfinite(limits)
+    worst = np.flatnonzero(keep)[np.argsort(limits[keep])[:_KEPT]]
+    return limits[worst], mu[worst], z.T[worst]
+
+
+def _by_modes(integrator: str, space: Subspace) -> Finding:
+    """The largest step at which every single mode is stable."""
+    limits, mu, z = limiting_modes(integrator, space.k, space.c)
+    limit = float(limits.min(initial=np.inf))
+    mode, rate = z[:_BLOCK], mu[:_BLOCK, None]
+    outside = sum(_sums(part, rows) for part, rows in zip((rate**2 * mode, mode, rate * mode), space.rows))
+    # |mu|^2 is off by no more than the residual, so the limit by no more than half of that part.
+    residual = np.linalg.norm(outside, axis=1) / (np.abs(rate[:, 0]) ** 2 * np.linalg.norm(mode, axis=1))
+    return limit, z, outside, bool((limits[:_BLOCK] * (1 - residual / 2) >= (1 - _DOUBT) * limit).all())
+
+
+def _by_steps(integrator: str, space: Subspace, near: float) -> Finding:
+    """The largest step at which the step matrix of a splitting method is stable."""
+    limit = _limit_in(integrator, space.k, space.c, near)
+    if not np.isfinite(limit):
+        return limit, space.k[:0], space.k[:0], True
+    values, vectors = np.linalg.eig(matrix(integrator, space.k, space.c, limit * (1 + 10 * _PRECISION)))
+    sides = [np.flatnonzero((sign * values.real >= 0) & (values.imag >= 0)) for sign in _GROWTH]
+    chosen = np.concatenate([side[np.argsort(-np.abs(values[side]))[:_FOLLOWED]] for side in sides])
+    values, z = values[chosen, None], vectors[:, chosen].T
+    x, w = (space.vectors(_parts(part)) for part in np.split(z, 2, axis=1))
+
+    def acceleration(x: Floats, w: Floats) -> Floats:
+        stiffness, damping = space.operators
+        return -limit * limit * stiffness(x) - limit * damping(w)
+
+    *end, stages = splitting_step(integrator, acceleration, x, w)
+    moved, before = (part[: len(z)] + 1j * part[len(z) :] for part in (np.hstack(end), np.hstack([x, w])))
+    residual = np.linalg.norm(moved - values * before, axis=1) / np.linalg.norm(z, axis=1)
+    grown = np.abs(values[:, 0]) > 1 + _GROWTH[-1]  # the others are inside, known or not
+    return limit, np.concatenate(np.split(z, 2, axis=1)), np.concatenate(stages), bool((residual <= _RESIDUAL)[grown].all())
+
+
+def matrix(integrator: str, k: Floats, c: Floats, h: float) -> Floats:
+    """The step matrix S(h) of dense K and C, shape (2 n, 2 n)."""
+    x, w = np.split(np.eye(2 * len(k)), 2, axis=1)
+    x, w, _ = splitting_step(integrator, lambda x, w: -h * h * x @ k.T - h * w @ c.T, x, w)
+    return np.concatenate([x, w], axis=1).T
+
+
+def faulty(integrator: str, k: Floats, c: Floats, flow: npt.NDArray[Any], h: float) -> bool:
+    """Whether a step of h [s] amplifies modes that do not grow in the equation, with dense K [1/s^2] and C [1/s].
+
+    `flow` has the eigenvalues mu of the equation, whose modes go as e^(mu t) [1/s].
+    """
+    step = matrix(integrator, k, c, h)
+    values = np.linalg.eigvals(step)
+    real = np.abs(values.imag) <= 1e-9 * np.abs(values)
+    if (values[real].real > 1 + _GROWTH[1]).any():
+        values, vectors = np.linalg.eig(step)
+        real = np.abs(values.imag) <= 1e-9 * np.abs(values)
+        grown = np.flatnonzero(real & (values.real > 1 + _GROWTH[1]))
+        w = vectors[len(k) :, grown].real.T
+        size = np.maximum((w**2).sum(axis=1), 1e-300)
+        along_k, along_c = (((w @ part.T) * w).sum(axis=1) / size for part in (k, c))
+        buckles = (along_k < 0) & (h * along_c < integrators()[integrator].real_limit)
+        if not buckles.all():
+            return True
+    flow = flow[np.abs(flow.imag) > 1e-9 * np.abs(flow)]
+    exact = np.exp((flow * h).real.clip(max=50.0) + 1j * (flow * h).imag)
+    for sign, growth in _GROWTH.items():
+        more, fewer = (
+            np.count_nonzero((np.abs(found) > 1 + least) & (sign * found.real >= 0))
+            for found, least in ((values[~real | (values.real < 0)], growth), (exact, growth / 2))
+        )
+        if more > fewer:
+            return True
+    return False
+
+
+def _limit_in(integrator: str, k: Floats, c: Floats, near: float) -> float:
+    """The limit in a space: the first of rising steps that is unstable, then bisection."""
+    mu, _ = modes(k, c)
+    if not np.abs(mu).max(initial=0) > 0:
+        return np.inf
+    unstable, low = partial(faulty, integrator, k, c, mu), 0.7 * near
+    while unstable(low):
+        low *= 0.5
+    high = low * _RATIO
+    while not unstable(high):
+        low, high = high, high * _RATIO
+        if high * np.abs(mu).max() > 1e6:
+            return np.inf
+    while high > (1 + _PRECISION) * low:
+        middle = np.sqrt(low * high)
+        low, high = (low, middle) if unstable(middle) else (middle, high)
+    return float(low)

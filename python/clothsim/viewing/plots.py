@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from ..accuracy.work_plot import draw_work_precision, look_of
+from ..accuracy.plots import draw_work_precision, look_of
 from ..base import Floats, check
 from ..base.extras import needed
 from ..base.plots import BLACK, BLUE, DPI, GREEN, GREY, LIGHT_GREY, RED, YELLOW, figure, name_lines, save, shown_axes, style
 from ..model.scene import Scene
-from ..stability.map import StabilityMap
-from ..stability.map_report import draw_map
+from ..stability.map import draw_map
 from ..sweeps.member import STATUS
 from ..sweeps.metrics import RESERVED
 from .picture import file_path
@@ -119,8 +118,7 @@ def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
     if "solver" in dataset.dims or "predicted" in dataset:
         if kind is not None:
             raise ValueError(f"kind must be None for a Dataset that is of no sweep, got {kind!r}")
-        work = "solver" in dataset.dims
-        return draw_work_precision(dataset, **options) if work else draw_map(StabilityMap.from_xarray(dataset), **options)
+        return (draw_work_precision if "solver" in dataset.dims else draw_map)(dataset, **options)
     if "status" not in dataset:
         raise ValueError("dataset must be of sweep, stability_map or work_precision, got one without their variables")
     draw: dict[str, Callable[..., Any]] = {"convergence": convergence, "stability": stability, "heatmap": heatmap}

@@ -9,12 +9,12 @@ import numpy as np
 
 from ..base.plots import BLACK, BLUE, COLORS, GREY, label_lines, shown_axes, style
 from ..methods.integration import integrators
-from .methods import OWN
 
 if TYPE_CHECKING:
     from .fit import Fit
-    from .order import Convergence
+    from .work import Convergence
 
+OWN = "clothsim"  # library of the integrators
 _SIZE = 13.0, 6.4
 _SIZE_OF_FIT = 13.0, 4.2
 _DASHES = {("dt", "double"): "-", ("dt", "single"): ":", ("rtol", "double"): "-.", ("rtol", "single"): (0, (7, 2, 1, 2))}
@@ -54,7 +54,7 @@ def draw_work_precision(data: Any, ax: Any = None) -> Any:
     times, errors = (data[name].values[front][order] for name in ("wall_time", "rms_error"))
     wide = {"color": BLACK, "lw": 5, "alpha": 0.15, "marker": "o", "ms": 11, "zorder": 0}
     panels[0].plot(times, errors, drawstyle="steps-post", **wide)
-    texts = ("wall time per simulated second [s/s]; grey: front of clothsim", "force evaluations")
+    texts = ("wall time per simulated second [s/s]; grey: front", "force evaluations")
     for panel, text in zip(panels, texts, strict=True):
         panel.set(xscale="log", yscale="log", xlabel=text)
         if floor > 0:
