@@ -87,6 +87,12 @@ def test_refused(options, error, words):
         cs.simulate(SCENE, 0.1, **{"dt": 1e-3, **options})
 
 
+@pytest.mark.parametrize("name, instead", [("wind", "force="), ("air", "drag=")])
+def test_other_names_for_it_are_hinted_at(name, instead):
+    with pytest.raises(TypeError, match=f"unknown argument '{name}'.*{instead}"):
+        cs.simulate(SCENE, 0.1, **{name: 1.0})
+
+
 def test_a_sequence_of_scenes_takes_a_force(same_bits):
     scenes = [SCENE, SCENE.replace(gravity=(0, -3, 0))]
     for run, scene in zip(cs.simulate(scenes, 0.2, dt=1e-3, fps=50, force=wind), scenes, strict=True):

@@ -11,7 +11,6 @@ import numbers
 import os
 import reprlib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -34,11 +33,17 @@ def _refuse(error: type[Exception], name: str, accepted: str, value: Any) -> NoR
     raise error(f"{name} must be {accepted}, got {shown(value)}")
 
 
+_INSTEAD = {
+    "strict": "; kernel='gather' has one set of bits on every instruction set",
+    "wind": "; simulate(force=f) takes a force f(t, x, v) on each mass point, and Cloth(drag=...) slows points down",
+    "air": "; Cloth(drag=...) slows points down, and simulate(force=f) takes a force f(t, x, v) on each mass point",
+}
+
+
 def no_argument(unknown: Mapping[str, object]) -> None:
-    """Refuse keyword arguments that a function does not take; of one that left, name what serves instead."""
+    """Refuse keyword arguments that a function does not take, and name what serves instead."""
     for name in unknown:
-        instead = "; kernel='gather' has one set of bits on every instruction set" if name == "strict" else ""
-        raise TypeError(f"unknown argument {name!r}{instead}")
+        raise TypeError(f"unknown argument {name!r}{_INSTEAD.get(name, '')}")
 
 
 def instance(name: str, value: Any, kind: type[T]) -> T:
@@ -65,10 +70,12 @@ def is_number(value: Any) -> bool:
 def _within(name: str, value: Any, to: Callable[[Any], Any], accepted: str, low: float, high: float, above: bool) -> Any:
     real = _real(value)
     good = isinstance(real, numbers.Real if to is float else numbers.Integral)
-    with suppress(OverflowError):  # float(10**400)
+    try:
         result = to(real) if good else math.nan
-        if low <= result <= high and abs(result) < math.inf and not (above and result == low):
-            return result
+    except OverflowError:  # float(10**400)
+        result = math.nan
+    if low <= result <= high and abs(result) < math.inf and not (above and result == low):
+        return result
     bounds = [f" {'>' if above else '>='} {low:.12g}"] if low > -math.inf else []
     bounds += [f" <= {high:.12g}"] if high < INT64_MAX or (good and real > high) else []
     _refuse(ValueError if good else TypeError, name, accepted + " and".join(bounds), value)
@@ -85,6 +92,8 @@ def number(
 
 def integer(name: str, value: Any, *, minimum: float = -math.inf, maximum: int = INT64_MAX) -> int:
     """`value` as an int with `minimum` <= value <= `maximum`; 2.0 is no integer."""
+    if type(value) is int and minimum <= value <= maximum:
+        return value
     return int(_within(name, value, int, "an integer", minimum, maximum, False))
 
 

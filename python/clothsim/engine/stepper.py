@@ -200,7 +200,7 @@ class Stepper:
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
         """Replace the scene, and keep the state.
 
-        Positions, velocities (with the compensation of "single"), the clock and frozen members stay. Newly pinned points stop
+        Positions, velocities (with the compensation of "single"), clock and frozen members stay. Newly pinned points stop
         where they are. Points that are no longer pinned start from rest. The new scene's initial state is ignored.
 
         Parameters
