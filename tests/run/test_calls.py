@@ -9,6 +9,8 @@ import pytest
 
 FREE = cs.scenes.paper_swing()
 BALL = FREE.replace(spheres=cs.Sphere((0.5, -0.6, 0.5), 0.2, response="ray", offset="edge"))
+CELLS = FREE.replace(spheres=cs.Sphere((0.5, -0.6, 0.5), 0.2))
+MOVING = FREE.replace(spheres=cs.Sphere((0.5, -0.6, 0.5), 0.2, cs.Linear((0.0, 0.1, 0.0))))
 
 
 def calls(function):
@@ -23,15 +25,15 @@ def calls(function):
     return found[1:]
 
 
-@pytest.mark.parametrize("scene", [FREE, BALL], ids=["free", "sphere"])
+@pytest.mark.parametrize("scene", [FREE, BALL, CELLS, MOVING], ids=["free", "ray", "cell", "moving"])
 def test_a_warm_step(scene):
     x, v = scene.initial_position, scene.initial_velocity
-    assert len(calls(lambda: cs.step(scene, x, v, 1e-4))) <= 12
+    assert len(calls(lambda: cs.step(scene, x, v, 1e-4, t=0.0))) <= 12
     out = x.copy(), v.copy()
-    assert len(calls(lambda: cs.step(scene, x, v, 1e-4, 2, out=out))) <= 12
+    assert len(calls(lambda: cs.step(scene, x, v, 1e-4, 2, 0.0, out=out))) <= 12
 
 
-@pytest.mark.parametrize("scene", [FREE, BALL, cs.scenes.hanging()], ids=["swing", "sphere", "hanging"])
+@pytest.mark.parametrize("scene", [FREE, BALL, CELLS, cs.scenes.hanging()], ids=["swing", "ray", "cell", "hanging"])
 def test_a_run(scene):
     assert len(calls(lambda: cs.simulate(scene, 0.2, rtol=1e-6))) <= 400
     few = len(calls(lambda: cs.simulate(scene, 0.2, dt=1e-3)))
