@@ -13,6 +13,7 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 Describe a scene
     Cloth               a sheet of mass points and springs, with its pins
     Sphere              an obstacle: place, response to contact, offset, restitution, friction
+    Plane               an obstacle without curvature, such as a floor
     Linear              motion of a sphere or a pin: constant velocity
     Reciprocate         motion: back and forth, slower at the turning points
     Sinusoid            motion: a sine
