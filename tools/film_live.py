@@ -20,11 +20,11 @@ FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu
 FLAGS += ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"]
 RATE, SECONDS = 15, 4.0  # pictures a second, length of the film
 DT = 5e-4  # s
-# A picture's steps, then one more by the button, which draws.
+# The steps of a picture; the button takes the last of them, and draws.
 STEPS = """async (steps) => {
   const { live, then } = window.live;
   await then(() => live.advance(steps - 1));
-  document.getElementById("one").click();
+  document.getElementById("forth").click();
   await then(() => {});
 }"""
 PIXEL = """(p) => {
@@ -47,8 +47,8 @@ def main() -> None:
         tab.wait_for_selector("body[data-ready]")
         tab.click("#play")
         tab.evaluate("() => window.live.then(() => window.live.live.reset())")
-        tab.evaluate("() => { window.live.camera.zoom = 1.2; }")
-        tab.add_style_tag(content="#speed { display: none }")  # of the machine that films
+        tab.evaluate("() => { window.live.camera.enlarge(1.2); }")
+        tab.add_style_tag(content="#rate { display: none }")  # of the machine that films
         x, y, metre = tab.evaluate(PIXEL, list(ball.center))
         tab.mouse.move(x, y)
         tab.mouse.down()

@@ -41,12 +41,3 @@ def test_it_ends_as_in_the_core(name, needs_float64):
         clocks = [[core["time"], core["clock_steps"], core["clock_step"]] for core in (gpu[0], cpu[0])]
         assert clocks[0] == clocks[1], precision
         assert_same(gpu[1], cpu[1], precision)
-
-
-@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-def test_a_run_that_the_core_ends_by_its_energy_has_the_bits_of_the_core_up_to_there(needs_float64, same_bits):
-    case = CASES[BY_ENERGY]
-    for precision in case.precisions:
-        _, state, said = outcome(case, precision, "cpu", STEPS)
-        assert said is not None
-        assert same_bits(outcome(case, precision, "gpu", said[0] - 1)[1], state)

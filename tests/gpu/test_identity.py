@@ -118,12 +118,3 @@ def test_the_swing_is_within_the_stated_bound_on_any_adapter(exact):
     gpu.advance(400, 1e-4)
     bound = 0 if exact else WGSL_BOUND
     assert np.abs(gpu.positions - cpu.positions).max() <= bound
-
-
-def test_double_is_double(needs_float64):
-    """Apart by rounding; in float32 it would be 1e-8 m."""
-    scene = cs.scenes.paper_swing()
-    state = scene.initial_position, scene.initial_velocity
-    x, _ = cs.step(scene, *state, 5e-4, 100, backend="gpu")
-    expected, _ = cs.reference_step(scene, *state, 5e-4, 100)
-    assert 0 < np.abs(x - expected).max() < 1e-13

@@ -17,7 +17,9 @@ def wanted_by_command() -> bool:
 
 
 def in_notebook() -> bool:
-    """Whether this process is the kernel of a notebook."""
+    """Whether this process is the kernel of a notebook of Jupyter or marimo."""
+    if "marimo" in sys.modules and sys.modules["marimo"].running_in_notebook():
+        return True
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return shell is not None and "IPKernelApp" in shell.config
 

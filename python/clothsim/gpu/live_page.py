@@ -1,18 +1,19 @@
 """One self-contained page that simulates a scene in the browser: `Scene.to_live_html` and `cs.view`.
 
-The page runs the WGSL of this room through WebGPU (`viewing/web/solver.js`), and `viewing/web/draw.js` draws it.
-WebGPU has no float64: the page computes in compensated float32, and responses in float32 relative to the sphere.
+The page is that of a run (`viewing/page.py`), with a short run of the scene. Where the browser has WebGPU, it runs the WGSL
+of this room (`viewing/web/solver.js`), and records what it shows. WebGPU has no float64: the page computes in compensated
+float32, and responses in float32 relative to the sphere.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 import webbrowser
 import zlib
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
@@ -25,21 +26,25 @@ from ..base.files import write_bytes
 from ..base.progress import in_notebook
 from ..engine.options import Options
 from ..engine.plan import core_plan
+from ..errors import ContactError, UnstableError
+from ..methods.region import border_of_region
 from ..model.as_core import core_sphere
 from ..model.mesh import GROUP
 from ..model.scene import Scene
+from ..model.scene_files import text_of
+from ..run.result import Run
+from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
-from ..viewing.camera import DIRECTIONS, camera_for
 from ..viewing.notebook import Frame
-from ..viewing.page import filled, json_text, page_text, poster
-from ..viewing.picture import PIN_SIZE, file_path
+from ..viewing.page import filled, json_text, page_body, page_text, web_file
+from ..viewing.picture import file_path
 from .parameters import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, rest_lengths
-from .shader import Features, SphereFeatures, check_scenes, shader_text, source
+from .shader import Features, SphereFeatures, check_scenes, source
 
-STIFFNESS_FACTORS = tuple(2.0**k for k in range(-4, 5))
-DAMPING_FACTORS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
 UNLIMITED_DT = 1e-3  # s, the time step of a scene that nothing limits
-ROOM = 1.6  # a view this many times as wide as the scene at its start has room for a cloth that falls
+STORED = 2.0  # s of the run that a browser without WebGPU plays
+STORED_STEPS = 2e7  # of single mass points that it may take: about half a second
+STORED_POINTS = 30_000  # in all of its frames, which keeps the page below 400 kB
 METHODS = (
     ("1 (reflect)", "reflect", False),
     ("1, as printed", "reflect", True),
@@ -48,7 +53,6 @@ METHODS = (
     ("continuous", "continuous", False),  # of one sphere
 )
 HEIGHT = 700  # pixels of the page in a notebook
-SLIDERS = {"stiffness": "stiffness K", "damping": "damping", "gravity": "gravity", "dt": "time step", "radius": "radius"}
 
 
 def live_page(scene: Scene, path: str | Path, dt: float | None = None, title: str | None = None) -> Path:
@@ -102,49 +106,70 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
     rows, columns = scene.cloth.shape
     title = f"Cloth of {rows} x {columns} points, live" if title is None else check.instance("title", title, str)
     guaranteed = max_stable_dt(scene)
-    if dt is None:
-        dt = guaranteed / 2 if math.isfinite(guaranteed) else UNLIMITED_DT
-    dt = check.number("dt", dt, minimum=0, exclusive=True)
+    usual = guaranteed / 2 if math.isfinite(guaranteed) else UNLIMITED_DT
+    dt = check.number("dt", usual if dt is None else dt, minimum=0, exclusive=True)
     check_scenes([scene])
     data = _data(scene, dt)
-    picture = poster(scene, scene.initial_position, 0.0, camera_for(None, scene, scene.initial_position, [0.0]))
-    sliders = "".join(
-        f'<label>{text} <input type="range" id="{name}"><output id="{name}-says"></output></label>'
-        for name, text in SLIDERS.items()
-    )
-    options = "".join(
+    names = (
         f"<option{' selected' if k == data['method'] else ''}>{name}</option>" for k, name in enumerate(data.pop("names"))
     )
-    body = filled(
+    live = filled(
         "live.html",
-        title=escape(title),
-        picture=picture,
-        sliders=sliders,
-        options=options,
-        state=_state(scene),
-        meta=json_text(data),
+        methods="".join(names),
+        state=_packed(_state(scene)),
+        toml=_packed(_toml(scene).encode()),
+        data=json_text(data),
     )
-    return page_text(title, body, ("draw.js", "orbit.js", "solver.js", "live.js"))
+    code = "\n".join(map(web_file, ("solver.js", "live.js")))
+    stored = _stored(scene, usual)
+    return page_text(title, page_body(title, {title: stored}, more=live), f"<script data-live>\n{code}</script>\n")
 
 
-def _state(scene: Scene) -> str:
-    """The planes of the initial state in float64, deflated, in base64."""
+def _stored(scene: Scene, dt: float) -> Run:
+    """A short run of the scene, or its first step where the run does not come to its end."""
+    points = math.prod(scene.cloth.shape)
+    duration = min(STORED, STORED_STEPS / points * dt)
+    frames = min(max(STORED_POINTS // points, 2), 60)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return simulate(scene, duration, dt, every=duration / (frames - 1))
+        except (UnstableError, ContactError):
+            return simulate(scene, dt, dt)
+
+
+def _toml(scene: Scene) -> str:
+    """The scene's file, with "@name" in place of the values that the page's controls change."""
+    data = scene.to_dict()
+    data["gravity"] = "@gravity"
+    data["cloth"] |= {name: f"@{name}" for name in ("stiffness", "damping", "drag")}
+    for k, sphere in enumerate(data.get("spheres", ())):
+        names = ("center", "radius", "restitution", "friction", "response", "as_printed", "offset")
+        sphere |= {name: f"@spheres.{k}.{name}" for name in names}
+        if sphere.get("motion", {}).get("centers"):
+            sphere["motion"]["centers"] = f"@spheres.{k}.centers"
+    return text_of(data)
+
+
+def _packed(content: bytes) -> str:
+    return b64encode(zlib.compress(content, 9)).decode("ascii")
+
+
+def _state(scene: Scene) -> bytes:
+    """The planes of the initial state in float64."""
     x, v = scene.initial_position, np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity)
-    planes = np.concatenate([x, v], axis=2).transpose(2, 0, 1)
-    return b64encode(zlib.compress(planes.astype("<f8").tobytes(), 9)).decode("ascii")
+    return np.concatenate([x, v], axis=2).transpose(2, 0, 1).astype("<f8").tobytes()
 
 
 def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
     """Names of the page's collision methods, the WGSL and the responses of each, and the index of the scene's own."""
-    features, in_cells = Features.of(scene), [sphere.offset == "cell" for sphere in scene.spheres]
+    features = Features.of(scene)
 
     def method(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
-        responses = [sphere.response for sphere in spheres]
-        cells = any(one == "continuous" and cell for one, cell in zip(responses, in_cells, strict=True))
         return {
             "wgsl": replace(features, spheres=tuple(spheres)).after_contacts(),
-            "responses": responses,
-            "cells": int(cells),
+            "responses": [sphere.response for sphere in spheres],
+            "printed": [sphere.as_printed for sphere in spheres],
         }
 
     names, methods = [], []
@@ -152,9 +177,8 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
         if response == "continuous" and len(scene.spheres) != 1:
             continue
         names.append(name)
-        rough = [sphere.friction > 0 and response != "continuous" for sphere in scene.spheres]
-        methods.append(method([SphereFeatures(response, as_printed, one) for one in rough]))
-    own = method(features.spheres)
+        methods.append(method([SphereFeatures(response, as_printed, response != "continuous") for _ in scene.spheres]))
+    own = method([replace(s, rough=s.response != "continuous") for s in features.spheres])
     if own not in methods:  # spheres of different methods
         names.append("as in the scene")
         methods.append(own)
@@ -165,33 +189,34 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
     """Everything that solver.js and live.js know of the scene."""
     cloth, eps = scene.cloth, float(np.finfo(np.float32).eps)
     names, methods, own = _methods(scene)
-    damping = DAMPING_FACTORS if any(cloth.family_damping.values()) else (1.0,)
-    features = replace(Features.of(scene), moving=True)
+    features = replace(Features.of(scene), moving=True, spheres=())
     lengths = rest_lengths(scene)
-    kinds = list(enumerate(_core.spring_kinds))
     masses = cloth.mass_per_point.ravel()
+    lightest, stiffest = float(masses.min()), max(cloth.family_stiffness.values())
     return {
         "shape": list(cloth.shape),
+        "size": list(cloth.size),
+        "offsets": {
+            name: {"side": side, "cells": name == "cell", "offset": 0}
+            for name, side in (("none", 0), ("edge", max(cloth.spacing)), ("cell", math.hypot(*cloth.spacing)))
+        },
         "group": GROUP[0],
         "dt": dt,
-        "limits": _limits(scene, damping),
-        "stiffnessFactors": STIFFNESS_FACTORS,
-        "dampingFactors": damping,
+        "exits": border_of_region("rk4")[1].tolist(),
         "mass": (masses[:1] if cloth.uniform_mass else masses).tolist(),
-        "uniformMass": cloth.uniform_mass,
         "stiffness": dict(cloth.family_stiffness),
         "damping": dict(cloth.family_damping),
         "drag": cloth.drag,
+        # What a slider goes up to four times of, where the scene has none: a tenth of the critical damping of a spring.
+        "usualDamping": 0.2 * math.sqrt(stiffest * lightest),
         "gravity": list(scene.gravity),
-        "springs": [{"family": family, "rest": lengths[k]} for k, (family, *_) in kinds],
+        "springs": [{"family": family, "rest": lengths[k]} for k, (family, *_) in enumerate(_core.spring_kinds)],
         "pairs": [
             {"row": row, "column": column, "family": family, "rest": lengths[kind]}
             for row, column, family, kind in _core.neighbours
-            if (row, column) > (0, 0)
+            if (row, column) > (0, 0) and family in cloth.families
         ],
         "pins": np.flatnonzero(cloth.pinned).tolist(),
-        "dots": [] if min(cloth.shape) > 1 else np.flatnonzero(~cloth.pinned).tolist(),
-        "dotSize": PIN_SIZE * max(cloth.size),
         "longest": 2 * math.hypot(*cloth.spacing),
         "extent": core_plan(scene, Options()).runaway_speed(1.0, 0.0),
         "spheres": [_sphere(sphere, scene) for sphere in scene.spheres],
@@ -202,32 +227,11 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "epsilon": eps,
         "largestFloat": float(np.finfo(np.float32).max),
         "constants": features.constants(),
-        "wgsl": source(replace(features, spheres=()), "single", False).removesuffix(
-            replace(features, spheres=()).after_contacts()
-        ),
+        "wgsl": source(features, "single", False).removesuffix(features.after_contacts()),
         "methods": methods,
         "names": names,
         "method": own,
-        "threadIds": shader_text("thread_ids"),
-        "camera": _camera(scene),
     }
-
-
-def _limits(scene: Scene, damping: tuple[float, ...]) -> list[list[float | None]]:
-    """The guaranteed time step for every pair of factors of stiffness and damping [s]; None: nothing limits it."""
-    cloth = scene.cloth
-    table: list[list[float | None]] = []
-    for k in STIFFNESS_FACTORS:
-        row: list[float | None] = []
-        for c in damping:
-            changed = cloth.replace(
-                stiffness={family: k * value for family, value in cloth.family_stiffness.items()},
-                damping={family: c * value for family, value in cloth.family_damping.items()},
-            )
-            limit = max_stable_dt(scene.replace(cloth=changed))
-            row.append(limit if math.isfinite(limit) else None)
-        table.append(row)
-    return table
 
 
 def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
@@ -245,17 +249,7 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
         "cells": sphere.offset == "cell",
         "push": sphere.push_out_speed,
         "offset": 0.0 if side else sphere.offset_length(scene.cloth),
+        "named": sphere.offset,
+        "centers": sphere.motion.to_dict().get("centers") if sphere.motion else None,
         "motion": sphere.motion.for_pages if sphere.motion else None,
-    }
-
-
-def _camera(scene: Scene) -> dict[str, Any]:
-    view = camera_for(None, scene, scene.initial_position, [0.0])
-    size = ROOM * max(view.width, view.height)
-    return {
-        "direction": list(DIRECTIONS["corner"]),
-        "target": list(view.target),
-        "reach": 4 * size,
-        "width": size,
-        "height": size,
     }

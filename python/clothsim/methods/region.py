@@ -42,7 +42,7 @@ def stable(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) ->
 
 
 @cache
-def _exits(integrator: str) -> tuple[Floats, Floats]:
+def border_of_region(integrator: str) -> tuple[Floats, Floats]:
     """Angles of rays from the omega axis to the delta axis, and the radius where each ray leaves the region."""
     angle = np.linspace(0.0, np.pi / 2, _ANGLES)
     return angle, _exit_radii(integrator, angle)
@@ -80,7 +80,7 @@ def notched(integrator: str) -> bool:
 
     This holds for dopri5: its region ends at 1 on the omega axis, and at 3 right beside the axis.
     """
-    _, radius = _exits(integrator)
+    _, radius = border_of_region(integrator)
     return bool(np.isfinite(radius[0]) and radius[0] < 0.5 * radius.max())
 
 
@@ -89,7 +89,7 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
 
     `omega` and `delta` are angular frequency and damping of the modes [1/s], >= 0, of one shape.
     """
-    angle, radius = _exits(integrator)
+    angle, radius = border_of_region(integrator)
     omega, delta = np.asarray(omega, float), np.asarray(delta, float)
     ray, size = np.atleast_1d(np.arctan2(delta, omega)), np.hypot(omega, delta)
     if not np.isfinite(radius).all():  # implicit
@@ -114,7 +114,7 @@ def box_limit(integrator: str, omega: float, delta: float) -> float:
     """
     if omega == 0 or delta == 0:
         return float(mode_limit(integrator, omega, delta))
-    angle, radius = _exits(integrator)
+    angle, radius = border_of_region(integrator)
     box = np.full(len(angle), np.hypot(omega, delta))  # as far as the corner, then the far side
     before = angle < np.arctan2(delta, omega)
     after = ~before

@@ -244,8 +244,9 @@ class Scene(Record):
         """Write one self-contained page that simulates the scene in a browser.
 
         The page runs the compute shader of `backend="gpu"` by WebGPU, in compensated float32, and makes no request.
-        A pointer turns and zooms the view, and drags spheres and pinned mass points. Sliders change stiffness, damping,
-        gravity, time step and radius. Without WebGPU the page says what is missing, and shows a picture of the scene.
+        A pointer turns and zooms the view, and drags spheres and pinned mass points. Controls change the cloth, the
+        contact, gravity and the time step. What is shown is recorded, and can be saved as a page of its own. Without
+        WebGPU the page plays a short run of the scene.
 
         Parameters
         ----------
@@ -264,8 +265,8 @@ class Scene(Record):
         Raises
         ------
         ValueError, TypeError
-            If an argument is not as above. Also for a scene that the shader lacks: with `force`, or several spheres
-            of the response "continuous".
+            If an argument is not as above. Also for a scene that the shader lacks: with `force`, driven pins, or
+            several spheres of the response "continuous".
 
         Examples
         --------

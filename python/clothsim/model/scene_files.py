@@ -129,7 +129,12 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
 
 def scene_text(scene: Scene) -> str:
     """The TOML text of a scene."""
-    return "\n".join(_table({**scene.to_dict(), _END: {"complete": True}}, "")) + "\n"
+    return text_of(scene.to_dict())
+
+
+def text_of(data: Mapping[str, Any]) -> str:
+    """The TOML text of `Scene.to_dict`."""
+    return "\n".join(_table({**data, _END: {"complete": True}}, "")) + "\n"
 
 
 def _toml_reader() -> Any:

@@ -64,7 +64,7 @@ class Frame:
 
     def _repr_html_(self) -> str:
         return (
-            f'<iframe sandbox="allow-scripts" srcdoc="{escape(self.page, quote=True)}" title="clothsim" '
+            f'<iframe sandbox="allow-scripts allow-downloads" srcdoc="{escape(self.page, quote=True)}" title="clothsim" '
             f'style="width: 100%; height: {self.height}px; border: 0"></iframe>'
         )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import zlib
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -185,6 +185,11 @@ def alone(run: Run, title: str | None = None) -> Comparison:
 
 
 def _page(title: str, runs: Mapping[str, Run], difference: bool) -> str:
+    return page_text(title, page_body(title, runs, difference))
+
+
+def page_body(title: str, runs: Mapping[str, Run], difference: bool = False, more: str = "") -> str:
+    """The body of a page that plays runs, with `more` below its controls."""
     cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
     meta, data = _contents(runs, cameras, difference)
     posters = [poster(r.scene, r.x[-1], float(r.t[-1]), camera) for r, camera in zip(runs.values(), cameras, strict=True)]
@@ -197,21 +202,21 @@ def _page(title: str, runs: Mapping[str, Run], difference: bool) -> str:
         for k, label in enumerate(runs)
     )
     size = len(runs) if len(runs) <= 4 else MOST_RUNS
-    body = (
+    return (
         f"<header><h1>{escape(title)}</h1>{_views()}</header>\n"
         f'<p id="problem" hidden></p>\n<div id="runs" class="of-{size}">{panels}</div>\n'
-        f"{_controls(meta, runs)}{_sparse(runs)}"
+        f"{_controls(meta, runs)}{_sparse(runs)}{more}"
         f'<div id="curves"></div>\n{_help(meta)}\n'
         f"{data}"
         f'<script type="application/json" id="meta">{json_text(meta)}</script>\n'
     )
-    return page_text(title, body, ("draw.js", "orbit.js", "charts.js", "page.js"))
 
 
-def page_text(title: str, body: str, scripts: Sequence[str]) -> str:
-    """The text of a self-contained page that makes no request; `scripts` are files of web/."""
-    code, style = "\n".join(map(web_file, scripts)), web_file("page.css")
-    return filled("frame.html", title=escape(title), style=style, body=body, shading=json_text(SHADING), code=code)
+def page_text(title: str, body: str, after: str = "") -> str:
+    """The text of a self-contained page that makes no request; `after` follows its scripts."""
+    code = "\n".join(map(web_file, ("draw.js", "orbit.js", "charts.js", "page.js")))
+    shading, style = json_text(SHADING), web_file("page.css")
+    return filled("frame.html", title=escape(title), style=style, body=body, shading=shading, code=code, after=after)
 
 
 def web_file(name: str) -> str:

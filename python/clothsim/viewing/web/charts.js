@@ -16,34 +16,36 @@ const look = (k) => ({ color: SHADING.colors[k % SHADING.colors.length], dash: D
 const inked = (color) => (color === "#000000" ? css("--ink") : color);
 
 function drawCurves(runs, seek) {
-  const end = Math.max(...runs.map((r) => r.t.at(-1))), begin = Math.min(...runs.map((r) => r.t[0]));
-  let charts = [], now = begin;
-
+  const begin = () => Math.min(...runs.map((r) => r.t[0])), end = () => Math.max(...runs.map((r) => r.t.at(-1)));
+  let charts = [], now = 0;
   function add(label, factor, all, ofPoint = false) {
-    const lines = all.filter((line) => line.y);
+    const lines = all.filter((line) => line.y || line.of);
     if (!lines.length) return;
-    const figure = document.createElement("figure"), caption = document.createElement("figcaption");
-    const canvas = document.createElement("canvas");
-    caption.textContent = label;
+    const [figure, caption, canvas] = ["figure", "figcaption", "canvas"].map((name) => document.createElement(name));
+    caption.append(label);
     if (runs.length === 1 && lines.length > 1) for (const line of lines) {
-      const key = document.createElement("span");
-      key.className = "key";
-      key.append(sample(line), line.label);
+      const key = Object.assign(sample(line), { className: "key" });
+      key.append(line.label);
       caption.append(" ", key);
     }
     canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", `${label}. ${lines.map((line) => inWords(line, factor)).join("; ")}`);
     figure.append(caption, canvas);
     $("curves").append(figure);
-    let low = 0, high = 0;
-    for (const { y } of lines) for (const v of y) if (v !== null) { low = Math.min(low, factor * v); high = Math.max(high, factor * v); }
-    if (low === high) high = 1;
-    charts.push({ figure, canvas, lines, factor, low, high, ofPoint });
-    const at = (e) => begin + (end - begin) * (e.offsetX - LEFT) / (canvas.clientWidth - LEFT - RIGHT);
+    charts.push({ figure, canvas, lines, label, factor, ofPoint });
+    measure(charts.at(-1));
+    const at = (e) => begin() + (end() - begin()) * (e.offsetX - LEFT) / (canvas.clientWidth - LEFT - RIGHT);
     canvas.addEventListener("pointerdown", (e) => { canvas.setPointerCapture(e.pointerId); seek(at(e)); });
     canvas.addEventListener("pointermove", (e) => { if (e.buttons) seek(at(e)); });
   }
-
+  // A chart of its lines as they are now; `of` computes the values of a line anew.
+  function measure(chart) {
+    const { canvas, lines, label, factor } = chart;
+    for (const line of lines) line.y = line.of?.() ?? line.y;
+    const values = lines.flatMap(({ y }) => y.map((v) => factor * v));  // null counts as 0
+    const low = values.reduce((a, b) => Math.min(a, b), 0), high = values.reduce((a, b) => Math.max(a, b), 0);
+    Object.assign(chart, { low, high: high === low ? 1 : high });
+    canvas.setAttribute("aria-label", `${label}. ${lines.map((line) => inWords(line, factor)).join("; ")}`);
+  }
   for (const [name, label, factor] of CURVES) {
     let lines = runs.map((run, k) => ({ t: run.t, y: run.curves[name], label: run.label, ...look(k) }));
     if (runs.length === 1 && name === "total") {
@@ -52,26 +54,10 @@ function drawCurves(runs, seek) {
     }
     add(label, factor, lines);
   }
-
-  function paint(chart, t) {
-    const { canvas } = chart, ratio = window.devicePixelRatio || 1, c = canvas.getContext("2d");
-    if (!canvas.clientWidth || !canvas.clientHeight) return;  // not laid out yet, as in a hidden cell of a notebook
-    if (!chart.kept || chart.kept.width !== Math.round(canvas.clientWidth * ratio)) {
-      drawLines(chart, ratio, begin, end);
-      chart.kept = document.createElement("canvas");
-      chart.kept.width = canvas.width; chart.kept.height = canvas.height;
-      chart.kept.getContext("2d").drawImage(canvas, 0, 0);
-    }
-    c.setTransform(1, 0, 0, 1, 0, 0);
-    c.clearRect(0, 0, canvas.width, canvas.height);
-    c.drawImage(chart.kept, 0, 0);
-    c.fillStyle = css("--ink");
-    c.fillRect(Math.round(chart.X(t) * ratio) - 1, TOP * ratio, 2, (canvas.clientHeight - TOP - BOTTOM) * ratio);
-  }
-
   return {
-    cursor(t) { now = t; charts.forEach((chart) => paint(chart, t)); },
-    draw(again = false) { charts.forEach((chart) => { if (again) chart.kept = null; paint(chart, now); }); },
+    cursor(t) { now = t; this.draw(); },
+    draw() { charts.forEach((chart) => drawChart(chart, begin(), end(), now)); },
+    grow() { charts.forEach(measure); this.draw(); },
     // Other curves of a point: [label, factor, lines] each.
     replace(found) {
       for (const { figure } of charts.filter((chart) => chart.ofPoint)) figure.remove();
@@ -82,12 +68,12 @@ function drawCurves(runs, seek) {
   };
 }
 
-function drawLines(chart, ratio, begin, end) {
-  const { canvas, lines, factor, low, high } = chart, c = canvas.getContext("2d");
-  const width = canvas.clientWidth, height = canvas.clientHeight;
-  canvas.width = Math.round(width * ratio); canvas.height = Math.round(height * ratio);
+function drawChart({ canvas, lines, factor, low, high }, begin, end, now) {
+  const { clientWidth: width, clientHeight: height } = canvas, c = canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
+  if (!width || !height) return;  // not laid out yet, as in a hidden cell of a notebook
+  Object.assign(canvas, { width: Math.round(width * ratio), height: Math.round(height * ratio) });
   c.scale(ratio, ratio);
-  const X = chart.X = (time) => LEFT + (width - LEFT - RIGHT) * (time - begin) / (end - begin || 1);
+  const X = (time) => LEFT + (width - LEFT - RIGHT) * (time - begin) / (end - begin || 1);
   const Y = (value) => TOP + (height - TOP - BOTTOM) * (high - value) / (high - low);
   c.font = "11px system-ui, sans-serif"; c.fillStyle = css("--soft"); c.strokeStyle = css("--line");
   c.textAlign = "right"; c.textBaseline = "middle";
@@ -99,12 +85,7 @@ function drawLines(chart, ratio, begin, end) {
   for (const time of ticks(begin, end)) c.fillText(`${time} s`, Math.min(X(time), width - 14), height - BOTTOM + 6);
   for (const { t: times, y, color, dash } of lines) {
     c.strokeStyle = c.fillStyle = inked(color); c.lineWidth = 1.6; c.setLineDash(dash); c.beginPath();
-    let pen = false;
-    y.forEach((v, k) => {
-      if (v === null) { pen = false; return; }
-      c[pen ? "lineTo" : "moveTo"](X(times[k]), Y(factor * v));
-      pen = true;
-    });
+    y.forEach((v, k) => { if (v !== null) c[(y[k - 1] ?? null) === null ? "moveTo" : "lineTo"](X(times[k]), Y(factor * v)); });
     if (times.length > 2) c.stroke();
     c.setLineDash([]);
     if (times.length < FEW) y.forEach((v, k) => {
@@ -112,8 +93,9 @@ function drawLines(chart, ratio, begin, end) {
       c.beginPath(); c.arc(X(times[k]), Y(factor * v), 3, 0, 2 * Math.PI); c.fill();
     });
   }
+  c.fillStyle = css("--ink");
+  c.fillRect(X(now) - 1, TOP, 1.5, height - TOP - BOTTOM);
 }
-
 // A line for readers who cannot see it: where it begins, ends, and is highest and lowest.
 function inWords({ t, y, label }, factor) {
   const known = [...y.keys()].filter((k) => y[k] !== null);
@@ -122,23 +104,17 @@ function inWords({ t, y, label }, factor) {
   const at = (k) => `${Number((factor * y[k]).toPrecision(3))} at ${Number(t[k].toPrecision(3))} s`;
   return `${label}: first ${at(known[0])}, last ${at(known.at(-1))}, highest ${at(most(1))}, lowest ${at(most(-1))}`;
 }
-
 // A piece of a curve, which says in a caption whose it is.
 function sample({ color, dash }) {
-  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg"), line = document.createElementNS(svg.namespaceURI, "line");
-  for (const [name, value] of Object.entries({ width: 34, height: 8, "aria-hidden": true })) svg.setAttribute(name, value);
-  const stroke = color === "#000000" ? "currentColor" : color;
-  const shape = { x1: 1, x2: 33, y1: 4, y2: 4, stroke, "stroke-width": 2.5, "stroke-dasharray": dash.join(" ") };
-  for (const [name, value] of Object.entries(shape)) line.setAttribute(name, value);
-  svg.append(line);
-  return svg;
+  const key = document.createElement("span"), stroke = color === "#000000" ? "currentColor" : color;
+  key.innerHTML = `<svg width="34" height="8" aria-hidden="true"><line x1="1" x2="33" y1="4" y2="4" stroke="${stroke}" ` +
+    `stroke-width="2.5" stroke-dasharray="${dash.join(" ")}"></line></svg>`;
+  return key;
 }
-
 // Three to six round numbers from low to high.
 function ticks(low, high) {
   const rough = (high - low) / 3, power = 10 ** Math.floor(Math.log10(rough));
-  const by = [1, 2, 5, 10].map((k) => k * power).filter((k) => k <= rough * 1.001).at(-1);
-  const found = [];
+  const by = [1, 2, 5, 10].map((k) => k * power).filter((k) => k <= rough * 1.001).at(-1), found = [];
   for (let k = Math.ceil(low / by - 1e-9); k * by <= high + 1e-9 * by; k++) found.push(Number((k * by).toPrecision(6)));
   return found;
 }

@@ -1,6 +1,6 @@
 // Drawing with WebGL 2: the cloth as triangles, balls intersected exactly in the fragment shader.
-// The view is orthographic, so a depth is a length: a first pass stores the cloth's depth, and a
-// sphere's surface turns red where cloth lies under it, as in the pictures of raster.py.
+// The view is orthographic, so a depth is a length: a first pass stores the cloth's depth, and a sphere's surface turns red
+// where cloth lies under it, as in the pictures of raster.py.
 // A place q from an anchor is k q.q + g.q + h outside a sphere, up to second order: k = 1 / (2 radius), g is its gradient
 // at the anchor and h its value there. Float32 has room for a radius of 1e5 m, since the anchor of a sphere that is larger
 // than the view is in the view, and k, g and h are computed in double. The anchor of another is its centre, where g is 0.
@@ -13,11 +13,9 @@ const [AMBIENT, ABOVE, FROM_KEY, FROM_EYE] = SHADING.light.map(float);
 
 const SHADE = `
 vec3 shade(vec3 color, vec3 n, vec3 eye) {
-  float light = ${AMBIENT} + ${ABOVE} * n.y + ${FROM_KEY} * max(dot(n, normalize(${vec3(SHADING.key)})), 0.0)
-    + ${FROM_EYE} * max(dot(n, eye), 0.0);
-  return color * light;
+  float key = max(dot(n, normalize(${vec3(SHADING.key)})), 0.0), front = max(dot(n, eye), 0.0);
+  return color * (${AMBIENT} + ${ABOVE} * n.y + ${FROM_KEY} * key + ${FROM_EYE} * front);
 }`;
-
 // Metres below a sphere's surface.
 const BELOW = `
 float below(vec3 q, float k, vec3 g, float h) {
@@ -26,35 +24,26 @@ float below(vec3 q, float k, vec3 g, float h) {
 }`;
 
 const CLOTH_VERTEX = `#version 300 es
-layout(location = 0) in vec3 position;
-layout(location = 1) in vec3 normal;
-layout(location = 2) in vec2 cell;
-layout(location = 3) in float value;
-uniform mat3 axes;
-uniform vec3 target, scale;
-out vec3 n, place;
-out vec2 at;
-out float amount;
+layout(location = 0) in vec3 position; layout(location = 1) in vec3 normal;
+layout(location = 2) in vec2 cell; layout(location = 3) in float value;
+uniform mat3 axes; uniform vec3 target, scale;
+out vec3 n, place; out vec2 at; out float amount;
 void main() {
   n = normal; at = cell; amount = value; place = position;
   gl_Position = vec4(axes * (position - target) * scale, 1.0);
 }`;
 
-const DEPTH_FRAGMENT = `#version 300 es
-void main() {}`;
+const DEPTH_FRAGMENT = "#version 300 es\nvoid main() {}";
 
 const clothFragment = (spheres) => `#version 300 es
 precision highp float;
-in vec3 n, place;
-in vec2 at;
-in float amount;
+in vec3 n, place; in vec2 at; in float amount;
 uniform vec3 eye, stops[9];
 uniform int mode;                        // 0 faces, 1 values of the points, 2 depth below a sphere
 uniform float top;                       // depth that has the last colour [m]
 uniform vec4 spheres[${2 * spheres || 1}];  // anchor, k; g, h
 out vec4 color;
-${SHADE}
-${BELOW}
+${SHADE + BELOW}
 void main() {
   vec3 normal = normalize(n);
   bool front = dot(normal, eye) >= 0.0;
@@ -69,9 +58,8 @@ void main() {
       }
       shown /= top;
     }
-    float k = clamp(shown, 0.0, 1.0) * 8.0;
-    int low = min(int(k), 7);
-    c = mode == 2 && shown <= 0.0 ? vec3(0.72, 0.75, 0.80) : mix(stops[low], stops[low + 1], k - float(low));
+    float k = clamp(shown, 0.0, 1.0) * 8.0; int low = min(int(k), 7);
+    c = mix(stops[low], stops[low + 1], k - float(low));
   }
   vec2 width = fwidth(at);
   vec2 line = 1.0 - smoothstep(vec2(0.05) - width, vec2(0.05) + width, abs(fract(at - 0.5) - 0.5));
@@ -84,8 +72,7 @@ const BALL_VERTEX = `#version 300 es
 layout(location = 0) in vec4 ball;   // anchor, k
 layout(location = 1) in vec4 form;   // g, h
 layout(location = 2) in vec4 look;   // colour, 1 if cloth in it is shown
-uniform mat3 axes;
-uniform vec3 target, scale;
+uniform mat3 axes; uniform vec3 target, scale;
 out vec2 at;                         // from the anchor, in the plane of the view [m]
 flat out vec4 f, l;                  // g in the axes of the view, h
 flat out vec2 b;                     // the anchor's height in the view, k
@@ -104,16 +91,10 @@ void main() {
 
 const BALL_FRAGMENT = `#version 300 es
 precision highp float;
-in vec2 at;
-flat in vec4 f, l;
-flat in vec2 b;
-uniform mat3 axes;
-uniform vec3 scale, eye;
-uniform float alpha, pixel, rounding;
-uniform highp sampler2D cloth;
+in vec2 at; flat in vec4 f, l; flat in vec2 b;
+uniform mat3 axes; uniform vec3 scale, eye; uniform float alpha, pixel, rounding; uniform highp sampler2D cloth;
 out vec4 color;
-${SHADE}
-${BELOW}
+${SHADE + BELOW}
 void main() {
   float k = b.y, c = dot(at, k * at + f.xy) + f.w, root = f.z * f.z - 4.0 * k * c;
   if (root <= 0.0) discard;
@@ -135,10 +116,9 @@ void main() {
   color = vec4(shown, l.a > 0.0 ? alpha : 1.0);
 }`;
 
-const VIRIDIS = ["440154", "472c7a", "3b518b", "2c718e", "21908d", "27ad81", "5cc863", "aadc32", "fde725"];
-const HEAT = ["ffffcc", "ffeda0", "fed976", "feb24c", "fd8d3c", "fc4e2a", "e31a1c", "bd0026", "800026"];
+const stopsOf = (mode) => SHADING[mode === "depth" ? "heat" : "viridis"];
+const DARK = matchMedia("(prefers-color-scheme: dark)");
 const rgb = (hex) => [0, 2, 4].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
-
 // Anchor and k, g and h of a sphere, see above; `camera` is an Orbit.
 function formOf(center, radius, { start: { target, reach } }) {
   if (radius < reach) return [...center, 0.5 / radius, 0, 0, 0, -radius / 2];
@@ -152,74 +132,55 @@ class Drawing {
     if (!gl) throw new Error("This page needs WebGL 2, which this browser does not offer.");
     Object.assign(this, { canvas, gl, run, camera });
     const [rows, columns] = run.shape, points = rows * columns;
-    this.normals = new Float32Array(3 * points);
-    this.values = new Float32Array(points);
+    Object.assign(this, { normals: new Float32Array(3 * points), values: new Float32Array(points) });
     this.cloth = this.program(CLOTH_VERTEX, clothFragment(run.compared));
     this.clothDepth = this.program(CLOTH_VERTEX, DEPTH_FRAGMENT);
     this.balls = this.program(BALL_VERTEX, BALL_FRAGMENT);
-    this.ballData = new Float32Array(12 * (run.spheres.length + run.pins.length + run.dots.length));
-
     this.clothArray = gl.createVertexArray();
     gl.bindVertexArray(this.clothArray);
-    this.buffers = [3, 3, 2, 1].map((size, k) => this.attribute(k, size, 0, 0));
-    const cells = new Float32Array(2 * points);
-    for (let p = 0; p < points; p++) { cells[2 * p] = p % columns; cells[2 * p + 1] = Math.floor(p / columns); }
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[2]);
-    gl.bufferData(gl.ARRAY_BUFFER, cells, gl.STATIC_DRAW);
-    const corners = [];
-    for (let r = 0; r + 1 < rows; r++) for (let c = 0; c + 1 < columns; c++) {
-      const p = r * columns + c;
-      corners.push(p, p + columns, p + 1, p + 1, p + columns, p + columns + 1);
-    }
-    this.count = corners.length;
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(corners), gl.STATIC_DRAW);
-
+    this.buffers = [3, 3, 2, 1].map((size, k) => this.buffer(gl.ARRAY_BUFFER, null, [[k, size, 0, 0]]));
+    this.upload(this.buffers[2], Float32Array.from({ length: 2 * points }, (_, k) => (k % 2 ? Math.floor(k / 2 / columns) : (k / 2) % columns)));
+    const corners = Array.from({ length: points }, (_, p) => (p % columns + 1 < columns && p + columns < points
+      ? [p, p + columns, p + 1, p + 1, p + columns, p + columns + 1] : [])).flat();
+    this.count = { corners: corners.length };
+    this.buffer(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(corners));
     this.ballArray = gl.createVertexArray();
     gl.bindVertexArray(this.ballArray);
-    this.ballBuffer = gl.createBuffer();
-    for (const k of [0, 1, 2]) {
-      gl.bindBuffer(gl.ARRAY_BUFFER, this.ballBuffer);
-      gl.enableVertexAttribArray(k);
-      gl.vertexAttribPointer(k, 4, gl.FLOAT, false, 48, 16 * k);
-      gl.vertexAttribDivisor(k, 1);
-    }
+    this.ballBuffer = this.buffer(gl.ARRAY_BUFFER, null, [0, 1, 2].map((k) => [k, 4, 48, 16 * k]));
+    for (const k of [0, 1, 2]) gl.vertexAttribDivisor(k, 1);
     gl.bindVertexArray(null);
     this.depths = gl.createTexture();
     this.depthPass = gl.createFramebuffer();
     gl.enable(gl.DEPTH_TEST);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
-
-  attribute(k, size) {
+  buffer(target, data, attributes = []) {
     const { gl } = this, buffer = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.enableVertexAttribArray(k);
-    gl.vertexAttribPointer(k, size, gl.FLOAT, false, 0, 0);
+    gl.bindBuffer(target, buffer);
+    if (data) gl.bufferData(target, data, gl.STATIC_DRAW);
+    for (const [place, size, stride, offset] of attributes) {
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribPointer(place, size, gl.FLOAT, false, stride, offset);
+    }
     return buffer;
   }
-
   program(vertex, fragment) {
     const { gl } = this, program = gl.createProgram();
     for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, text);
       gl.compileShader(shader);
-      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
       gl.attachShader(program, shader);
     }
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
     return (name) => name ? gl.getUniformLocation(program, name) : gl.useProgram(program);
   }
-
-  // The canvas and the depth pass have two samples a pixel along each axis, which the browser averages.
-  // The multisampling of WebGL would not do: it tests depths of the cloth beside the pixel's middle
-  // against that of the ball in the middle, and shows the ball where it is a tenth of a millimetre below.
+  // Two samples a pixel along each axis, which the browser averages. WebGL's multisampling tests depths of the cloth beside the
+  // pixel's middle against that of the ball in the middle, and shows the ball where it is a tenth of a millimetre below.
   resize() {
     const { gl, canvas } = this, ratio = Math.max(2, window.devicePixelRatio || 1);
-    const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
-    const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => Math.max(1, Math.round(size * ratio)));
     if (canvas.width === width && canvas.height === height && this.sized) return;
     Object.assign(canvas, { width, height });
     this.sized = true;
@@ -230,13 +191,11 @@ class Drawing {
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, this.depths, 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
-
   upload(buffer, data) {
     const { gl } = this;
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.bufferData(gl.ARRAY_BUFFER, data, gl.DYNAMIC_DRAW);
   }
-
   // A frame in a colour mode: {name, top}; both are kept until the next call.
   load(frame, mode) {
     const { run, values } = this, x = run.positions(frame), size = run.dotSize;
@@ -244,15 +203,14 @@ class Drawing {
     pointNormals(x, run.shape, this.normals);
     run.values(frame, mode, values);
     [x, this.normals, null, values].forEach((data, k) => { if (data) this.upload(this.buffers[k], data); });
-    const balls = run.spheres.map((s, k) => [...formOf(run.center(k, frame), s.radius, this.camera), ...SHADING.sphere, 1]);
+    const balls = run.spheres.map((s, k) => [...formOf(run.center(k, frame), run.radius(k, frame), this.camera), ...SHADING[mode.name === "depth" ? "darkSphere" : "sphere"], 1]);
     const dot = (color) => (p) => balls.push([...formOf(x.subarray(3 * p, 3 * p + 3), size, this.camera), ...color, 0]);
-    run.pins.forEach(dot(SHADING.pin));
+    run.pins.forEach(dot(DARK.matches ? SHADING.pin.map((k) => 1 - k) : SHADING.pin));
     run.dots.forEach(dot(SHADING.front));
     this.sphereData = balls.slice(0, run.compared).flatMap((ball) => ball.slice(0, 8));
-    this.ballData.set(balls.flat());
-    this.upload(this.ballBuffer, this.ballData);
+    this.count.balls = balls.length;
+    this.upload(this.ballBuffer, new Float32Array(balls.flat()));
   }
-
   draw(camera) {
     this.resize();
     const { gl, canvas, mode } = this;
@@ -260,52 +218,46 @@ class Drawing {
     gl.viewport(0, 0, canvas.width, canvas.height);
     const set = (program) => {
       program();
-      // Rows of `axes` are right, up and towards the eye; GLSL wants columns.
-      gl.uniformMatrix3fv(program("axes"), true, axes.flat());
-      gl.uniform3fv(program("target"), camera.target);
-      gl.uniform3fv(program("scale"), scale);
-      gl.uniform3fv(program("eye"), axes[2]);
+      gl.uniformMatrix3fv(program("axes"), true, axes.flat());  // right, up and towards the eye: rows; GLSL wants columns
+      for (const [name, value] of Object.entries({ target: camera.target, scale, eye: axes[2] })) gl.uniform3fv(program(name), value);
     };
-    gl.clearColor(...(this.background || [1, 1, 1]), 1);
+    gl.clearColor(...rgb(getComputedStyle(document.documentElement).getPropertyValue("--page").trim().slice(1)), 1);
     gl.disable(gl.BLEND);
     gl.bindVertexArray(this.clothArray);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.depthPass);
     gl.clear(gl.DEPTH_BUFFER_BIT);
     set(this.clothDepth);
-    gl.drawElements(gl.TRIANGLES, this.count, gl.UNSIGNED_INT, 0);
+    gl.drawElements(gl.TRIANGLES, this.count.corners, gl.UNSIGNED_INT, 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     set(this.cloth);
     gl.uniform1i(this.cloth("mode"), mode.name === "faces" ? 0 : mode.name === "depth" ? 2 : 1);
     gl.uniform1f(this.cloth("top"), mode.top || 1);
-    gl.uniform3fv(this.cloth("stops"), (mode.name === "depth" ? HEAT : VIRIDIS).flatMap(rgb));
-    const spheres = this.run.compared;
-    if (spheres) gl.uniform4fv(this.cloth("spheres"), this.sphereData);
-    gl.drawElements(gl.TRIANGLES, this.count, gl.UNSIGNED_INT, 0);
+    gl.uniform3fv(this.cloth("stops"), stopsOf(mode.name).flatMap(rgb));
+    if (this.run.compared) gl.uniform4fv(this.cloth("spheres"), this.sphereData);
+    gl.drawElements(gl.TRIANGLES, this.count.corners, gl.UNSIGNED_INT, 0);
     set(this.balls);
-    gl.bindTexture(gl.TEXTURE_2D, this.depths);
-    gl.uniform1i(this.balls("cloth"), 0);
-    gl.uniform1f(this.balls("rounding"), 2 * (this.run.precision || 0) + 1e-5 * camera.start.width);
-    gl.uniform1f(this.balls("pixel"), 2 / (scale[0] * canvas.width));
-    gl.uniform1f(this.balls("alpha"), mode.name === "depth" ? 0.3 : 1);
+    gl.bindTexture(gl.TEXTURE_2D, this.depths);  // of the unit 0, which `cloth` has without a word
+    const numbers = {
+      rounding: 2 * this.run.precision + 1e-5 * Math.max(1, camera.start.width), pixel: 2 / (scale[0] * canvas.width),
+      alpha: mode.name === "depth" ? 0.3 : 1,
+    };
+    for (const [name, value] of Object.entries(numbers)) gl.uniform1f(this.balls(name), value);
     gl.enable(gl.BLEND);
     gl.bindVertexArray(this.ballArray);
     if (mode.name === "depth") gl.disable(gl.DEPTH_TEST);  // glass: cloth in a sphere is what this mode shows
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.ballData.length / 12);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count.balls);
     gl.enable(gl.DEPTH_TEST);
   }
 }
-
 // Normals of the sheet by central differences along rows and columns; up (+y) for the flat sheet.
-function pointNormals(x, [rows, columns], out) {
-  for (let r = 0; r < rows; r++) for (let c = 0; c < columns; c++) {
-    const p = 3 * (r * columns + c);
-    const u = r + 1 < rows ? p + 3 * columns : p, d = r > 0 ? p - 3 * columns : p;
-    const e = c + 1 < columns ? p + 3 : p, w = c > 0 ? p - 3 : p;
+function pointNormals(x, [, columns], out) {
+  for (let p = 0; p < x.length; p += 3) {
+    const row = 3 * columns, c = p % row, u = p + row < x.length ? p + row : p, d = p >= row ? p - row : p;
+    const e = c + 3 < row ? p + 3 : p, w = c > 0 ? p - 3 : p;
     const ax = x[u] - x[d], ay = x[u + 1] - x[d + 1], az = x[u + 2] - x[d + 2];
     const bx = x[e] - x[w], by = x[e + 1] - x[w + 1], bz = x[e + 2] - x[w + 2];
-    const nx = ay * bz - az * by, ny = az * bx - ax * bz, nz = ax * by - ay * bx;
-    const length = Math.hypot(nx, ny, nz) || 1;
+    const nx = ay * bz - az * by, ny = az * bx - ax * bz, nz = ax * by - ay * bx, length = Math.hypot(nx, ny, nz) || 1;
     out[p] = nx / length; out[p + 1] = ny / length; out[p + 2] = nz / length;
   }
 }

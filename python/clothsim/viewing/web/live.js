@@ -1,83 +1,61 @@
-// The live page: a scene simulated on the graphics adapter (solver.js), drawn by draw.js, changed by hand.
+// The live page: a scene simulated on the graphics adapter (solver.js), and recorded as a run that page.js shows.
 "use strict";
 
-const $ = (id) => document.getElementById(id);
 const FASTEST_DRAG = 5;  // m/s; a pointer jumps, and a sphere that jumped would pass cloth within a step
 const FRAME = 1 / 60;    // s of work that a frame asks of the adapter
 const MOST_OVERHEAD = 0.1;  // s of fixed time that steps may match; more would make a slow page slower
-const PAUSES = 0.25;     // s between two measurements of energy and depth, which cost more than a frame of a large cloth
-
-async function inflated(name) {
-  const packed = Uint8Array.from(atob($(name).textContent), (c) => c.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Float64Array(await new Response(stream).arrayBuffer());
-}
-
-// A scene with its state, as draw.js draws runs, and as the controls change it.
-class Live {
-  constructor(data, planes, solver) {
-    Object.assign(this, { data, solver, start: planes, shape: data.shape, pins: data.pins, dots: data.dots });
-    this.dotSize = data.dotSize;
-    this.compared = 0;
-    this.points = data.shape[0] * data.shape[1];
-    this.x = new Float32Array(3 * this.points);
-    this.stiffness = data.stiffnessFactors.indexOf(1);
-    this.damping = data.dampingFactors.indexOf(1);
-    Object.assign(this, { dt: data.dt, gravity: [...data.gravity], method: data.method, perFrame: 8 });
-    this.spheres = data.spheres.map((s) => ({ ...s }));
+const PAUSES = 0.25;     // s between two drawings of the curves
+const MOST_FRAMES = 600, MOST_BYTES = 2 ** 26;  // of a recording; beyond, every other frame is dropped
+const EASE = 0.4;        // s in which the view follows the cloth
+// A scene with its state and its recording, as page.js shows runs, and as the controls change it.
+class Live extends PageRun {
+  constructor(data, planes, solver, baked) {
+    const { shape, pins, dots, dotSize, label } = baked;
+    super({ shape, pins, dots, dotSize, label, data, solver, baked, start: planes, names: ["stretch", "speed"], precision: 0 });
+    const most = Math.max(60, Math.min(MOST_FRAMES, MOST_BYTES / (24 * this.points)));
+    Object.assign(this, { compared: data.spheres.length, most, t: [], curves: {}, tops: {}, perFrame: 1, least: Infinity });
+    this.defaults();
   }
-
-  // The guaranteed time step at the present coefficients; Python has computed it for every pair of stops.
-  get limit() { return this.data.limits[this.stiffness][this.damping] ?? Infinity; }
-
+  // The scene as it is in Python.
+  defaults() {
+    const { stiffness, damping, drag, gravity, dt, method, spheres } = structuredClone(this.data);
+    Object.assign(this, { stiffness, damping, drag, gravity, dt, method, spheres });
+  }
   async reset() {
-    Object.assign(this, { steps: 0, origin: 0, counted: 0, problem: "", contacts: 0, pinned: null });
+    Object.assign(this, { steps: 0, origin: 0, counted: 0, problem: "", pinned: null, interval: 0, frames: [] });
     this.moved = this.data.spheres.map(() => ({ by: [0, 0, 0], to: [0, 0, 0] }));
-    if (this.compiled !== this.method) await this.solver.compile(this.method);
-    this.compiled = this.method;
     this.solver.load(this.start);
-    this.low = Float32Array.from(this.start, (value) => value - Math.fround(value));
-    this.planes = new Float32Array(this.start);
-    this.apply();
+    Object.assign(this, { planes: new Float32Array(this.start), low: Float32Array.from(this.start, (value) => value - Math.fround(value)) });
+    for (const values of [this.t, ...Object.values(this.curves)]) values.length = 0;
+    for (const top of Object.values(this.tops)) top.max = 1e-3;
+    await this.apply();
+    this.record();
   }
-
-  // Measure a frame's fixed time and a step's time on this device [s]; the first frame compiles.
-  async calibrate() {
-    const took = [];
-    for (const steps of [1, 1, 16]) {
-      const begin = performance.now();
-      await this.advance(steps);
-      took.push((performance.now() - begin) / 1000);
-    }
-    this.cost = Math.max((took[2] - took[1]) / 15, 1e-6);
-    this.overhead = Math.max(took[1] - this.cost, 0);
-    await this.reset();
+  // Steps of the next frame: they take FRAME, or as long as the picture and a frame's fixed time, and no more than real time,
+  // or slow motion, asks for.
+  adapt(steps, took, wall, speed) {
+    this.least = Math.min(this.least, took);
+    const wanted = steps * Math.max(FRAME, 2 * this.least, Math.min(wall - took, MOST_OVERHEAD)) / took;
+    this.perFrame = Math.max(1, Math.min(MOST_STEPS, 2 * steps, Math.round(Math.min(wanted, speed * wall / this.dt))));
   }
-
-  // Steps of the next frame: they take FRAME, or as long as the frame's fixed time, which the picture is a part of; and no
-  // more than real time asks for.
-  adapt(steps, took, wall) {
-    this.overhead += 0.1 * (Math.max(took - this.cost * steps, 0) - this.overhead);
-    const wanted = Math.min(Math.max(FRAME, Math.min(this.overhead, MOST_OVERHEAD)) / this.cost, wall / this.dt);
-    this.perFrame = Math.max(1, Math.min(MOST_STEPS, 2 * steps, Math.round(wanted)));
+  // Another method or coefficients; what is 0 is compiled out.
+  async apply() {
+    const { data, stiffness, damping, drag, gravity, dt } = this;
+    this.limit = guaranteed(data, stiffness, damping, drag);
+    const cells = data.methods[this.method].responses.some((one, s) => one === "continuous" && this.spheres[s].cells);
+    const features = { spring_damping: Object.values(damping).some((c) => c > 0), drag: drag > 0, cells }, key = JSON.stringify([this.method, features]);
+    if (this.compiled !== key) await this.solver.compile(this.method, features);
+    this.compiled = key;
+    this.solver.set({ dt, stiffness, damping, drag, gravity, limit: this.limit });
   }
-
-  apply() {
-    const { dt, gravity, limit, data } = this;
-    this.solver.set({ dt, gravity, limit, stiffness: data.stiffnessFactors[this.stiffness], damping: data.dampingFactors[this.damping] });
-  }
-
   // Another time step: the clock counts from now on, as Python's does.
-  setStep(dt) { Object.assign(this, { origin: this.time, steps: 0, dt }); this.apply(); }
-
+  setStep(dt) { Object.assign(this, { origin: this.time, steps: 0, dt }); }
   get time() { return this.origin + this.steps * this.dt; }
-
   contactRadius(sphere, s) {
     if (this.data.methods[this.method].responses[s] === "continuous" && sphere.cells) return sphere.radius;
     const R = sphere.radius ?? Infinity, half = Math.min(sphere.side, (sphere.cells ? 2 : Infinity) * R) / 2;
     return R + (sphere.side ? half * half / (Math.sqrt(half * half + R * R) + R) : sphere.offset);
   }
-
   // Spheres before the next steps and after each. A dragged sphere goes on straight to where the pointer is.
   path(steps) {
     const most = FASTEST_DRAG * steps * this.dt;
@@ -89,253 +67,344 @@ class Live {
     for (let n = 0; n <= steps; n++) path.push(this.spheres.map((sphere, s) => {
       const [center, velocity] = motionAt(sphere, this.origin + (this.steps + n) * this.dt), { by } = this.moved[s];
       return {
-        radius: this.contactRadius(sphere, s), center: center.map((k, i) => k + by[i] + ways[s][i] * (n / steps)),
+        ...sphere, radius: this.contactRadius(sphere, s), center: center.map((k, i) => k + by[i] + ways[s][i] * (n / steps)),
         velocity: velocity.map((k, i) => k + ways[s][i] / (steps * this.dt)),
       };
     }));
     return { path, ways };
   }
-
   // Take steps. An unstable one is searched for: the same steps give the same bits.
   async advance(steps) {
     const { path, ways } = this.path(steps);
     if (this.pinned) {
-      const { point, at } = this.pinned, most = FASTEST_DRAG;
-      const v = at.map((k, i) => (k - this.planes[i * this.points + point]) / (steps * this.dt)), speed = Math.hypot(...v);
-      this.solver.movePin(point, v.map((k) => k * Math.min(1, most / (speed || 1))));
+      const { point, at } = this.pinned, v = at.map((k, i) => (k - this.planes[i * this.points + point]) / (steps * this.dt));
+      this.solver.movePin(point, v.map((k) => k * Math.min(1, FASTEST_DRAG / (Math.hypot(...v) || 1))));
     }
     const read = await this.solver.run(path);
     if (read.bad >= 0 && steps > 1) {
       this.solver.takeBack();
-      for (let n = 0; n < steps && !this.problem; n++) await this.take(await this.solver.run(path.slice(n, n + 2)), 1);
+      for (let n = 0; n < steps && !this.problem; n++) this.take(await this.solver.run(path.slice(n, n + 2)), 1);
       return;
     }
     this.take(read, steps);
     if (!this.problem) this.moved.forEach((m, s) => { m.by = m.by.map((k, i) => k + ways[s][i]); });
   }
-
   take(read, steps) {
     if (read.bad >= 0) {
       this.solver.takeBack();
-      const columns = this.shape[1], point = `(${Math.floor(read.bad / columns)}, ${read.bad % columns})`;
-      const above = this.dt > this.limit;
+      const columns = this.shape[1], point = `(${Math.floor(read.bad / columns)}, ${read.bad % columns})`, above = this.dt > this.limit;
       this.problem = `UNSTABLE at step ${this.counted + 1} (t = ${(this.time + this.dt).toPrecision(6)} s), first at mass point ${point}: ` +
         `the time step ${this.dt.toPrecision(3)} s is ${above ? "above" : "within"} the guaranteed ${this.limit.toPrecision(3)} s`;
       return;
     }
-    this.steps += steps;
-    this.counted += steps;
-    Object.assign(this, { planes: read.planes, low: read.low, contacts: this.contacts + read.contacts });
+    Object.assign(this, { steps: this.steps + steps, counted: this.counted + steps, planes: read.planes, low: read.low });
   }
-
-  // What draw.js asks for.
-  positions() {
-    for (let p = 0; p < this.points; p++) for (let k = 0; k < 3; k++) this.x[3 * p + k] = this.planes[k * this.points + p];
+  centerNow(s) { return motionAt(this.spheres[s], this.time)[0].map((k, i) => k + this.moved[s].by[i]); }
+  // Keep the state as the last frame. It replaces the one before while that is nearer than `interval` to its own.
+  record() {
+    const frame = { planes: this.planes.slice(), spheres: this.spheres.map(({ radius }, s) => ({ radius, center: this.centerNow(s) })) };
+    const found = measures(this, frame), lists = [this.t, this.frames], { t } = this;
+    for (const name of Object.keys(found)) lists.push(this.curves[name] ??= []);
+    if (t.length > this.most) {
+      for (const list of lists) list.splice(0, list.length, ...list.filter((_, k) => k % 2 === 0));
+      this.interval = 1.5 * (t.at(-1) - t[0]) / t.length;
+    }
+    if (t.at(-1) === this.time || (t.length > 1 && t.at(-1) - t.at(-2) < this.interval)) for (const list of lists) list.pop();
+    [this.time, frame, ...Object.values(found)].forEach((value, k) => lists[k].push(value));
+    for (const [name, value] of Object.entries({ stretch: found.stretch, speed: found.speed, depth: found.triangles })) {
+      this.tops[name] = { max: Math.max(value, this.tops[name]?.max ?? 1e-3) };
+    }
+  }
+  // What page.js asks for.
+  positions(frame) {
+    const { planes } = this.frames[frame];
+    for (let p = 0; p < this.points; p++) for (let k = 0; k < 3; k++) this.x[3 * p + k] = planes[k * this.points + p];
     return this.x;
   }
-
-  center(s) { return motionAt(this.spheres[s], this.time)[0].map((k, i) => k + this.moved[s].by[i]); }
-
-  values() {}
-
-  // Energy [J] as in cs.energy.
-  energy() {
-    const { data, points, shape: [rows, columns], planes: v } = this, x = this.positions();
-    let kinetic = 0, elastic = 0, gravity = 0;
-    for (let p = 0; p < points; p++) {
-      const m = data.mass[data.uniformMass ? 0 : p], at = (k) => v[k * points + p];
-      kinetic += m / 2 * (at(3) ** 2 + at(4) ** 2 + at(5) ** 2);
-      gravity -= m * (this.gravity[0] * at(0) + this.gravity[1] * at(1) + this.gravity[2] * at(2));
-    }
-    for (const { row, column, family, rest } of data.pairs) {
-      const K = (data.stiffness[family] ?? 0) * data.stiffnessFactors[this.stiffness];
-      for (let r = Math.max(0, -row); r < Math.min(rows, rows - row); r++) for (let c = Math.max(0, -column); c < Math.min(columns, columns - column); c++) {
-        const p = 3 * (r * columns + c), q = 3 * ((r + row) * columns + c + column);
-        elastic += K / 2 * (Math.hypot(x[q] - x[p], x[q + 1] - x[p + 1], x[q + 2] - x[p + 2]) - rest) ** 2;
-      }
-    }
-    return kinetic + elastic + gravity;
+  center(s, frame) { return this.frames[frame].spheres[s].center; }
+  radius(s, frame) { return this.frames[frame].spheres[s].radius; }
+  value(name, frame, p) {
+    const { planes: v } = this.frames[frame], n = this.points, [rows, columns] = this.shape, row = Math.floor(p / columns);
+    if (name === "speed") return Math.hypot(v[3 * n + p], v[4 * n + p], v[5 * n + p]);
+    return Math.max(0, ...this.data.pairs.flatMap((pair) => [1, -1].map((way) => {
+      const r = row + way * pair.row, c = p % columns + way * pair.column, q = r * columns + c;
+      if (r < 0 || r >= rows || c < 0 || c >= columns) return 0;
+      return Math.hypot(v[q] - v[p], v[n + q] - v[n + p], v[2 * n + q] - v[2 * n + p]) / pair.rest - 1;
+    })));
   }
-
-  // Deepest mass point and triangle below the radius of a sphere [m], as in cs.penetration.
-  depths() {
-    const x = this.positions(), [rows, columns] = this.shape, deepest = { points: 0, triangles: 0 };
-    this.spheres.forEach((sphere, s) => {
-      const c = this.center(s), R = sphere.radius, at = (p) => [x[3 * p] - c[0], x[3 * p + 1] - c[1], x[3 * p + 2] - c[2]];
-      const places = Array.from({ length: this.points }, (_, p) => at(p));
-      for (const p of places) deepest.points = Math.max(deepest.points, R - Math.hypot(...p));
-      const near = R + this.data.longest;
-      for (let r = 0; r + 1 < rows; r++) for (let k = 0; k + 1 < columns; k++) {
-        const p = r * columns + k;
-        if (Math.hypot(...places[p]) > near) continue;
-        for (const [a, b, d] of [[p, p + columns, p + 1], [p + 1, p + columns, p + columns + 1]]) {
-          deepest.triangles = Math.max(deepest.triangles, R - toTriangle(places[a], places[b], places[d]));
-        }
-      }
-    });
-    deepest.triangles = Math.max(deepest.triangles, deepest.points);
-    return deepest;
+  says(frame) {
+    const at = (name) => this.curves[name][frame], mm = (name) => (1e3 * at(name)).toFixed(3);
+    const deep = this.spheres.length ? `, deepest point ${mm("points")} mm, deepest triangle ${mm("triangles")} mm` : "";
+    return `t = ${this.t[frame].toFixed(4)} s, energy ${at("total").toPrecision(5)} J${deep}`;
   }
 }
-
+// Energies [J], largest stretch and speed, and deepest mass point and triangle below a sphere [m], as Python has them.
+function measures({ data, points: n, shape: [rows, columns], gravity: g, stiffness }, { planes: v, spheres }) {
+  const found = { total: 0, kinetic: 0, elastic: 0, gravity: 0, stretch: 0, speed: 0, points: 0, triangles: 0 };
+  for (let p = 0; p < n; p++) {
+    const m = data.mass[data.mass.length > 1 ? p : 0], speed2 = v[3 * n + p] ** 2 + v[4 * n + p] ** 2 + v[5 * n + p] ** 2;
+    found.kinetic += m / 2 * speed2;
+    found.speed = Math.max(found.speed, Math.sqrt(speed2));
+    found.gravity -= m * (g[0] * v[p] + g[1] * v[n + p] + g[2] * v[2 * n + p]);
+  }
+  for (const { row, column, family, rest } of data.pairs) {
+    for (let r = Math.max(0, -row); r < Math.min(rows, rows - row); r++) for (let c = Math.max(0, -column); c < Math.min(columns, columns - column); c++) {
+      const p = r * columns + c, q = p + row * columns + column;
+      const more = Math.hypot(v[q] - v[p], v[n + q] - v[n + p], v[2 * n + q] - v[2 * n + p]) - rest;
+      found.elastic += stiffness[family] / 2 * more * more;
+      found.stretch = Math.max(found.stretch, more / rest);
+    }
+  }
+  found.total = found.kinetic + found.elastic + found.gravity;
+  for (const { center, radius } of spheres) {
+    const from = (p) => [v[p] - center[0], v[n + p] - center[1], v[2 * n + p] - center[2]], near = radius + data.longest;
+    for (let p = 0; p < n; p++) {
+      const away = Math.hypot(v[p] - center[0], v[n + p] - center[1], v[2 * n + p] - center[2]);
+      found.points = Math.max(found.points, radius - away);
+      if (away > near || (p + 1) % columns === 0 || p + columns >= n) continue;
+      for (const [a, b, c] of [[p, p + columns, p + 1], [p + 1, p + columns, p + columns + 1]]) {
+        found.triangles = Math.max(found.triangles, radius - toTriangle(from(a), from(b), from(c)));
+      }
+    }
+  }
+  found.triangles = Math.max(found.triangles, found.points);
+  return found;
+}
 // Distance from the origin to a triangle: to its plane where the foot lies inside, else to its nearest side.
 function toTriangle(a, b, c) {
   const minus = (u, v) => u.map((k, i) => k - v[i]), dot = (u, v) => u[0] * v[0] + u[1] * v[1] + u[2] * v[2];
   const cross = (u, v) => [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-  const n = cross(minus(b, a), minus(c, a)), nn = dot(n, n);
-  const sides = [[a, b], [b, c], [c, a]];
+  const n = cross(minus(b, a), minus(c, a)), nn = dot(n, n), sides = [[a, b], [b, c], [c, a]];
   if (nn > 0 && sides.every(([p, q]) => dot(cross(minus(q, p), p), n) <= 0)) return Math.abs(dot(a, n)) / Math.sqrt(nn);
   return Math.min(...sides.map(([p, q]) => {
     const way = minus(q, p), part = Math.max(0, Math.min(1, -dot(p, way) / (dot(way, way) || 1)));
     return Math.hypot(...p.map((k, i) => k + part * way[i]));
   }));
 }
+// The guaranteed time step [s], as clothsim.max_stable_dt (cpp/measure/mode_bounds.hpp, methods/region.py).
+function guaranteed({ shape: [rows, columns], mass, pins, pairs, exits }, stiffness, damping, drag) {
+  const held = new Set(pins), largest = (values) => values.reduce((a, b) => Math.max(a, b), 0), narrow = Math.min(rows, columns);
+  const mobile = Array.from({ length: rows * columns }, (_, p) => (held.has(p) ? 0 : 1 / mass[mass.length > 1 ? p : 0]));
+  const bound = (values) => {
+    const { structural: s = 0, shear: h = 0, bend: b = 0 } = values, inside = (x) => Math.max(-1, Math.min(1, x));
+    const symbol = ([x, y]) => 2 * s * (2 - x - y) + 4 * h * (1 - x * y) + 4 * b * (2 - x * x - y * y);
+    const on = (x) => (b > 0 ? inside(-(2 * s + 4 * h * x) / (8 * b)) : -1), x = inside(-s / (2 * h + 4 * b));
+    const places = [[1, -1], [1, on(1)]];
+    if (narrow > 1) places.push([-1, -1], [-1, 1], [-1, on(-1)], ...(h + b > 0 ? [[x, x]] : []));
+    const waves = largest(places.map(symbol)) * largest(mobile);
+    if (mass.length === 1 && narrow > 2) return waves;
+    return Math.min(waves, largest(mobile.map((here, p) => pairs.flatMap((pair) => [1, -1].map((way) => {
+      const r = Math.floor(p / columns) + way * pair.row, c = p % columns + way * pair.column;
+      const there = here > 0 && r >= 0 && r < rows && c >= 0 && c < columns;
+      return there ? values[pair.family] * (here + mobile[r * columns + c]) : 0;
+    })).reduce((a, b) => a + b, 0))));
+  };
+  const omega = Math.sqrt(bound(stiffness)), delta = bound(damping) + drag * largest(mobile), last = exits.length - 1;
+  if (!omega || !delta) return exits[omega ? 0 : last] / (omega + delta);
+  const angle = exits.map((_, k) => k / last * Math.PI / 2), corner = Math.atan2(delta, omega);
+  const box = angle.map((k) => (k < corner ? omega / Math.cos(k) : delta / Math.sin(k)));
+  const widest = (k) => (angle[k] < corner && angle[k + 1] >= corner ? Math.hypot(omega, delta) : Math.max(box[k], box[k + 1]));
+  return Math.min(...exits.slice(1).map((_, k) => Math.min(exits[k], exits[k + 1]) / widest(k)));
+}
+// The recording as `pack` of viewing/page.py packs a run: settings of the page, and bytes in base64.
+async function packed(live) {
+  const { t, points, frames, shape, pins, dots, dotSize, label, curves, names } = live, size = 3 * points, count = t.length * size;
+  const ends = (sign) => [0, 1, 2].map((k) => sign * frames.reduce((most, { planes }) =>
+    planes.subarray(k * points, (k + 1) * points).reduce((a, b) => Math.max(a, sign * b), most), -Infinity));
+  const low = ends(-1), step = ends(1).map((high, k) => (high - low[k]) / 65535), bytes = new Uint8Array(2 * count);
+  const at = (f, p) => (f < 0 ? 0 : Math.round((frames[f].planes[p] - low[Math.floor(p / points)]) / (step[Math.floor(p / points)] || 1)));
+  for (let f = 0; f < t.length; f++) for (let p = 0; p < size; p++) {
+    const change = at(f, p) - at(f - 1, p) - (f > 1 ? at(f - 1, p) - at(f - 2, p) : 0), z = (change << 16) >> 16;
+    const zigzag = (z << 1) ^ (z >> 31);
+    bytes[f * size + p] = zigzag; bytes[count + f * size + p] = zigzag >> 8;
+  }
+  const tops = live.spheres.length ? { depth: { max: live.tops.depth.max || 1e-3 } } : {}, parts = [bytes];
+  for (const name of names) {
+    const values = Float64Array.from({ length: t.length * points }, (_, k) => live.value(name, Math.floor(k / points), k % points));
+    const sorted = values.slice().sort(), part = (k) => sorted[Math.round(k * (sorted.length - 1))];
+    tops[name] = { max: part(1), "99 %": part(0.99), "90 %": part(0.9) };
+    const levels = Uint8Array.from(values, (value) => Math.round(255 * Math.sqrt(value / (part(1) || 1))));
+    parts.push(levels.map((level, k) => (k < points ? level : level - levels[k - points])));
+  }
+  const spheres = live.spheres.map((_, s) => frames.map((frame) => frame.spheres[s]))
+    .map((seen) => ({ radius: seen[0].radius, radii: seen.map(({ radius }) => radius), centers: seen.map(({ center }) => center) }));
+  const run = { label, data: "data-0", shape, t, low, step, precision: Math.max(...step) / 2, spheres, pins, dots, dotSize, curves };
+  const blob = await new Response(new Blob(parts).stream().pipeThrough(new CompressionStream("deflate"))).blob();
+  const reader = new FileReader(), read = new Promise((known) => { reader.onload = known; });
+  reader.readAsDataURL(blob);
+  await read;
+  return [{ tops, names, runs: [run] }, reader.result.slice(reader.result.indexOf(",") + 1)];
+}
 
-async function start() {
-  const data = JSON.parse($("meta").textContent), planes = await inflated("state");
-  const solver = await Solver.open(data), live = new Live(data, planes, solver);
+function download(name, text) {
+  const href = URL.createObjectURL(new Blob([text], { type: "text/plain" }));
+  Object.assign(document.createElement("a"), { href, download: name }).click();
+}
+
+const pristine = document.documentElement.cloneNode(true);  // the page before a script has changed it
+
+async function startLive() {
+  const data = JSON.parse($("scene").textContent), meta = JSON.parse($("meta").textContent), baked = meta.runs[0];
+  const solver = await Solver.open(data), live = new Live(data, new Float64Array(await inflated("state")), solver, baked);
   await live.reset();
-  await live.calibrate();
-  const canvas = $("canvas-0"), camera = new Orbit(data.camera), drawing = new Drawing(canvas, live, camera);
-  const state = { playing: true, busy: false, factor: 0, rate: 0, measured: -1 };
-
-  const page = () => getComputedStyle(document.documentElement).getPropertyValue("--page");
-  drawing.background = page().match(/\w\w/g).map((part) => parseInt(part, 16) / 255);
-  const redraw = () => drawing.draw(camera);
-  function show() {
-    drawing.load(0, { name: "faces" });
-    redraw();
-    $("clock").textContent = `t = ${live.time.toFixed(4)} s`;
-    $("speed").textContent = `${state.factor.toPrecision(2)} x real time, ${Math.round(state.rate)} steps/s, ${live.perFrame} a frame`;
-    const now = performance.now() / 1000;
-    if (now - state.measured > PAUSES || !state.playing) {
-      const deep = live.depths();
-      $("measures").textContent = `energy ${live.energy().toPrecision(5)} J, deepest point ${(1e3 * deep.points).toFixed(3)} mm, ` +
-        `deepest triangle ${(1e3 * deep.triangles).toFixed(3)} mm`;
-      state.measured = now;
-    }
-    $("problem").hidden = !live.problem;
-    $("problem").textContent = live.problem;
-    if (live.problem) pause(true);
-  }
-
-  function pause(on) {
-    state.playing = !on;
-    $("play").textContent = on ? "run" : "pause";
-  }
-
+  const canvas = $("canvas-0"), camera = new Orbit(meta.camera), side = Math.max(...data.size);
+  let held = false, drawn = 0, rate = 0;
   // One after the other: steps and changes of the state share the adapter's buffers.
   let queue = Promise.resolve();
   const then = (work) => (queue = queue.then(work).catch(fail));
-
+  const one = () => then(async () => { if (!live.problem) await live.advance(1); seen(); });
+  const page = player([live], { ...meta, names: live.names, tops: live.tops }, camera, {
+    grab, one, reset: () => reset(), get problem() { return live.problem; },
+  });
+  // Show the state: the newest frame, whose picture, energy and depth are of one moment.
+  function seen(wall = 0) {
+    live.record();
+    const last = live.t.length - 1, balls = live.spheres.flatMap(({ radius }, s) => {
+      const path = baked.spheres[s].centers.map((c) => c.map((k, i) => k + live.moved[s].by[i])).concat([live.center(s, last)]);
+      const near = (c) => 2 * radius < side && Math.hypot(...c.map((k, i) => k - camera.start.target[i])) < 2 * side;
+      return path.filter(near).map((c) => [...c, radius]);
+    });
+    camera.follow(live.positions(last), balls, held || canvas.matches(":hover") ? 0 : 1 - Math.exp(-wall / EASE));  // what a hand may take stays
+    page.show(page.end(), true);
+    if (performance.now() / 1000 - drawn > PAUSES || !page.state.playing) {
+      page.curves.grow();
+      page.legend();
+      drawn = performance.now() / 1000;
+    }
+    $("rate").textContent = `${typed(rate * live.dt)} x real time, ${Math.round(rate)} steps/s, ${live.perFrame} a frame`;
+    tell(live.problem);
+    if (live.problem) page.pause();
+  }
   async function frame(before) {
     const begin = performance.now(), steps = live.perFrame;
     await live.advance(steps);
     const took = (performance.now() - begin) / 1000, wall = Math.max(took, (begin - before) / 1000, 1e-3);
-    live.adapt(steps, took, wall);
-    state.rate += 0.1 * (steps / wall - state.rate);
-    state.factor = state.rate * live.dt;
-    show();
+    live.adapt(steps, took, wall, Number($("speed").value));
+    rate += 0.1 * (steps / wall - rate);
+    seen(wall);
     return begin;
   }
-
   async function loop(before) {
-    if (state.playing && !live.problem && !document.hidden) {
-      await then(async () => { before = await frame(before); });
-    } else before = performance.now();
+    if (!page.state.playing || live.problem || document.hidden) before = performance.now();
+    else await then(async () => { before = await frame(before); });
     requestAnimationFrame(() => loop(before));
   }
-
-  function limits() {
-    const above = live.dt > live.limit;
-    $("above").hidden = !above;
+  function warn() {
+    $("above").hidden = !(live.dt > live.limit);
     $("above").textContent = `above the guaranteed ${live.limit.toPrecision(3)} s`;
-    $("dt").classList.toggle("above", above);
+    $("dt").classList.toggle("above", live.dt > live.limit);
   }
-
-  function slider(id, { min, max, value, step = "any" }, text, change) {
-    const input = $(id);
-    Object.assign(input, { min, max, step });
-    input.value = value;
-    const says = () => { $(`${id}-says`).textContent = text(input.valueAsNumber); };
-    input.addEventListener("input", () => { says(); then(() => { change(input.valueAsNumber); limits(); }); });
-    says();
-    return () => { input.value = value; says(); };
+  const changed = (change) => then(async () => { change(); await live.apply(); warn(); });
+  const times = (k) => `x ${typed(2 ** k)}`, damps = (k) => `${typed(k)} N s/m`, families = Object.keys(data.stiffness), factors = {};
+  const stiffen = (name) => (k) => {
+    factors[name] = 2 ** k;
+    for (const f of families) live.stiffness[f] = data.stiffness[f] * (factors.stiffness ?? 1) * (factors[f] ?? 1);
+  };
+  const damp = (k) => { for (const f of families) live.damping[f] = damped ? k / damped * data.damping[f] : k; };
+  const damped = Math.max(...Object.values(data.damping)), down = Math.hypot(...data.gravity);
+  const pull = down ? data.gravity.map((k) => k / down) : [0, -1, 0];
+  const each = (name) => [0, 1, data.spheres[0]?.[name], (k) => k.toFixed(2), (k) => live.spheres.forEach((s) => { s[name] = k; })];
+  const sliders = {  // place, least, most, value, how it is told, what it changes
+    stiffness: ["usual", -4, 4, 0, times, stiffen("stiffness")],
+    damping: ["usual", 0, 4 * (damped || data.usualDamping), damped, damps, damp],
+    gravity: ["usual", 0, 25, down, (k) => `${k.toFixed(2)} m/s²`, (k) => { live.gravity = pull.map((u) => k * u); }],
+    dt: ["usual", -3, 3, 0, (k) => `${(data.dt * 2 ** k).toPrecision(3)} s`, (k) => live.setStep(data.dt * 2 ** k)],
+    radius: ["usual", -1, 1, 0, times, (k) => live.spheres.forEach((s, n) => { s.radius = data.spheres[n].radius && data.spheres[n].radius * 2 ** k; })],
+    ...Object.fromEntries(families.map((f) => [f, ["more", -4, 4, 0, times, stiffen(f)]])),
+    drag: ["more", 0, 4 * (data.drag || data.usualDamping), data.drag, damps, (k) => { live.drag = k; }],
+    restitution: ["more", ...each("restitution")],
+    friction: ["more", ...each("friction")],
+  };
+  for (const [id, [place, min, max, value, says, change]] of Object.entries(sliders)) {
+    const label = document.createElement("label"), input = document.createElement("input"), output = document.createElement("output");
+    Object.assign(input, { type: "range", id, min, max, step: "any" });
+    output.id = `${id}-says`;
+    label.append(id === "dt" ? "time step" : families.includes(id) ? `${id} stiffness` : id, input, output);
+    label.hidden = !data.spheres.length && ["radius", "restitution", "friction"].includes(id);
+    $(place).append(label);
+    const tellValue = () => { output.textContent = says(input.valueAsNumber); };
+    input.addEventListener("input", () => { tellValue(); changed(() => change(input.valueAsNumber)); });
+    sliders[id] = () => { input.value = value; tellValue(); };
+    sliders[id]();
   }
-
-  const { stiffnessFactors: K, dampingFactors: c } = data;
-  const g = -data.gravity[1];
-  const sliders = [
-    slider("stiffness", { min: 0, max: K.length - 1, value: live.stiffness, step: 1 }, (k) => `x ${K[k]}`, (k) => { live.stiffness = k; live.apply(); }),
-    slider("damping", { min: 0, max: c.length - 1, value: live.damping, step: 1 }, (k) => `x ${c[k]}`, (k) => { live.damping = k; live.apply(); }),
-    slider("gravity", { min: 0, max: 25, value: g }, (k) => `${k.toFixed(2)} m/s²`, (k) => { live.gravity[1] = -k; live.apply(); }),
-    slider("dt", { min: -3, max: 3, value: 0 }, (k) => `${(data.dt * 2 ** k).toPrecision(3)} s`, (k) => live.setStep(data.dt * 2 ** k)),
-    slider("radius", { min: -1, max: 1, value: 0 }, (k) => `x ${(2 ** k).toFixed(2)}`,
-      (k) => live.spheres.forEach((s, n) => { s.radius = data.spheres[n].radius * 2 ** k; })),
-  ];
-  $("damping").disabled = c.length < 2;
-  $("radius").disabled = $("method").disabled = !data.spheres.length;
-  $("method").addEventListener("change", () => then(async () => {
-    live.method = $("method").selectedIndex;
-    await solver.compile(live.method);
-    live.compiled = live.method;
-  }));
-  $("play").addEventListener("click", () => { if (!live.problem) pause(state.playing); });
-  $("one").addEventListener("click", () => { pause(true); then(async () => { if (!live.problem) await live.advance(1); show(); }); });
-  $("reset").addEventListener("click", () => then(async () => {
-    Object.assign(live, { stiffness: K.indexOf(1), damping: c.indexOf(1), gravity: [...data.gravity], dt: data.dt, method: data.method });
-    $("method").selectedIndex = data.method;
-    live.spheres = data.spheres.map((s) => ({ ...s }));
-    for (const back of sliders) back();
+  $("dt").parentElement.append($("above"));
+  $("method").addEventListener("change", () => changed(() => { live.method = $("method").selectedIndex; }));
+  $("offset").addEventListener("change", () => changed(() => live.spheres.forEach((s, n) => {
+    const { side, cells, offset } = data.spheres[n];
+    Object.assign(s, data.offsets[$("offset").value] ?? { side, cells, offset });
+  })));
+  for (const id of ["method", "offset"]) $(id).parentElement.hidden = !data.spheres.length;
+  const reset = () => then(async () => {
+    for (const back of Object.values(sliders)) back();
+    for (const name of Object.keys(factors)) delete factors[name];
+    live.defaults();
+    [$("method").selectedIndex, $("offset").selectedIndex] = [data.method, 0];
     await live.reset();
-    limits();
-    pause(false);
-    show();
+    warn();
+    seen();
+    page.play();
+  });
+  $("reset").addEventListener("click", reset);
+  // The scene as the controls have it, from its start.
+  $("save-scene").addEventListener("click", async () => {
+    const toml = new TextDecoder().decode(await inflated("toml")), { responses, printed } = data.methods[live.method];
+    const short = (all) => (new Set(Object.values(all)).size > 1 ? all : Object.values(all)[0]);
+    const values = { gravity: live.gravity, stiffness: short(live.stiffness), damping: short(live.damping), drag: live.drag };
+    live.spheres.forEach(({ center, radius, restitution, friction }, s) => {
+      const by = (c) => c.map((k, i) => k + live.moved[s].by[i]), offset = $("offset").selectedIndex ? $("offset").value : data.spheres[s].named;
+      const sphere = { center: by(center), radius, restitution, friction, response: responses[s], as_printed: printed[s], offset };
+      for (const [name, value] of Object.entries(sphere)) values[`spheres.${s}.${name}`] = value;
+      values[`spheres.${s}.centers`] = data.spheres[s].centers?.map(by);
+    });
+    const written = (value) => (typeof value !== "object" || Array.isArray(value) ? JSON.stringify(value)
+      : `{ ${Object.entries(value).map(([key, one]) => `${key} = ${one}`).join(", ")} }`);
+    download("scene.toml", toml.replace(/"@([\w.]+)"/g, (_, name) => written(values[name])));
+  });
+  // The page of stored runs, with the recording in place of the run that was baked into this page.
+  $("save-run").addEventListener("click", () => then(async () => {
+    page.pause();
+    const [found, bytes] = await packed(live), html = pristine.cloneNode(true), settings = JSON.stringify({ ...found, camera: camera.start });
+    for (const part of html.querySelectorAll("[data-live]")) part.remove();
+    html.querySelector(".stage img").src = canvas.toDataURL();
+    html.querySelector("#data-0").textContent = bytes;
+    html.querySelector("#meta").textContent = settings.replaceAll("<", "\\u003c");
+    download("recording.html", `<!DOCTYPE html>\n${html.outerHTML}`);
   }));
-
   // A pointer takes a pin near it, else the sphere under it unless it is ground, and moves it in the plane of the view.
   function grab(e) {
-    const [right, up] = camera.axes(), metre = camera.metre(canvas), box = canvas.getBoundingClientRect();
-    const across = metre * (e.clientX - box.left - box.width / 2), above = -metre * (e.clientY - box.top - box.height / 2);
-    const seen = (p) => [right, up].map((axis) => axis.reduce((sum, k, i) => sum + k * (p[i] - camera.target[i]), 0));
-    const away = (p) => Math.hypot(seen(p)[0] - across, seen(p)[1] - above);
+    const [right, up] = camera.axes(), metre = camera.metre(canvas), pixel = camera.projection(canvas);
+    const away = (p) => metre * pixel(p, 0).slice(0, 2).reduce((sum, k, i) => Math.hypot(sum, k - [e.offsetX, e.offsetY][i]), 0);
     const place = (p) => [0, 1, 2].map((k) => live.planes[k * live.points + p]);
     const moved = (from, now) => from.map((k, i) => k + metre * ((now.clientX - e.clientX) * right[i] - (now.clientY - e.clientY) * up[i]));
-    const pin = live.pins.find((p) => away(place(p)) < Math.max(data.dotSize, 12 * metre));
-    if (pin !== undefined) {
-      const from = place(pin);
-      live.pinned = { point: pin, at: from };
-      return (now) => {
-        if (now) live.pinned.at = moved(from, now);
-        else then(() => { live.pinned = null; solver.movePin(pin, [0, 0, 0]); });
-      };
-    }
-    const s = live.spheres.findIndex((sphere, k) => sphere.radius < data.camera.reach && away(live.center(k)) < sphere.radius);
-    if (s < 0) return null;
-    const from = [...live.moved[s].to];
-    return (now) => { if (now) live.moved[s].to = moved(from, now); };
+    const pin = live.pins.find((p) => away(place(p)) < Math.max(live.dotSize, 12 * metre));
+    const s = live.spheres.findIndex((sphere, k) => 2 * sphere.radius < side && away(live.centerNow(k)) < sphere.radius);
+    if (pin === undefined && s < 0) return null;
+    const from = pin === undefined ? [...live.moved[s].to] : place(pin);
+    held = true;
+    return (now) => {
+      held = now !== null;
+      if (pin === undefined) live.moved[s].to = now ? moved(from, now) : live.moved[s].to;
+      else if (now) live.pinned = { point: pin, at: moved(from, now) };
+      else then(() => { live.pinned = null; solver.movePin(pin, [0, 0, 0]); });
+    };
   }
-
-  // Work that a loss ends fails too, maybe before the loss is known, with words of its own.
-  async function fail(error) {
-    pause(true);
-    const lost = solver.lost.then((why) => `The graphics adapter was lost (${why}). Load the page again.`);
-    live.problem = await Promise.race([lost, new Promise((known) => setTimeout(known, 1000, error.message))]);
-    $("problem").hidden = false;
-    $("problem").textContent = live.problem;
+  function fail(error) {
+    live.problem ||= error.message;
+    page.pause();
+    tell(live.problem);
   }
-  solver.lost.then(fail);
-  camera.listen(canvas, redraw, () => {}, grab);
-  new ResizeObserver(redraw).observe($("runs"));
-  limits();
-  show();
-  canvas.classList.add("drawn");
-  window.live = { live, solver, state, camera, then };  // for tests and the curious
-  document.body.dataset.ready = Math.round(performance.now());
+  solver.lost.then((why) => {
+    live.problem = `The graphics adapter was lost (${why}). Load the page again.`;
+    fail();
+  });
+  [$("loop").parentElement.hidden, $("live").hidden] = [true, false];
+  $("speed").value = "1";
+  warn();
+  window.live = { live, solver, page, camera, then };  // for tests and the curious
+  seen();
+  page.ready(page.end());
+  page.play();
   loop(performance.now());
 }
-
-start().catch((error) => {
-  $("problem").hidden = false;
-  $("problem").textContent = `${error.message} The picture shows the scene at its start.`;
-});
+// Without WebGPU the page plays the run that was baked into it.
+Solver.missing().then((why) => { tell(why); return why ? start() : startLive(); }).catch((error) => tell(error.message));

@@ -4,50 +4,59 @@
 // An orthographic view that turns about a target: azimuth and elevation [rad], height shown [m].
 class Orbit {
   constructor(start) { this.start = start; this.reset(); }
-
   reset(direction = this.start.direction) {
-    const [x, y, z] = direction, length = Math.hypot(x, y, z);
-    this.azimuth = Math.atan2(x, z);
-    this.elevation = Math.asin(y / length);
-    this.target = [...this.start.target];
-    this.zoom = 1;
+    const [x, y, z] = direction, elevation = Math.asin(y / Math.hypot(x, y, z));
+    Object.assign(this, { azimuth: Math.atan2(x, z), elevation, target: [...this.start.target], zoom: 1, byHand: false });
   }
-
+  // Go a part of the way to a view of the points and balls ([x, y, z, radius] each), unless a hand has chosen another.
+  follow(points, balls, part) {
+    const axes = this.axes(), { start } = this, low = [], high = [];
+    axes.forEach(([a, b, c], k) => {
+      low[k] = Math.min(...balls.map(([x, y, z, r]) => a * x + b * y + c * z - r));
+      high[k] = Math.max(...balls.map(([x, y, z, r]) => a * x + b * y + c * z + r));
+      for (let p = 0; p < points.length; p += 3) {
+        const seen = a * points[p] + b * points[p + 1] + c * points[p + 2];
+        low[k] = Math.min(low[k], seen);
+        high[k] = Math.max(high[k], seen);
+      }
+    });
+    const size = low.map((k, i) => high[i] - k), room = 0.06 * Math.max(size[0], size[1]), way = this.byHand ? 0 : part;
+    const to = [0, 1, 2].map((i) => axes.reduce((sum, axis, k) => sum + axis[i] * (low[k] + high[k]) / 2, 0));
+    const gone = to.map((k, i) => way * (k - start.target[i]));
+    const eased = (now, wanted) => now + (wanted > now ? way : way / 8) * (wanted - now);  // a cloth that swings is no pump
+    start.target = start.target.map((k, i) => k + gone[i]);
+    this.target = this.target.map((k, i) => k + gone[i]);
+    start.width = eased(start.width, size[0] + room);
+    start.height = eased(start.height, size[1] + room);
+    start.reach = 1.05 * (Math.hypot(...size) / 2 + Math.hypot(...to.map((k, i) => k - start.target[i])));
+  }
   axes() {
-    const [sa, ca] = [Math.sin(this.azimuth), Math.cos(this.azimuth)];
-    const [se, ce] = [Math.sin(this.elevation), Math.cos(this.elevation)];
+    const [sa, ca, se, ce] = [this.azimuth, this.elevation].flatMap((angle) => [Math.sin(angle), Math.cos(angle)]);
     return [[ca, 0, -sa], [-sa * se, ce, -ca * se], [sa * ce, se, ca * ce]];
   }
-
   // Half the picture's width and height [m] for a canvas of that aspect.
   extent(aspect) {
-    const { width, height } = this.start;
-    const h = Math.max(height, width / aspect) / 2 / this.zoom;
+    const h = Math.max(this.start.height, this.start.width / aspect) / 2 / this.zoom;
     return [h * aspect, h];
   }
-
   scale(aspect) {
-    const [w, h] = this.extent(aspect);
-    const moved = Math.hypot(...this.target.map((k, i) => k - this.start.target[i]));
+    const [w, h] = this.extent(aspect), moved = Math.hypot(...this.target.map((k, i) => k - this.start.target[i]));
     return [1 / w, 1 / h, -1 / (this.start.reach + moved)];
   }
-
   turn(dx, dy) {
     this.azimuth -= 0.008 * dx;
     this.elevation = Math.max(-1.57, Math.min(1.57, this.elevation + 0.008 * dy));
   }
-
-  // Enlarge, and move so that the point below the pixel `from` comes to the pixel `to`.
-  move(canvas, from, to, by = 1) {
-    const metres = () => 2 * this.extent(canvas.clientWidth / canvas.clientHeight)[1] / canvas.clientHeight;
-    const centre = [canvas.clientWidth / 2, canvas.clientHeight / 2], before = metres();
-    this.enlarge(by);
-    const [dx, dy] = centre.map((c, k) => before * (from[k] - c) - metres() * (to[k] - c)), [right, up] = this.axes();
+  // Move so that the point below the pixel `from` comes to the pixel `to`.
+  move(canvas, from, to) {
+    const metre = this.metre(canvas), [right, up] = this.axes(), [dx, dy] = from.map((k, i) => metre * (k - to[i]));
     this.target = this.target.map((k, i) => k + dx * right[i] - dy * up[i]);
+    this.byHand = true;
   }
-
-  enlarge(by) { this.zoom = Math.max(0.1, Math.min(50, this.zoom * by)); }
-
+  enlarge(by) {
+    this.zoom = Math.max(0.1, Math.min(50, this.zoom * by));
+    this.byHand = true;
+  }
   // A function from a point [m] to pixels of the canvas, and its height towards the eye [m].
   projection(canvas) {
     const [w, h] = this.extent(canvas.clientWidth / canvas.clientHeight), axes = this.axes(), { target } = this;
@@ -56,16 +65,14 @@ class Orbit {
       return [canvas.clientWidth * (1 + right / w) / 2, canvas.clientHeight * (1 - up / h) / 2, near];
     };
   }
-
   // Metres in a pixel of the canvas.
   metre(canvas) { return 2 * this.extent(canvas.clientWidth / canvas.clientHeight)[1] / canvas.clientHeight; }
-
-  // Mouse, fingers and keys on a canvas. A click that does not drag calls `picked` with its pixel. `grab(event)` may take
-  // a pointer: it returns a function of the events that follow, which gets null at the end.
+  // Mouse, fingers and keys on a canvas. One finger scrolls the page, and two turn and enlarge. A click that does not drag
+  // calls `picked` with its pixel. `grab(event)` may take a pointer: it returns a function of the events that follow, which
+  // gets null at the end.
   listen(canvas, changed, picked, grab = () => null) {
     const down = new Map();
-    let taken = null;
-    let way = 0;  // pixels since the first finger came down
+    let taken = null, way = 0;  // pixels since the first finger came down
     const middle = () => [0, 1].map((axis) => [...down.values()].reduce((sum, p) => sum + p[axis], 0) / down.size);
     const spread = () => { const [a, b] = down.values(); return Math.hypot(a[0] - b[0], a[1] - b[1]) || 1; };
     canvas.addEventListener("pointerdown", (e) => {
@@ -74,42 +81,36 @@ class Orbit {
       down.set(e.pointerId, [e.offsetX, e.offsetY]);
       way = down.size > 1 ? Infinity : 0;
     });
-    const release = () => {
+    for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, (e) => {
       if (taken) taken(null);
       taken = null;
-    };
-    canvas.addEventListener("pointerup", (e) => {
-      release();
-      if (down.delete(e.pointerId) && way < 4 && e.button === 0 && !e.shiftKey) picked(e.offsetX, e.offsetY);
-    });
-    canvas.addEventListener("pointercancel", (e) => {
-      release();
-      down.delete(e.pointerId);
+      const still = down.delete(e.pointerId) && way < (e.pointerType === "touch" ? 12 : 4);
+      if (still && kind === "pointerup" && e.button === 0 && !e.shiftKey) picked(e.offsetX, e.offsetY);
     });
     canvas.addEventListener("pointermove", (e) => {
       if (!down.has(e.pointerId)) return;
-      if (taken) { taken(e); return; }
+      if (taken) return taken(e);
       const two = down.size === 2, from = middle(), wide = two && spread();
       down.set(e.pointerId, [e.offsetX, e.offsetY]);
       const to = middle(), dx = to[0] - from[0], dy = to[1] - from[1];
       way += Math.hypot(dx, dy);
-      if (two) this.move(canvas, from, to, spread() / wide);
-      else if (e.shiftKey || e.buttons === 2) this.move(canvas, from, to);
+      if (e.pointerType === "touch" && !two) return;
+      if (two) this.enlarge(spread() / wide);
+      if (e.shiftKey || e.buttons === 2) this.move(canvas, from, to);
       else this.turn(dx, dy);
       changed();
     });
-    canvas.addEventListener("wheel", (e) => {
-      e.preventDefault();
-      this.enlarge(Math.exp(-0.0015 * e.deltaY));
-      changed();
-    }, { passive: false });
+    const keep = (e) => { if ((taken || e.touches.length > 1) && e.cancelable) e.preventDefault(); };  // from scrolling
+    for (const kind of ["touchstart", "touchmove"]) canvas.addEventListener(kind, keep, { passive: false });
+    const wheel = (e) => { e.preventDefault(); this.enlarge(Math.exp(-0.0015 * e.deltaY)); changed(); };
+    canvas.addEventListener("wheel", wheel, { passive: false });
     canvas.addEventListener("contextmenu", (e) => e.preventDefault());
     canvas.addEventListener("dblclick", () => { this.reset(); changed(); });
     const turns = { ArrowLeft: [-20, 0], ArrowRight: [20, 0], ArrowUp: [0, -20], ArrowDown: [0, 20] };
     canvas.addEventListener("keydown", (e) => {
+      const larger = { "+": 1.2, "=": 1.2, "-": 1 / 1.2 }[e.key];
       if (e.shiftKey && turns[e.key]) this.turn(...turns[e.key]);
-      else if (e.key === "+" || e.key === "=") this.enlarge(1.2);
-      else if (e.key === "-") this.enlarge(1 / 1.2);
+      else if (larger) this.enlarge(larger);
       else if (e.key === "0") this.reset();
       else return;
       e.preventDefault();

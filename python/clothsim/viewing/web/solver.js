@@ -6,7 +6,6 @@ const NONE = 0xffffffff;
 const MOST_STEPS = 512;  // a frame; the table of sphere places has one row more
 const MOST_ROUNDS = 127;  // as in gpu/block.py
 const RESULTS = 24;      // bytes: steps, bad, pinned and too large mass points, contacts, whether the last round moved a point
-
 // Centre and velocity of a sphere at a time, by the pieces of model/motion.py.
 function motionAt({ motion: m, center }, t) {
   if (!m) return [center, [0, 0, 0]];
@@ -22,39 +21,31 @@ function motionAt({ motion: m, center }, t) {
   ];
 }
 
-// Why there is no solver on this device, in words; "" if there may be one.
-function missing() {
-  if (!window.isSecureContext) return "WebGPU needs a file opened from this device, or a page over https.";
-  return navigator.gpu ? "" : "This browser has no WebGPU: take a recent Chrome, Edge, Safari or Firefox.";
-}
-
 class Solver {
+  // Why there is no solver in this browser, in words; "" if there is one.
+  static async missing() {
+    const stored = "This plays a stored run. To simulate, the page needs", has = "Chrome and Edge from 113, Safari from 26, Firefox from 141";
+    if (!window.isSecureContext) return `${stored} to be a file opened from this device, or to come over https.`;
+    Solver.adapter = await navigator.gpu?.requestAdapter({ powerPreference: "high-performance" });
+    return Solver.adapter ? "" : `${stored} WebGPU (${has}) and a graphics adapter, which this browser ${navigator.gpu ? "does not offer" : "lacks"}.`;
+  }
   static async open(data) {
-    if (missing()) throw new Error(missing());
-    const adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
-    if (!adapter) throw new Error("This browser has WebGPU, but offers no graphics adapter to it.");
     const solver = new Solver();
-    Object.assign(solver, { data, adapter, device: await adapter.requestDevice() });
+    Object.assign(solver, { data, device: await Solver.adapter.requestDevice() });
     solver.lost = solver.device.lost.then((info) => info.message || info.reason);
     solver.makeBuffers();
     return solver;
   }
-
   makeBuffers() {
     const { device, data } = this, [rows, columns] = data.shape, points = rows * columns;
     const U = GPUBufferUsage, both = U.STORAGE | U.COPY_SRC | U.COPY_DST;
-    const make = (size, usage) => device.createBuffer({ size: Math.ceil(size / 16) * 16, usage });
-    const six = 24 * points;
-    this.points = points;
-    this.state = make(six, both);
-    this.compensation = make(six, both);
+    const six = 24 * points, make = (size, usage) => device.createBuffer({ size: Math.ceil(size / 16) * 16, usage });
+    Object.assign(this, { points, rounds: 1, state: make(six, both), compensation: make(six, both), results: make(RESULTS, both) });
     const working = [0, 1, 2].map(() => make(six, U.STORAGE));
     this.parameters = make(4 * (data.firstWeight + points), U.STORAGE | U.COPY_DST);
     this.table = make(4 * ((MOST_STEPS + 1) * data.spheres.length * data.contactSize || 1), U.STORAGE | U.COPY_DST);
-    this.results = make(RESULTS, both);
-    this.rounds = 1;
     this.constants = make(96, U.UNIFORM | U.COPY_DST);
-    this.kept = [make(six, U.COPY_SRC | U.COPY_DST), make(six, U.COPY_SRC | U.COPY_DST)];
+    this.kept = [0, 1].map(() => make(six, U.COPY_SRC | U.COPY_DST));
     this.readback = make(RESULTS + 2 * six, U.MAP_READ | U.COPY_DST);
     const kinds = ["uniform", ...Array(5).fill("storage"), "read-only-storage", "read-only-storage", "storage"];
     this.layout = device.createBindGroupLayout({
@@ -66,52 +57,43 @@ class Solver {
     });
     this.groups = [Math.ceil(columns / data.group), Math.ceil(rows / data.group)];
   }
-
-  // Compile the shader for a collision method; the texts differ in `after_contacts` alone.
-  async compile(method) {
+  // Compile the shader for a collision method, whose texts differ in `after_contacts` alone, and for its features.
+  async compile(method, features) {
     const { device, data } = this, module = device.createShaderModule({ code: data.wgsl + data.methods[method].wgsl });
     const said = (await module.getCompilationInfo()).messages.filter((m) => m.type === "error");
     if (said.length) throw new Error(`The browser refuses the shader: ${said[0].message}`);
     const layout = device.createPipelineLayout({ bindGroupLayouts: [this.layout] });
     const make = (entryPoint, constants) => device.createComputePipelineAsync({ layout, compute: { module, entryPoint, constants } });
-    const { responses, cells } = data.methods[method], constants = { ...data.constants, cells };
+    const constants = { ...data.constants, ...features }, { cells } = features;
     this.stages = await Promise.all([1, 2, 3, 4].map((stage) => make("advance", { ...constants, stage })));
     this.raise = await Promise.all((cells ? [5, 6, 7] : []).map((stage) => make("raise", { ...constants, stage })));
     this.check = await make("check", {});
-    this.responses = responses;
+    this.responses = data.methods[method].responses;
   }
-
   write(buffer, values, at = 0) { this.device.queue.writeBuffer(buffer, at, values); }
-
   // Planes of positions and velocities, in double: each is split into two float32.
   load(planes) {
-    const high = new Float32Array(planes), low = Float32Array.from(planes, (value, k) => value - high[k]);
-    this.write(this.state, high);
-    this.write(this.compensation, low);
+    this.write(this.state, new Float32Array(planes));
+    this.write(this.compensation, Float32Array.from(planes, (value) => value - Math.fround(value)));
   }
-
   // Coefficients and the time step. `limit`: the guaranteed time step, above which speeds are bounded.
-  set({ dt, stiffness, damping, gravity, limit }) {
-    const { data } = this, scale = data.uniformMass ? 1 / data.mass[0] : 1;
-    const numbers = new Float32Array(data.firstWeight + this.points);
-    const fast = dt > limit ? data.extent / dt : Infinity;
-    numbers.set([...gravity, data.drag * scale, Math.min(fast, data.largestFloat)]);
+  set({ dt, stiffness, damping, drag, gravity, limit }) {
+    const { data } = this, uniform = data.mass.length === 1, scale = uniform ? 1 / data.mass[0] : 1;
+    const numbers = new Float32Array(data.firstWeight + this.points), fast = dt > limit ? data.extent / dt : Infinity;
+    numbers.set([...gravity, drag * scale, Math.min(fast, data.largestFloat)]);
     data.springs.forEach(({ family, rest }, k) => {
-      numbers.set([(data.stiffness[family] ?? 0) * stiffness * scale, rest, (data.damping[family] ?? 0) * damping * scale],
-        data.firstSpring + 3 * k);
+      numbers.set([(stiffness[family] ?? 0) * scale, rest, (damping[family] ?? 0) * scale], data.firstSpring + 3 * k);
     });
-    for (let p = 0; p < this.points; p++) numbers[data.firstWeight + p] = 1 / data.mass[data.uniformMass ? 0 : p];
+    for (let p = 0; p < this.points; p++) numbers[data.firstWeight + p] = 1 / data.mass[uniform ? 0 : p];
     for (const p of data.pins) numbers[data.firstWeight + p] = 0;
     this.write(this.parameters, numbers);
     this.dt = dt;
     this.write(this.constants, new Float32Array([dt / 2, dt, dt * dt / 6, dt / 6]));
-    const stride = data.spheres.length * data.contactSize;
-    this.write(this.constants, new Uint32Array([...data.shape, 0, 0, stride, 0, 1]), 16);
+    this.write(this.constants, new Uint32Array([...data.shape, 0, 0, data.spheres.length * data.contactSize, 0, 1]), 16);
   }
-
   // A sphere of its contact radius after a step, as parameters.contacts writes it; `from`: its centre before.
-  contact(s, { center, velocity, radius }, from) {
-    const { data, dt } = this, { restitution, friction, push, normal, spread, cells } = data.spheres[s], { epsilon, contact } = data;
+  contact(s, { center, velocity, radius, restitution, friction, push, normal, spread, cells }, from) {
+    const { dt, data: { epsilon, contact } } = this;
     const curvature = 1 / radius, size = Math.min(radius, spread), level = (h) => h * (2 + curvature * h);
     const sum = (v) => Math.abs(v[0]) + Math.abs(v[1]) + Math.abs(v[2]), path = this.responses[s] === "continuous";
     const place = center.map((c, i) => curvature ? c + radius * normal[i] : c), gone = center.map((c, i) => c - from[i]);
@@ -123,9 +105,8 @@ class Solver {
       curvature, least, level(-slop), band, tolerance, inCells ? radius : 0, restitution, friction, push * dt, dt,
       near, curvature - 64 * epsilon / size, curvature * contact.rounding, contact.excess];
   }
-
   // Take the steps of a path: centre, velocity and contact radius of every sphere before the first step and after each.
-  // Resolves to {bad, planes, low, contacts}; bad is the first mass point that is not finite or too fast, or -1.
+  // Resolves to {bad, planes, low}; bad is the first mass point that is not finite or too fast, or -1.
   async run(path) {
     const { data } = this, row = data.spheres.length * data.contactSize;
     if (row) {
@@ -142,7 +123,6 @@ class Solver {
       this.rounds = 2 * this.rounds + 1;
     }
   }
-
   async take(steps) {
     const { device } = this;
     this.write(this.results, new Uint32Array([0, NONE, NONE, NONE, 0, 0]));
@@ -159,49 +139,24 @@ class Solver {
     work.dispatchWorkgroups(...this.groups);
     work.end();
     encoder.copyBufferToBuffer(this.results, 0, this.readback, 0, RESULTS);
-    encoder.copyBufferToBuffer(this.state, 0, this.readback, RESULTS, six);
-    encoder.copyBufferToBuffer(this.compensation, 0, this.readback, RESULTS + six, six);
+    [this.state, this.compensation].forEach((buffer, k) => encoder.copyBufferToBuffer(buffer, 0, this.readback, RESULTS + k * six, six));
     device.queue.submit([encoder.finish()]);
     await this.readback.mapAsync(GPUMapMode.READ);
     const read = this.readback.getMappedRange().slice(0);
     this.readback.unmap();
-    const [, bad, , , contacts, moved] = new Uint32Array(read, 0, 6);
+    const [, bad, , , , moved] = new Uint32Array(read, 0, 6);
     return {
-      bad: bad === NONE ? -1 : bad, contacts, settled: !moved,
+      bad: bad === NONE ? -1 : bad, settled: !moved,
       planes: new Float32Array(read, RESULTS, 6 * this.points), low: new Float32Array(read, RESULTS + six, 6 * this.points),
     };
   }
-
   takeBack() {
     const encoder = this.device.createCommandEncoder();
     [this.state, this.compensation].forEach((buffer, k) => encoder.copyBufferToBuffer(this.kept[k], 0, buffer, 0, 24 * this.points));
     this.device.queue.submit([encoder.finish()]);
   }
-
-  // A pinned mass point has no acceleration: with a velocity in its state it moves at that speed.
+  // A pinned mass point has no acceleration, so it keeps a velocity.
   movePin(point, velocity) {
     velocity.forEach((value, k) => this.write(this.state, new Float32Array([value]), 4 * ((3 + k) * this.points + point)));
-  }
-
-  // Ids that every invocation of the shader writes: rows of (group x, y, thread x, y, dispatch x, y, index).
-  async threadIds() {
-    const { device, data } = this, size = 28 * this.points, U = GPUBufferUsage;
-    const module = device.createShaderModule({ code: data.wgsl + data.methods[0].wgsl + data.threadIds });
-    const pipeline = device.createComputePipeline({ layout: "auto", compute: { module, entryPoint: "thread_ids" } });
-    const out = device.createBuffer({ size, usage: U.STORAGE | U.COPY_SRC });
-    const copy = device.createBuffer({ size, usage: U.MAP_READ | U.COPY_DST });
-    const group = device.createBindGroup({
-      layout: pipeline.getBindGroupLayout(0),
-      entries: [{ binding: 0, resource: { buffer: this.constants } }, { binding: 8, resource: { buffer: out } }],
-    });
-    const encoder = device.createCommandEncoder(), work = encoder.beginComputePass();
-    work.setPipeline(pipeline);
-    work.setBindGroup(0, group);
-    work.dispatchWorkgroups(...this.groups);
-    work.end();
-    encoder.copyBufferToBuffer(out, 0, copy, 0, size);
-    device.queue.submit([encoder.finish()]);
-    await copy.mapAsync(GPUMapMode.READ);
-    return Array.from(new Uint32Array(copy.getMappedRange()));
   }
 }
