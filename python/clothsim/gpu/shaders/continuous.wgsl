@@ -34,7 +34,7 @@ fn impact(s: Contact, top: wide, end: Response, d: vec3<wide>, q: vec3<wide>, ga
     let down = sqrt(max(wide_product(last, last) + wide_product(a, below), none)) - b;
     let rested = start <= top + s.tolerance;
     let time = select((start - top) / down, none, rested || down <= none);
-    if (!(b < none && (rested || below > none && time <= one))) { return end; }
+    if (!(b < none && (rested || (below > none && time <= one)))) { return end; }
     let place = d + wide_scaled(time, q);
     let m = gradient(s, place);
     let n = wide_scaled(one / sqrt(wide_inner(m, m)), m);

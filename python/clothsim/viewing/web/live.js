@@ -99,10 +99,14 @@ class Live extends PageRun {
     }
     Object.assign(this, { steps: this.steps + steps, counted: this.counted + steps, planes: read.planes, low: read.low });
   }
+  // As it is drawn and measured: a plane is a sphere of a large radius.
+  ball(s, { radius, normal } = this.spheres[s], flat = this.baked.spheres[s].radius) {
+    return { radius: radius ?? flat, center: this.centerNow(s).map((k, i) => (radius ? k : k - flat * normal[i])) };
+  }
   centerNow(s) { return motionAt(this.spheres[s], this.time)[0].map((k, i) => k + this.moved[s].by[i]); }
   // Keep the state as the last frame. It replaces the one before while that is nearer than `interval` to its own.
   record() {
-    const frame = { planes: this.planes.slice(), spheres: this.spheres.map(({ radius }, s) => ({ radius, center: this.centerNow(s) })) };
+    const frame = { planes: this.planes.slice(), spheres: this.spheres.map((_, s) => this.ball(s)) };
     const found = measures(this, frame), lists = [this.t, this.frames], { t } = this;
     for (const name of Object.keys(found)) lists.push(this.curves[name] ??= []);
     if (t.length > this.most) {
