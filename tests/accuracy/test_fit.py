@@ -122,22 +122,14 @@ def test_it_draws_itself():
 
 BAD = [
     ({"times": TIMES[:5]}, "positions must be an array of shape \\(5, 4, 4, 3\\) of numbers, NaN where"),
-    ({"times": TIMES - 0.5}, "times must be"),
     ({"positions": DATA[..., :2]}, "got shape \\(10, 4, 4, 2\\)"),
     ({"positions": np.full_like(DATA, np.nan)}, "positions must have more numbers at free points .* 1, got 0"),
     ({"positions": np.where(DATA > 0.2, np.inf, DATA)}, "positions must be .* got inf at index"),
-    ({"positions": DATA > 0}, "positions must be .* dtype bool"),
     ({"points": [(0, 0)]}, "positions must be an array of shape \\(10, 1, 3\\)"),
     ({"points": [(0, 4)], "positions": DATA[:, 0, :1]}, "points\\[0\\] must be an integer >= -4 and <= 3, got 4"),
     ({"points": [(1, 1), (-3, 1)], "positions": DATA[:, 0, :2]}, "points must name each point once"),
-    ({"points": 3}, "points must be a sequence of at least 1 \\(row, column\\)"),
     ({"over": ["size"]}, "over must name numbers of the scene, got 'size'"),
     ({"over": {"stiffness": (70, 90)}}, "must be \\(least, most\\) from 0 to inf around 60, got \\(70"),
-    ({"over": {"stiffness": (-1, 90)}}, "over\\['stiffness'\\] must be \\(least, most\\)"),
-    ({"over": {"stiffness": 3}}, "over\\['stiffness'\\] must be a sequence of 2 numbers"),
-    ({"sigma": 0.0}, "sigma must be a finite number >= 1e-100"),
-    ({"rtol": -1}, "rtol must be a finite number > 0"),
-    ({"scene": CLOTH}, "scene must be a Scene"),
 ]
 
 

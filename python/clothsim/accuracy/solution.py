@@ -47,8 +47,8 @@ class Reference:
     t : numpy.ndarray
         Times of the frames [s], shape (frames,); the first is 0, the last the duration.
     x, v : numpy.ndarray
-        Positions [m] and velocities [m/s] of the extrapolation in long double, rounded to float64,
-        shape (frames, rows, columns, 3), read-only.
+        Positions [m] and velocities [m/s] of the extrapolation in long double, rounded to float64, shape (frames, rows,
+        columns, 3), read-only.
     error_bound : dict
         "max" and "rms" [m], each of shape (frames,): distance of the mass points from the second method, plus half a unit
         in the last place.
@@ -106,11 +106,10 @@ class Reference:
 def reference(scene: Scene, duration: float, every: float | None = None) -> Reference:
     """A trusted solution of a scene without contact, with its own error bound.
 
-    Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer
-    extrapolation of order 16 in long double is returned (Hairer, Norsett, Wanner, Solving Ordinary
-    Differential Equations I, section II.9). It takes the rows of `Cloth.spring_table` and shares no
-    code with the kernels. The Dormand-Prince method of order 8 in double uses the kernels. Its
-    steps are halved until only rounding changes the result.
+    Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer extrapolation of order 16 in long
+    double is returned (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section II.9). It takes the rows
+    of `Cloth.spring_table` and shares no code with the kernels. The Dormand-Prince method of order 8 in double uses the
+    kernels. Its steps are halved until only rounding changes the result.
 
     The last 32 solutions are kept in memory.
 
@@ -166,10 +165,8 @@ def reference_for(scene: Scene, duration: float, given: Reference | None) -> Ref
         return reference(scene, duration)
     check.instance("reference", given, Reference)
     if given.scene != scene or given.t[-1] != duration:
-        raise ValueError(
-            f"reference must be one of this scene over {duration:g} s, got one of "
-            f"{'this' if given.scene == scene else 'another'} scene over {given.t[-1]:g} s"
-        )
+        whose = "this" if given.scene == scene else "another"
+        raise ValueError(f"reference must be of this scene over {duration:g} s, got {whose} scene over {given.t[-1]:g} s")
     return given
 
 
@@ -246,8 +243,8 @@ class InDouble(NamedTuple):
 def solve_in_double(scene: Scene, times: Sequence[float], threads: int | None = None) -> InDouble:
     """Positions at `times` [s], increasing and > 0, by the kernels.
 
-    The step is halved until a halving changes no more than rounding does. No tolerance has to be chosen for a scene. After a
-    response of a sphere or a failure nothing is halved.
+    The step is halved until a halving changes no more than rounding does. No tolerance has to be chosen for a scene. After
+    a response of a sphere or a failure nothing is halved.
     """
     largest = min(_COARSEST * stable_dt(scene), times[-1] / _FEWEST_STEPS)
     counts = np.ceil(np.diff(times, prepend=0.0) / largest * 2.0 ** np.arange(1 + _MOST_HALVINGS)[:, None]).astype(int)

@@ -64,8 +64,8 @@ class Method:
         Function of the scene, the duration [s] and a setting. It returns positions [m] and velocities [m/s] at the end, the
         number of force evaluations, and the wall time [s] of the stepping alone: no setting up, no compiling.
     control : {"dt", "rtol"}, default "dt"
-        Kind of a setting: a time step [s], or a relative tolerance. `simulate` bounds the error at the end by the
-        tolerance times the cloth's longer side. Other solvers mostly bound the error of each step.
+        Kind of a setting: a time step [s], or a relative tolerance. `simulate` bounds the error at the end by the tolerance
+        times the cloth's longer side. Other solvers mostly bound the error of each step.
     library : str, default "own"
         Name of the package.
     precision : str, default "double"
@@ -120,9 +120,8 @@ def work_precision(
 ) -> xarray.Dataset:
     """Error against cost of methods over their steps or tolerances.
 
-    Errors are distances from the trusted solution at the end. The time is that of the steps alone,
-    and the least of several runs. The methods take turns, in another order each round, so a slow
-    spell of the machine affects all of them.
+    Errors are distances from the trusted solution at the end. The time is that of the steps alone, and the least of several
+    runs. The methods take turns, in another order each round, so a slow spell of the machine affects all of them.
 
     Parameters
     ----------
@@ -131,9 +130,9 @@ def work_precision(
     duration : float
         Simulated time [s], > 0.
     methods : sequence, optional
-        Names of `clothsim.integrators`, run at fixed steps; "NAME adaptive", run at tolerances;
-        or a `clothsim.accuracy.Method` of your own. Default: "semi_implicit_euler", "velocity_verlet", "rk4",
-        "dopri5 adaptive" and "dop853 adaptive".
+        Names of `clothsim.integrators`, run at fixed steps; "NAME adaptive", run at tolerances; or a
+        `clothsim.accuracy.Method` of your own. Default: "semi_implicit_euler", "velocity_verlet", "rk4", "dopri5 adaptive"
+        and "dop853 adaptive".
     precisions : sequence of {"double", "single"}, default ("double",)
         Precisions of the methods that are given by name.
     dts : sequence of float, optional
@@ -141,9 +140,8 @@ def work_precision(
         guaranteed stable step (of RK4 for a method of your own; 8 times that for an implicit method), and at most a quarter
         of the duration.
     rtols : sequence of float, optional
-        Tolerances of adaptive methods, over the cloth's longer side. `simulate` takes them for the
-        error at the end; the cost leaves out its error estimate.
-        Default: 1e-3, 1e-4, ..., 1e-13.
+        Tolerances of adaptive methods, over the cloth's longer side. `simulate` takes them for the error at the end; the
+        cost leaves out its error estimate. Default: 1e-3, 1e-4, ..., 1e-13.
     threads : int, optional
         Threads of every method. Default: as in `simulate`.
     windows : int, default 5
@@ -151,12 +149,12 @@ def work_precision(
     reference : Reference, optional
         Default: `reference(scene, duration)`.
     progress : bool, default False
-        True shows a progress bar in a terminal or notebook (tqdm, in the extra "demo").
+        Show a progress bar (tqdm, in the extra "demo").
 
     Returns
     -------
     xarray.Dataset
-        Dimensions "solver" and "level" (the number of the setting, the coarsest first). Coordinates of "solver": its label,
+        Dimensions "solver" and "level" (the number of the setting, the coarsest first). Coordinates of "solver": its name,
         "integrator", "precision", "library", "threads" (0: the library's choice) and "control" ("dt" or "rtol"). Variables,
         NaN where a solver has no such level: "setting" (dt [s] or rtol), "rms_error" and "max_error" [m], infinite where
         unstable; "force_evaluations"; "wall_time" per simulated second [s/s]; "energy_drift" [J], the total energy at the
@@ -182,10 +180,8 @@ def work_precision(
     table = {name: np.full(shape, np.nan) for name in _COLUMNS}
     stable, once = [], 0.0
     with ProgressBar(progress, total=sum(map(len, levels)) * (1 + windows), unit="run") as bar:
-        bar.say("reference")
         solution = reference_for(scene, duration, reference)
         start = energy(scene, solution.x[-1], solution.v[-1])["total"]
-        bar.say("methods")
         for m, n in np.ndindex(shape):
             # The first run is not timed: it compiles code and fills caches.
             if n < len(levels[m]) and not (n and once > _LONGEST):
@@ -214,7 +210,7 @@ def work_precision(
     found: xarray.Dataset = xr.Dataset(
         {k: (("solver", "level"), columns[k], {"long_name": text, "units": unit}) for k, (text, unit) in _COLUMNS.items()},
         {
-            "solver": [_label(one) for one in chosen],
+            "solver": [f"{one.name} {one.precision}" for one in chosen],
             "level": np.arange(shape[1]),
             **{name: ("solver", values) for name, values in of_solver.items()},
         },
@@ -245,10 +241,7 @@ def _solved(method: Method, scene: Scene, duration: float, setting: float) -> tu
 def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     """True at the points that no other point beats in both error and cost (the Pareto front).
 
-    Both arrays have one shape. A point that is not finite in both is beaten.
-
-    >>> pareto([1e-3, 1e-6, 1e-5, 1e-9], [1.0, 2.0, 3.0, 4.0]).tolist()
-    [True, True, False, True]
+    A point that is not finite in both is beaten.
     """
     error, cost = np.asarray(rms, dtype=float), np.asarray(cost, dtype=float)
     error = np.where(np.isfinite(error) & np.isfinite(cost), error, np.inf)
@@ -257,12 +250,6 @@ def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     front = np.zeros(error.size, dtype=bool)
     front[order] = best[1:] < best[:-1]
     return front.reshape(error.shape)
-
-
-def _label(method: Method) -> str:
-    """Name and precision of a method; of one of others also its number of threads."""
-    threads = f", {method.threads} threads" if method.library != OWN and (method.threads or 1) != 1 else ""
-    return f"{method.name} {method.precision}{threads}"
 
 
 def _chosen(methods: Sequence[str | Method] | None, precisions: Sequence[Precision], threads: int | None) -> list[Method]:
@@ -320,27 +307,20 @@ class Convergence:
     steps : numpy.ndarray
         Number of steps of each run, shape (steps,).
     rms, max : numpy.ndarray
-        Distances of the mass points from the reference at the end [m], shape (steps,); infinite
-        where the run was unstable.
+        Distances of the mass points from the reference at the end [m], shape (steps,); infinite where the run was unstable.
     order : float
         Slope of log rms over log dt, a least-squares fit of the steps in `fitted`. NaN if `fitted` has fewer than two
         steps.
     fitted : numpy.ndarray
-        True where the method causes the error, shape (steps,). The error is then at least ten times the `floor`, and
-        below a tenth of the rms distance that the cloth has moved.
+        True where the method causes the error, shape (steps,). The error is then at least ten times the `floor`, and below
+        a tenth of the rms distance that the cloth has moved.
     floor : numpy.ndarray
         Smallest error that the comparison can show [m], shape (steps,), the largest of three: the reference's error
         estimate; the least error from where smaller steps no longer help (slope < 1/2); and eps/2 times the cloth's size,
-        in double times the root of the number of steps. In double the rounding of the positions adds up like a random
-        walk; "single" compensates it.
+        in double times the root of the number of steps. In double the rounding of the positions adds up like a random walk;
+        "single" compensates it.
     reference : Reference
 
-    Examples
-    --------
-    >>> import clothsim as cs
-    >>> found = cs.convergence(cs.scenes.oscillator(), 1.0, dts=[2e-3, 1e-3])
-    >>> round(found.order, 1)
-    4.0
     """
 
     integrator: str
@@ -395,14 +375,13 @@ def convergence(
     duration : float
         Simulated time [s], > 0.
     dts : sequence of float
-        Time steps [s], > 0, at least one. Each step is shortened until it divides the duration, so that all steps of a
-        run are equal.
+        Time steps [s], > 0, at least one. Each step is shortened until it divides the duration, so that all steps of a run
+        are equal.
     integrator : str, default "rk4"
         A name of `clothsim.integrators`; an adaptive one runs at the fixed steps given.
     precision : {"double", "single"}, default "double"
     reference : Reference, optional
-        Solution to measure by; its last frame is at `duration`. Default: `reference(scene,
-        duration)`.
+        Solution to measure by; its last frame is at `duration`. Default: `reference(scene, duration)`.
     **options
         Further arguments of `simulate`: threads, kernel.
 
@@ -424,7 +403,10 @@ def convergence(
     integrator = integrator_name(integrator)
     check.choice("precision", precision, ("double", "single"))
     listed = check.items("dts", dts, None, "time steps > 0", 1)
-    steps = np.array(sorted({_steps(duration, f"dts[{k}]", dt) for k, dt in enumerate(listed)}))
+    given = [check.number(f"dts[{k}]", dt, minimum=0, exclusive=True) for k, dt in enumerate(listed)]
+    if not duration / min(given) <= check.INT64_MAX:
+        raise ValueError(f"dts must be above duration / {check.INT64_MAX:.3g}, got {min(given):g}")
+    steps = np.array(sorted({max(1, math.ceil(duration / dt - 1e-9)) for dt in given}))
     solution = reference_for(scene, duration, reference)
     dt, errors = duration / steps, []
     for one in dt.tolist():
@@ -445,14 +427,6 @@ def convergence(
     if fitted.sum() > 1:
         order = float(np.polyfit(np.log(dt[fitted]), np.log(rms[fitted]), 1)[0])
     return Convergence(integrator, precision, dt, steps, rms, largest, order, fitted, floor, solution)
-
-
-def _steps(duration: float, name: str, dt: Any) -> int:
-    """The number of equal steps of at most `dt` in the duration."""
-    dt = check.number(name, dt, minimum=0, exclusive=True)
-    if not duration / dt <= check.INT64_MAX:
-        raise ValueError(f"{name} must be above duration / {check.INT64_MAX:.3g}, got {dt:g}")
-    return max(1, int(math.ceil(duration / dt - 1e-9)))
 
 
 def _slopes(dt: Floats, rms: Floats) -> Floats:

@@ -1,16 +1,14 @@
 """The largest stable time step: guaranteed for a scene, or by the modes that limit it near a given state.
 
-About a state (x, v) the cloth moves as M y'' + C y' + K y = 0 with the tangent matrices of the
-spring forces. A spring along d = l n, with ends that move apart with w, has the force f = (k (l -
-L) + c (w . n)) n. With P = 1 - n n^T,
+About a state (x, v) the cloth moves as M y'' + C y' + K y = 0 with the tangent matrices of the spring forces. A spring
+along d = l n, with ends that move apart with w, has the force f = (k (l - L) + c (w . n)) n. With P = 1 - n n^T,
 
     df/dd = k n n^T + k (1 - L/l) P + c ((w . n) P + n (P w)^T) / l,      df/dw = c n n^T
 
-A mode is a pair (mu, y) with (mu^2 + mu C + K) y = 0 (M is scaled away). Only the few modes that
-limit the time step are needed, so the problem is projected on a small space (Galerkin). K and C
-keep their symmetry and their signs, and no projected mode is beyond the true ones. Residuals of the
-limiting modes extend the space until the limit no longer changes. For an undamped cloth that is
-Lanczos' iteration, in general a residual Arnoldi iteration.
+A mode is a pair (mu, y) with (mu^2 + mu C + K) y = 0 (M is scaled away). Only the few modes that limit the time step are
+needed, so the problem is projected on a small space (Galerkin). K and C keep their symmetry and their signs, and no
+projected mode is beyond the true ones. Residuals of the limiting modes extend the space until the limit no longer changes.
+For an undamped cloth that is Lanczos' iteration, in general a residual Arnoldi iteration.
 
 The step matrix of a Runge-Kutta method is a function of the first-order system's matrix, so both have the same modes. The
 step matrix S(h) of a splitting method, of z = (x, h v), mixes the modes where K and C do not commute: its eigenvalues leave
@@ -18,10 +16,10 @@ the unit circle before those of any single mode. The space then grows by the acc
 give for the eigenvectors that leave first. Once these lie in the space, the projected step of that eigenvector is the full
 step.
 
-A compressed spring buckles: K has a negative eigenvalue, and a mode of the equation grows without
-alternating. A step reproduces that growth, so it does not count as instability of the step. A growing eigenvector
-counts as buckling where K is negative along its velocity, and damping along it is within the limit of pure damping.
-Other growth counts as growth of the equation only up to the number of its growing modes.
+A compressed spring buckles: K has a negative eigenvalue, and a mode of the equation grows without alternating. A step
+reproduces that growth, so it does not count as instability of the step. A growing eigenvector counts as buckling where K is
+negative along its velocity, and damping along it is within the limit of pure damping. Other growth counts as growth of the
+equation only up to the number of its growing modes.
 """
 
 from __future__ import annotations
@@ -34,7 +32,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..engine.arrays import state_array, state_arrays
 from ..methods.amplification import splitting_step
 from ..methods.bound import stable_dt
 from ..methods.data import METHODS, integrator_name
@@ -69,12 +66,12 @@ def max_stable_dt(
 ) -> float:
     """The largest stable time step: guaranteed for all states except extreme states, or at a given state.
 
-    A mode of the cloth has a frequency omega and a damping rate delta: x'' = -omega^2 x - delta x'.
-    A mode does not grow if the integrator's amplification matrix of (omega dt, delta dt) has no eigenvalue above 1 in
-    size. Without a state, omega^2 <= lambda and a largest delta bound all modes, and the step is stable for every pair up to
-    these bounds. The guarantee holds where no spring is shorter than half its rest length. With spring damping, c w/l must
-    also be at most K, where w is the relative speed of a spring's ends and l its length. In other states a run at this step
-    may be unstable. Compressed springs buckle at any step, because their modes grow in the exact solution too.
+    A mode of the cloth has a frequency omega and a damping rate delta: x'' = -omega^2 x - delta x'. A mode does not grow if
+    the integrator's amplification matrix of (omega dt, delta dt) has no eigenvalue above 1 in size. Without a state,
+    omega^2 <= lambda and a largest delta bound all modes, and the step is stable for every pair up to these bounds. The
+    guarantee holds where no spring is shorter than half its rest length. With spring damping, c w/l must also be at most K,
+    where w is the relative speed of a spring's ends and l its length. In other states a run at this step may be unstable.
+    Compressed springs buckle at any step, because their modes grow in the exact solution too.
 
     With a state, the step is 3 % below the limit of the forces linearised at that state. A moving cloth has other modes: in
     the paper's swing the limit falls to 11 % below its value at rest. docs/stability.md has the bounds and the methods.
@@ -92,14 +89,14 @@ def max_stable_dt(
     Returns
     -------
     float
-        Time step [s]; infinite where nothing limits it, 0 where every time step amplifies some motion, as
-        "explicit_euler" does with motion that nothing damps.
+        Time step [s]; infinite where nothing limits it, 0 where every time step amplifies some motion, as "explicit_euler"
+        does with motion that nothing damps.
 
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above. Also if a spring of the state is shorter than 1e-12 of its rest length, but not
-        of length 0. The message names the spring's ends.
+        If an argument is not as above. Also if a spring of the state is shorter than 1e-12 of its rest length, but not of
+        length 0. The message names the spring's ends.
 
     Examples
     --------
@@ -115,18 +112,17 @@ def max_stable_dt(
         if v is not None:
             raise ValueError("v must be None without x, got velocities alone")
         return stable_dt(check.instance("scene", scene, Scene), integrator)
-    x = state_array("x", x, [check.instance("scene", scene, Scene)], False)
-    x, v = state_arrays(x, np.zeros(x.shape) if v is None else v, [scene], False)
-    if x.ndim != 3:
-        raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
-    return _SAFETY * spectral_limit(integrator, scene, x.astype(np.float64), v.astype(np.float64))
+    shape = (*check.instance("scene", scene, Scene).cloth.shape, 3)
+    x = check.array("x", x, shape)
+    v = np.zeros(shape) if v is None else check.array("v", v, shape)
+    return _SAFETY * spectral_limit(integrator, scene, x, v)
 
 
 def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
     """Products with K [1/s^2] and C [1/s] at a state, of vectors of shape (n, 3 points).
 
-    Both are scaled with the roots of the masses on either side; pinned points are left out. Springs
-    without length have no direction and exert no force; they are left out too.
+    Both are scaled with the roots of the masses on either side; pinned points are left out. Springs without length have no
+    direction and exert no force; they are left out too.
     """
     cloth, table = scene.cloth, scene.cloth.spring_table()
     scale = np.where(cloth.pinned, 0.0, cloth.mass_per_point**-0.5).reshape(-1, 1)
@@ -178,8 +174,8 @@ def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
 def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats) -> float:
     """The largest stable time step [s] of the motion linearised about a state, to about 1 %.
 
-    With dopri5 and more than 400 free coordinates it may miss slow modes of little damping, which
-    grow by up to some 1e-3 a step.
+    With dopri5 and more than 400 free coordinates it may miss slow modes of little damping, which grow by up to some 1e-3 a
+    step.
     """
     operators = tangent(scene, x, v)
     free = np.flatnonzero(np.repeat(~scene.cloth.pinned.ravel(), 3))

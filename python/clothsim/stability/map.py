@@ -73,8 +73,8 @@ def stability_map(
     """Which time steps are stable at which stiffness: predicted, guaranteed, and measured.
 
     Every cell is a run of `steps` steps from the scene's initial state, slightly disturbed. A cell is stable unless its
-    total energy rises. Spheres are left out, so only the time step can raise the energy.
-    The prediction comes from the forces linearised at the initial state. A cloth that moves far may have a lower limit.
+    total energy rises. Spheres are left out, so only the time step can raise the energy. The prediction comes from the
+    forces linearised at the initial state. A cloth that moves far may have a lower limit.
 
     Parameters
     ----------
@@ -91,13 +91,13 @@ def stability_map(
     threads : int, optional
         Number of simultaneous runs. Default: one per processor.
     progress : bool, default False
-        True shows a progress bar in a terminal or notebook (tqdm, in the extra "demo").
+        Show a progress bar (tqdm, in the extra "demo").
 
     Returns
     -------
     xarray.Dataset
-        With the dimensions "stiffness" and "dt": "stable" (measured) and "predicted"; with
-        "stiffness" alone the predicted "limit" and the "guarantee" [s].
+        With the dimensions "stiffness" and "dt": "stable" (measured) and "predicted"; with "stiffness" alone the predicted
+        "limit" and the "guarantee" [s].
 
     Examples
     --------
