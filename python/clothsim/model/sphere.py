@@ -52,6 +52,10 @@ class Obstacle(Record):
         def motion(self) -> Motion | None: ...
         @property
         def _has_own_restitution(self) -> bool: ...
+        @property
+        def radius(self) -> float: ...
+        @property
+        def offset(self) -> Offset | float: ...
 
     def _values(self) -> dict[str, Any]:
         values = super()._values()
@@ -131,6 +135,91 @@ class Obstacle(Record):
         array([0., 1., 0.])
         """
         return (self.motion or _STILL).velocity_at(t)
+
+    def offset_length(self, cloth: Cloth) -> float:
+        """Length that the contact radius adds to the true radius.
+
+        With `offset` "edge" the length is O = sqrt((D/2)^2 + R^2) - R (eq 13 of Kim et al.). R is the radius, and D the
+        largest distance between neighbours at rest. The form (D/2)^2 / (sqrt((D/2)^2 + R^2) + R) loses no digits for
+        small D.
+
+        With "cell" there is no fixed length. The value is then the most that a corner of an
+        unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell, the
+        radius of the smallest circle around its triangles, and at most R.
+
+        Parameters
+        ----------
+        cloth : Cloth
+            The cloth that meets this sphere.
+
+        Returns
+        -------
+        float
+            Offset [m].
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.Sphere(offset=0.01).offset_length(cs.Cloth())
+        0.01
+        >>> cs.Sphere(radius=1.5, offset="edge").offset_length(cs.Cloth(shape=(2, 2), size=(4, 4)))
+        1.0
+        """
+        check.instance("cloth", cloth, Cloth)
+        if isinstance(self.offset, float):
+            return self.offset
+        if self.offset == "none":  # a plane has no offset
+            return 0.0
+        diagonal = math.hypot(*cloth.spacing)
+        if self.offset == "cell":
+            return float(_core.edge_offset(self.radius, min(diagonal, 2 * self.radius)))
+        return float(_core.edge_offset(self.radius, max(cloth.spacing)))
+
+    def height(self, x: npt.ArrayLike, t: float = 0.0) -> npt.NDArray[np.float64]:
+        """Height of places over the surface at the time `t` [m]; below it negative.
+
+        Parameters
+        ----------
+        x : array_like
+            Places [m], shape (..., 3).
+        t : float, default 0.0
+            Time [s].
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> float(cs.Sphere(radius=0.25).height((0.0, 1.0, 0.0)))
+        0.75
+        """
+        away = np.asarray(x, float) - self.center_at(t)
+        return np.asarray(
+            away @ self.unit_normal if isinstance(self, Plane) else np.linalg.norm(away, axis=-1) - self.radius
+        )
+
+    def contact_radius(self, cloth: Cloth) -> float:
+        """Distance from the centre below which a mass point is in contact.
+
+        With `offset` "cell" points have no fixed distance. The value is then the distance of a
+        corner of an unstretched cell when the middle of the longest side touches.
+
+        Parameters
+        ----------
+        cloth : Cloth
+            The cloth that meets this sphere.
+
+        Returns
+        -------
+        float
+            ``radius`` + ``offset_length(cloth)`` [m].
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> sphere = cs.Sphere(radius=0.25, offset=0.01)
+        >>> sphere.contact_radius(cs.Cloth())
+        0.26
+        """
+        return self.radius + self.offset_length(cloth)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -236,88 +325,6 @@ class Sphere(Obstacle):
         if self.as_printed and self.response == "continuous":
             raise ValueError("as_printed must be False with response 'continuous', which the paper does not have")
 
-    def offset_length(self, cloth: Cloth) -> float:
-        """Length that the contact radius adds to the true radius.
-
-        With `offset` "edge" the length is O = sqrt((D/2)^2 + R^2) - R (eq 13 of Kim et al.). R is the radius, and D the
-        largest distance between neighbours at rest. The form (D/2)^2 / (sqrt((D/2)^2 + R^2) + R) loses no digits for
-        small D.
-
-        With "cell" there is no fixed length. The value is then the most that a corner of an
-        unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell, the
-        radius of the smallest circle around its triangles, and at most R.
-
-        Parameters
-        ----------
-        cloth : Cloth
-            The cloth that meets this sphere.
-
-        Returns
-        -------
-        float
-            Offset [m].
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Sphere(offset=0.01).offset_length(cs.Cloth())
-        0.01
-        >>> cs.Sphere(radius=1.5, offset="edge").offset_length(cs.Cloth(shape=(2, 2), size=(4, 4)))
-        1.0
-        """
-        check.instance("cloth", cloth, Cloth)
-        if isinstance(self.offset, float):
-            return self.offset
-        if self.offset == "none":
-            return 0.0
-        diagonal = math.hypot(*cloth.spacing)
-        if self.offset == "cell":
-            return float(_core.edge_offset(self.radius, min(diagonal, 2 * self.radius)))
-        return float(_core.edge_offset(self.radius, max(cloth.spacing)))
-
-    def height(self, x: npt.ArrayLike, t: float = 0.0) -> npt.NDArray[np.float64]:
-        """Height of places over the surface at the time `t` [m]; below it negative.
-
-        Parameters
-        ----------
-        x : array_like
-            Places [m], shape (..., 3).
-        t : float, default 0.0
-            Time [s].
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> float(cs.Sphere(radius=0.25).height((0.0, 1.0, 0.0)))
-        0.75
-        """
-        return np.asarray(np.linalg.norm(np.asarray(x, float) - self.center_at(t), axis=-1) - self.radius)
-
-    def contact_radius(self, cloth: Cloth) -> float:
-        """Distance from the centre below which a mass point is in contact.
-
-        With `offset` "cell" points have no fixed distance. The value is then the distance of a
-        corner of an unstretched cell when the middle of the longest side touches.
-
-        Parameters
-        ----------
-        cloth : Cloth
-            The cloth that meets this sphere.
-
-        Returns
-        -------
-        float
-            ``radius`` + ``offset_length(cloth)`` [m].
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> sphere = cs.Sphere(radius=0.25, offset=0.01)
-        >>> sphere.contact_radius(cs.Cloth())
-        0.26
-        """
-        return self.radius + self.offset_length(cloth)
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plane(Obstacle):
@@ -400,18 +407,6 @@ class Plane(Obstacle):
         n = np.array(self.normal)
         n /= np.abs(n).max()
         return np.asarray(n / np.linalg.norm(n))
-
-    def height(self, x: npt.ArrayLike, t: float = 0.0) -> npt.NDArray[np.float64]:
-        """Height of places over the plane at the time `t` [m]; see `Sphere.height`."""
-        return np.asarray((np.asarray(x, float) - self.center_at(t)) @ self.unit_normal)
-
-    def contact_radius(self, cloth: Cloth) -> float:
-        """Infinite."""
-        return self.radius
-
-    def offset_length(self, cloth: Cloth) -> float:
-        """0: a plane has no offset."""
-        return 0.0
 
 
 _STILL = Linear((0.0, 0.0, 0.0))
