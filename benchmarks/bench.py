@@ -177,7 +177,7 @@ def features(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]
     far = cs.Sphere((0.5, -9.0, 0.5))
     changes: dict[str, dict[str, Any]] = {
         "all springs, damped": {},
-        **{f"no {f}": {"cloth": cloth.replace(springs=[g for g in cloth.families if g != f])} for f in cloth.families},
+        **{f"no {f}": {"cloth": cloth.replace(springs=[g for g in cloth.springs if g != f])} for f in cloth.springs},
         "no damping": {"cloth": cloth.replace(damping=0.0)},
         "drag in place of damping": {"cloth": cloth.replace(damping=0.0, drag=0.5)},
         "mass per point": {"cloth": cloth.replace(mass=np.random.default_rng(0).uniform(0.4, 0.6, cloth.shape))},

@@ -93,7 +93,7 @@ class Model:
         grid = np.arange(rows * columns).reshape(rows, columns)
         ends, rest, stiffness, damping = [], [], [], []
         step = np.array([cloth.size[0] / max(rows - 1, 1), cloth.size[1] / max(columns - 1, 1)])
-        for family in cloth.families:
+        for family in cloth.springs:
             for down, right in SPRINGS[family]:
                 a = grid[: rows - down, max(0, -right) : columns - max(0, right)].ravel()
                 b = grid[down:, max(0, right) : columns + min(0, right)].ravel()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cell_oracle import point_radii
-from clothsim.model.cells import point_radii2
+from clothsim.model.mesh import point_radii2
 
 
 @pytest.mark.parametrize("shape", [(2, 2), (5, 7), (12, 9)])

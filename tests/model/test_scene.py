@@ -51,7 +51,7 @@ SCENES = [
     Scene(CLOTH),
     Scene(CLOTH, Sphere(motion=Linear((1, 0, 0))), (0, 0, 0), state()[0]),
     Scene(
-        CLOTH.replace(mass=np.full((3, 4), 0.1), stiffness=dict.fromkeys(CLOTH.families, 5)),
+        CLOTH.replace(mass=np.full((3, 4), 0.1), stiffness=dict.fromkeys(CLOTH.springs, 5)),
         (Sphere(), Sphere(motion=Keyframes([0, 1], np.eye(2, 3)))),
         velocity=state()[1],
     ),

@@ -77,11 +77,6 @@ def test_a_cut_file_is_refused(tmp_path):
     [
         ("schema = 2\n[cloth]\nstifness = 3.0\n", ValueError, "unknown key 'stifness'.*'stiffness'"),
         ("schema = 2\n[cloth]\n[[spheres]]\nradios = 1.0\n", ValueError, "'radios'.*'radius'"),
-        (
-            "schema = 1\n[cloth]\ndamping_model = 'point'\n",
-            ValueError,
-            "schema must be 2, .* got 1; .* delete damping_model.* as drag",
-        ),
         ("schema = 3\n[cloth]\n", ValueError, "schema must be 2, the version read here, got 3$"),
         ("schema = 2\ncloth = 3\n", TypeError, "mapping"),
         ("schema = \n", ValueError, "no TOML file"),

@@ -73,7 +73,7 @@ def explain(
     compensated = precision == "single"
     fused = METHODS[integrator].in_kernels and not (kernel == "gather" and cloth.driven)
     everything = {
-        **{f"{family} springs": family in cloth.families for family in FAMILIES},
+        **{f"{family} springs": family in cloth.springs for family in FAMILIES},
         "spring damping": any(cloth.family_damping.values()),
         "drag": cloth.drag > 0,
         "mass per point": not cloth.uniform_mass,

@@ -102,7 +102,7 @@ class Features:
     def of(cls, scene: Scene) -> Features:
         cloth = scene.cloth
         return cls(
-            families=cloth.families,
+            families=cloth.springs,
             spring_damping=any(cloth.family_damping.values()),
             drag=cloth.drag > 0,
             mass_per_point=not cloth.uniform_mass,

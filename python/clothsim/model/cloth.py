@@ -1,8 +1,4 @@
-"""The cloth: mass points on a regular grid, the springs between them, and which points are pinned.
-
-A mass point is named by (row, column); its index in arrays and in the spring table is
-``row * columns + column``.
-"""
+"""The cloth: mass points on a regular grid, the springs between them, and which points are pinned."""
 
 from __future__ import annotations
 
@@ -52,9 +48,6 @@ _ENDS: tuple[tuple[Family, tuple[int, int], tuple[int, int]], ...] = (
 # What can be replaced beside everything else: arrays and pins stay.
 _FORCES = {"stiffness", "damping"}
 
-# Springs that `spring_table` fills between two chances for Ctrl-C: some 10 ms. Half costs nothing.
-_SPRINGS_AT_ONCE = 2**18
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cloth(Record):
@@ -98,8 +91,6 @@ class Cloth(Record):
     ----------
     rows, columns : int
         The two entries of `shape`.
-    families : tuple of str
-        Families present, in the order of ``clothsim.model.cloth.FAMILIES``; the same as `springs`.
     spacing : (float, float)
         Distance between neighbouring rows and between neighbouring columns at rest [m]; 0 along
         an axis with a single point.
@@ -209,10 +200,6 @@ class Cloth(Record):
         return self.shape[1]
 
     @property
-    def families(self) -> tuple[Family, ...]:
-        return self.springs
-
-    @property
     def spacing(self) -> tuple[float, float]:
         (height, width), (rows, columns) = self.size, self.shape
         return height / (rows - 1) if rows > 1 else 0.0, width / (columns - 1) if columns > 1 else 0.0
@@ -266,12 +253,7 @@ class Cloth(Record):
         Parameters
         ----------
         family : {"structural", "shear", "bend"}, optional
-            Default: all families present.
-
-        Returns
-        -------
-        int
-            The number is 0 for a family that this cloth leaves out.
+            Default: all families present. One that this cloth leaves out has 0.
 
         Examples
         --------
@@ -282,9 +264,7 @@ class Cloth(Record):
         if family is not None:
             check.choice("family", family, FAMILIES)
         wanted = self.springs if family is None else (family,)
-        return sum(
-            math.prod(self._cells(first, second)) for name, first, second in _ENDS if name in wanted and name in self.springs
-        )
+        return sum(math.prod(self._cells(*ends)) for name, *ends in _ENDS if name in wanted and name in self.springs)
 
     def _cells(self, first: tuple[int, int], second: tuple[int, int]) -> tuple[int, int]:
         """How many springs with these ends fit along the rows and along the columns."""
@@ -318,15 +298,13 @@ class Cloth(Record):
                 continue
             rows, columns = self._cells(first, second)
             length = math.hypot(*(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True)))
-            several = max(1, _SPRINGS_AT_ONCE // max(1, columns))
-            for begin in range(0, rows, several):
-                here = np.arange(begin, min(begin + several, rows))[:, None] * self.columns + np.arange(columns)
-                block = table[done : done + here.size]
-                for field, (r, c) in (("i", first), ("j", second)):
-                    block[field] = here.ravel() + (r * self.columns + c)
-                block["family"], block["rest_length"] = family, length
-                block["stiffness"], block["damping"] = stiffness[family], damping[family]
-                done += here.size
+            corners = (np.arange(rows)[:, None] * self.columns + np.arange(columns)).ravel()
+            block = table[done : done + corners.size]
+            for field, (r, c) in (("i", first), ("j", second)):
+                block[field] = corners + (r * self.columns + c)
+            block["family"], block["rest_length"] = family, length
+            block["stiffness"], block["damping"] = stiffness[family], damping[family]
+            done += corners.size
         return table
 
 
@@ -340,13 +318,8 @@ def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]
 
 
 def _springs(value: Any) -> tuple[Family, ...]:
-    if isinstance(value, (str, bytes)) or not np.iterable(value):
+    if isinstance(value, (str, bytes, Mapping)) or not np.iterable(value):
         raise TypeError(f"springs must be a sequence of names from {FAMILIES}, got {check.shown(value)}")
-    if isinstance(value, Mapping):
-        raise TypeError(
-            f"springs must be a sequence of names from {FAMILIES}, got a mapping; "
-            f"its numbers go into stiffness={dict(value)!r}"
-        )
     names = [check.choice(f"springs[{k}]", name, FAMILIES) for k, name in enumerate(value)]
     if len(set(names)) < len(names):
         raise ValueError(f"springs must name each family once, got {names}")
@@ -357,5 +330,4 @@ def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mappin
     if isinstance(value, float) or not isinstance(value, Mapping):
         return check.number(name, value, minimum=0)
     given = check.keys(name, value, springs, required=springs)
-    numbers = {f: check.number(f"{name}[{f!r}]", given[f], minimum=0) for f in springs}
-    return MappingProxyType(numbers)
+    return MappingProxyType({f: check.number(f"{name}[{f!r}]", given[f], minimum=0) for f in springs})

@@ -1,4 +1,4 @@
-"""The compute shader's thread grid, and the triangles of the sheet."""
+"""The compute shader's thread grid, the triangles of the sheet, and the radii of its cells."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check
+from ..base import Floats, check
 
 GROUP = (_core.group_size, _core.group_size, 1)
 
@@ -30,8 +30,8 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
         dispatch (x, y) = group (x, y) * 16 + thread (x, y)
         index           = dispatch y * width + dispatch x,    width = columns
 
-    The gather kernel of the core uses this mapping. SIMD lanes are neighbouring threads of a row, and a thread
-    takes whole groups. Where a side is no multiple of 16, whole groups cover it, and their surplus threads do nothing.
+    The gather kernel of the core uses this mapping. Where a side is no multiple of 16, whole groups cover it, and their
+    surplus threads do nothing.
 
     Parameters
     ----------
@@ -86,3 +86,34 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     [[0, 2, 1], [1, 2, 3]]
     """
     return _core.triangles(*checked_shape(shape))
+
+
+def point_radii2(x: Floats) -> Floats:
+    """rho^2 of each mass point of (rows, columns, 3) positions (docs/contact-law.md, cells).
+
+    rho is the largest radius of a smallest enclosing circle among the triangles of the four cells around the point [m]. Both
+    diagonals of a cell count.
+
+    >>> import clothsim as cs
+    >>> point_radii2(cs.Cloth((2, 2), (2.0, 2.0)).rest_positions).tolist()
+    [[2.0, 2.0], [2.0, 2.0]]
+    """
+    rows, columns = x.shape[:2]
+    x = np.pad(x, ((0, int(rows == 1)), (0, int(columns == 1)), (0, 0)), mode="edge")  # the links of a chain
+    a, b, c, d = x[:-1, :-1], x[:-1, 1:], x[1:, :-1], x[1:, 1:]
+    cells = np.max([_circle2(*corners) for corners in ((a, b, c), (b, d, c), (a, b, d), (a, d, c))], axis=0)
+    around = np.pad(cells, 1)
+    of_points = [around[i : i + x.shape[0], j : j + x.shape[1]] for i in (0, 1) for j in (0, 1)]
+    found: Floats = np.max(of_points, axis=0)[:rows, :columns]
+    return found
+
+
+def _circle2(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Squared radius of the smallest circle around triangles: around the longest side, or through all corners."""
+    sides = np.stack([((p - q) ** 2).sum(axis=-1) for p, q in ((a, b), (b, c), (c, a))])
+    longest, product = sides.max(axis=0), sides.prod(axis=0)
+    area2 = (np.cross(b - a, c - a) ** 2).sum(axis=-1)  # of the parallelogram
+    acute = 2 * longest < sides.sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        circle: Floats = np.where(acute, product / (4 * area2), longest / 4)
+    return circle

@@ -27,12 +27,6 @@ SCHEMA = 2
 # rounding of float64. Twice would hide a displacement of 2 nm on a sheet of a metre.
 _PLACE_ROUNDING = 1e-9
 
-_CHANGES = {
-    1: "; to bring a scene of version 1 to version 2, delete damping_model, and where it was 'point', "
-    "write the number of damping as drag, and damping = 0.0"
-}
-"""The way from an older layout to this one."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(Record):
@@ -115,7 +109,16 @@ class Scene(Record):
             velocity=velocity,
             force=None if self.force is None else frozen(check.array("force", self.force, (*cloth.shape, 3))),
         )
-        self._check_driven_pins()
+        for (r, c), motion in cloth.driven.items():
+            if not isinstance(motion, Keyframes):  # the others begin where the pin is
+                continue
+            place = self.initial_position[r, c]
+            begins = motion.center_at(0.0, place)
+            if np.abs(begins - place).max() > _PLACE_ROUNDING * (max(self.cloth.size) + np.abs(place).max()):
+                raise ValueError(
+                    f"pins[{(r, c)}] must start at its initial position {place.tolist()}, got a motion that is at "
+                    f"{begins.tolist()} at t = 0; Keyframes(times, offsets=...) takes displacements from the start"
+                )
 
     def replace(self, **changes: Any) -> Scene:
         cloth, own = changes.get("cloth"), self.cloth
@@ -125,19 +128,6 @@ class Scene(Record):
         return super().replace(**changes)
 
     replace.__doc__ = Record.replace.__doc__
-
-    def _check_driven_pins(self) -> None:
-        """Refuse a motion that does not begin at the pin's initial place."""
-        for (r, c), motion in self.cloth.driven.items():
-            if not isinstance(motion, Keyframes):
-                continue
-            place = self.initial_position[r, c]
-            begins = motion.center_at(0.0, place)
-            if np.abs(begins - place).max() > _PLACE_ROUNDING * (max(self.cloth.size) + np.abs(place).max()):
-                raise ValueError(
-                    f"pins[{(r, c)}] must start at its initial position {place.tolist()}, got a motion that is at "
-                    f"{begins.tolist()} at t = 0; Keyframes(times, offsets=...) takes displacements from the start"
-                )
 
     @property
     def initial_position(self) -> npt.NDArray[np.float64]:
@@ -199,8 +189,7 @@ class Scene(Record):
         integrator: Integrator = "rk4",
         **unknown: NoReturn,
     ) -> Any:
-        """List the work of a step of this scene, the parts left out, and the term that limits the
-        step.
+        """List the work of a step of this scene, the parts left out, and the term that limits the step.
 
         Parameters
         ----------
@@ -230,18 +219,16 @@ class Scene(Record):
         >>> cs.Scene(cs.Cloth(mass=0.2)).explain(integrator="velocity_verlet")["limited_by"]
         'the damping of structural and bend springs, 100 N s/m, limits it; below 0.647 N s/m the stiffness would'
         """
-
         check.no_argument(unknown)
         return later("engine.explain").explain(self, precision, kernel, threads, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Lines, and a picture of the initial state, for a notebook."""
-
         made: dict[str, Any] = later("viewing.notebook").scene_bundle(self)
         return made
 
     def to_live_html(self, path: str | Path, dt: float | None = None, title: str | None = None) -> Path:
-        """Write one self-contained page that simulates the scene in a browser.
+        """Write one self-contained page that simulates the scene in a browser, and return its path.
 
         The page runs the compute shader of `backend="gpu"` by WebGPU, in compensated float32, and makes no request.
         A pointer turns and zooms the view, and drags spheres and pinned mass points. Controls change the cloth, the
@@ -257,16 +244,10 @@ class Scene(Record):
         title : str, optional
             Heading of the page. Default: the shape of the cloth.
 
-        Returns
-        -------
-        pathlib.Path
-            The file written.
-
         Raises
         ------
-        ValueError, TypeError
-            If an argument is not as above. Also for a scene that the shader lacks: with `force`, driven pins, or
-            several spheres of the response "continuous".
+        ValueError
+            For a scene that the shader lacks: with `force`, driven pins, or several spheres of the response "continuous".
 
         Examples
         --------
@@ -276,7 +257,6 @@ class Scene(Record):
         ...     path.name, path.stat().st_size < 400_000
         ('live.html', True)
         """
-
         made: Path = later("gpu.live_page").live_page(self, path, dt, title)
         return made
 
@@ -288,7 +268,7 @@ class Scene(Record):
         arguments = cls._arguments(data, "schema")
         schema = check.integer("schema", arguments.pop("schema"))
         if schema != SCHEMA:
-            raise ValueError(f"schema must be {SCHEMA}, the version read here, got {schema}{_CHANGES.get(schema, '')}")
+            raise ValueError(f"schema must be {SCHEMA}, the version read here, got {schema}")
         arguments["cloth"] = Cloth.from_dict(arguments["cloth"])
         spheres = arguments.get("spheres", ())
         if not isinstance(spheres, (list, tuple)):

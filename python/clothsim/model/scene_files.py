@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..base import check, files
-from ..base.extras import how_to_install
+from ..base.extras import needed
 from .fields import units
 from .scene import Scene
 
@@ -58,13 +59,9 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
 
     Raises
     ------
-    ValueError
-        If the file is no TOML, is cut, or has another schema version. Also for an unknown key, a missing key
-        or a refused value. The message begins with the path, and suggests the nearest known key.
-    TypeError
-        If a value is of a wrong type.
-    OSError
-        If the file cannot be read.
+    ValueError, TypeError
+        If the file is no TOML, is cut, has another schema version, or has an unknown key or a refused value. The message
+        begins with the path, and suggests the nearest known key.
     ImportError
         On Python 3.10 without tomli (the extra "sweep").
 
@@ -77,7 +74,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     True
     """
     path = check.path("path", path)
-    toml = _toml_reader()
+    toml = needed("tomllib" if sys.version_info >= (3, 11) else "tomli", "a scene file")
     content = path.read_bytes()
     try:
         data = toml.loads(content.decode("utf-8-sig"))
@@ -93,7 +90,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
 
 
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
-    """Write a scene to a TOML file that `load_scene` reads back as an equal scene.
+    """Write a scene to a TOML file that `load_scene` reads back as an equal scene, and return its path.
 
     Every argument is written, with its unit as a comment, so that you can edit the file without the documentation.
 
@@ -102,18 +99,6 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     scene : Scene
     path : path-like
         Replaced if it exists, once the new file is complete. A symbolic link is replaced, not followed.
-
-    Returns
-    -------
-    pathlib.Path
-        The file written.
-
-    Raises
-    ------
-    TypeError
-        If `scene` is no Scene.
-    OSError
-        If the file cannot be written.
 
     Examples
     --------
@@ -124,29 +109,12 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     mass = 512.0  # kg in all, or per mass point
     """
     check.instance("scene", scene, Scene)
-    return files.write_bytes(check.path("path", path), scene_text(scene).encode())
-
-
-def scene_text(scene: Scene) -> str:
-    """The TOML text of a scene."""
-    return text_of(scene.to_dict())
+    return files.write_bytes(check.path("path", path), text_of(scene.to_dict()).encode())
 
 
 def text_of(data: Mapping[str, Any]) -> str:
     """The TOML text of `Scene.to_dict`."""
     return "\n".join(_table({**data, _END: {"complete": True}}, "")) + "\n"
-
-
-def _toml_reader() -> Any:
-    try:
-        import tomllib
-    except ImportError:  # Python 3.10
-        try:
-            import tomli as tomllib  # type: ignore[no-redef]
-        except ImportError as error:
-            hint = how_to_install("sweep")
-            raise ImportError(f"scene files need tomli: {hint}") from error
-    return tomllib
 
 
 def _table(data: Mapping[str, Any], path: str) -> list[str]:

@@ -27,7 +27,7 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import guaranteed_dt, stable_dt
 from ..methods.data import METHODS
 from ..model.as_core import core_cloth, in_cells
-from ..model.cells import point_radii2
+from ..model.mesh import point_radii2
 from ..model.scene import Scene
 from ..model.sphere import Plane, Sphere
 from .frames import NEGLIGIBLE, Moment, Schedule
