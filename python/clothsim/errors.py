@@ -141,67 +141,61 @@ class RunInterrupted(KeyboardInterrupt):
         return type(self), (self.run,)
 
 
-def _reduced(self: ContactError | UnstableError) -> tuple[Any, ...]:
-    """How an error whose arguments are all keyword-only is pickled."""
-    values = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
-    return partial(type(self), **values), (), self.__dict__
+@dataclass(kw_only=True, eq=False, repr=False)
+class _StepError(ArithmeticError):
+    """An error at a step of a cloth, or of a member of a batch."""
+
+    step: int
+    time: float
+    point: tuple[int, int] | None = None
+    x: np.ndarray | None = None
+    v: np.ndarray | None = None
+    member: int | None = None
+    run: Any = field(default=None, init=False)
+    runs: Any = field(default=None, init=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
+        return partial(type(self), **values), (), self.__dict__
+
+    @property
+    def _which(self) -> str:
+        return "" if self.member is None else f" of batch member {self.member}"
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class ContactError(ArithmeticError):
+class ContactError(_StepError):
     """Spheres with response "continuous" have closed on a mass point and left it no place.
-
-    All arguments are keyword-only and become attributes.
 
     Parameters
     ----------
     step : int
         The failed step, counted from 1 at the start of the call.
-    time : float
-        Time of the scene at its end [s].
-    point : tuple of int
-        (row, column) of the first mass point concerned.
-    x, v : numpy.ndarray
-        The state before that step: positions [m] and velocities [m/s], shape (rows, columns, 3).
-    member : int, optional
-        Index into the batch, None for a single cloth.
+    time, point, x, v, member
+        As for `UnstableError`, with the state before that step.
 
     Attributes
     ----------
-    run : Run or None
-        From `simulate`: the run up to the state before that step.
-    runs : list of Run or None
-        From `simulate` of many scenes: the runs of all, of which some may have ended early.
+    run, runs
+        As for `UnstableError`.
 
     Examples
     --------
     >>> import clothsim as cs
-    >>> print(cs.ContactError(step=3, time=0.5, point=(1, 2), x=None, v=None))
+    >>> print(cs.ContactError(step=3, time=0.5, point=(1, 2)))
     no place left at step 3 (t = 0.5 s): mass point (1, 2) is trapped between spheres; keep them \
 further apart, or make them smaller
     """
 
-    step: int
-    time: float
-    point: tuple[int, int]
-    x: np.ndarray | None
-    v: np.ndarray | None
-    member: int | None = None
-    run: Any = field(default=None, init=False)
-    runs: Any = field(default=None, init=False)
-
     def __post_init__(self) -> None:
-        which = "" if self.member is None else f" of batch member {self.member}"
-        super().__init__(
-            f"no place left at step {self.step} (t = {self.time:g} s): mass point {self.point}{which} is trapped between "
-            "spheres; keep them further apart, or make them smaller"
+        self.args = (
+            f"no place left at step {self.step} (t = {self.time:g} s): mass point {self.point}{self._which} is trapped between "
+            "spheres; keep them further apart, or make them smaller",
         )
-
-    __reduce__ = _reduced
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class UnstableError(ArithmeticError):
+class UnstableError(_StepError):
     """The state of the cloth stopped being finite or grew beyond bounds.
 
     Raised while stepping, most often because the time step is above the stability limit of the
@@ -247,24 +241,12 @@ above the stability limit, about 0.0016 s; take a dt below it, or less stiffness
 more mass
     """
 
-    step: int
-    time: float
-    point: tuple[int, int] | None = None
     dt: float
     max_stable_dt: float | None = None
     term: str | None = None
-    x: np.ndarray | None = None
-    v: np.ndarray | None = None
-    member: int | None = None
-    run: Any = field(default=None, init=False)
-    runs: Any = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        super().__init__(self._message())
-
-    def _message(self) -> str:
         where = "" if self.point is None else f", first at mass point {self.point}"
-        which = "" if self.member is None else f" of batch member {self.member}"
         limit = self.max_stable_dt
         if limit is None:
             cause = f"dt = {self.dt:g} s"
@@ -280,6 +262,4 @@ more mass
         else:
             cause = f"though the time step dt = {self.dt:g} s is within the estimated stability limit, {limit:g} s"
             remedy = "look for points that coincide or values too large in the initial state, else take a smaller dt"
-        return f"unstable at step {self.step} (t = {self.time:g} s){where}{which}: {cause}; {remedy}"
-
-    __reduce__ = _reduced
+        self.args = (f"unstable at step {self.step} (t = {self.time:g} s){where}{self._which}: {cause}; {remedy}",)

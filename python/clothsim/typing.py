@@ -63,23 +63,17 @@ Pins: TypeAlias = Iterable[Sequence[int]] | npt.NDArray[np.bool_ | np.integer[An
 
 
 class Estimate(TypedDict):
-    """Estimate of the error of the last positions; NaN with the reason where it is unknown."""
-
     max: float
     rms: float
     reason: str
 
 
 class Tolerance(TypedDict):
-    """Tolerance of a run [m], NaN without one, and whether the estimate is within it."""
-
     asked: float
     reached: bool
 
 
 class EnergyParts(TypedDict):
-    """Energies [J], as `clothsim.energy` gives them for one state."""
-
     kinetic: float
     elastic: float
     gravity: float
@@ -88,8 +82,6 @@ class EnergyParts(TypedDict):
 
 
 class Energies(TypedDict):
-    """Energy at the start and at the end, and the largest rise of the total above its start [J]."""
-
     start: EnergyParts
     end: EnergyParts
     gained: float
@@ -97,23 +89,17 @@ class Energies(TypedDict):
 
 
 class Depths(TypedDict):
-    """Deepest mass point and deepest triangle inside a sphere [m]."""
-
     points: float
     triangles: float
     reason: str
 
 
 class Stretch(TypedDict):
-    """Stretch of the most stretched spring, dimensionless."""
-
     largest: float
     reason: str
 
 
 class FirstContact(TypedDict):
-    """End of the first step in which a response changed the cloth [s]."""
-
     time: float
     reason: str
 
