@@ -13,23 +13,10 @@ from .data import METHODS, integrator_name
 
 
 def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
-    """The matrix by which a step maps (x, dt v) of the damped oscillator.
+    """The matrix, shape (..., 2, 2), by which a step maps (x, dt v) of the damped oscillator.
 
-    Parameters
-    ----------
-    integrator : str
-        A name of `integrators`.
-    omega_dt, delta_dt : array_like
-        omega dt and delta dt of x'' = - omega^2 x - delta x', >= 0, of any shapes that broadcast.
+    `omega_dt` and `delta_dt` are omega dt and delta dt of x'' = - omega^2 x - delta x', >= 0.
 
-    Returns
-    -------
-    numpy.ndarray
-        Shape (..., 2, 2).
-
-    Examples
-    --------
-    >>> from clothsim.methods.amplification import amplification_matrix
     >>> amplification_matrix("semi_implicit_euler", 1.0, 0.0).tolist()
     [[0.0, 1.0], [-1.0, 1.0]]
     """
@@ -56,19 +43,6 @@ def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt
 def amplification(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
     """The spectral radius of `amplification_matrix`: a step is stable where it is at most 1.
 
-    Parameters
-    ----------
-    integrator, omega_dt, delta_dt
-        As for `amplification_matrix`.
-
-    Returns
-    -------
-    numpy.ndarray
-        Of the shape to which the two broadcast.
-
-    Examples
-    --------
-    >>> from clothsim.methods.amplification import amplification
     >>> amplification("rk4", [2.8, 2.9], 0.0).round(3).tolist()
     [0.931, 1.193]
     """

@@ -1,14 +1,4 @@
-"""The time integration methods, with their cost and their stable steps.
-
-The damped oscillator, one mode of a cloth near rest, decides stability. Its angular frequency omega
-[1/s] is the root of an eigenvalue of the stiffness per unit mass. Its damping rate delta [1/s] is
-an eigenvalue of the damping per unit mass:
-
-    x'' = - omega^2 x - delta x'
-
-A step of dt maps (x, dt v) linearly: by the matrix that `amplification.amplification_matrix` gives as a function
-of omega dt and delta dt. The step is stable where no eigenvalue of it is larger than 1 in size.
-"""
+"""The time integration methods, with their cost and their stable steps (`region` has the theory)."""
 
 from __future__ import annotations
 
@@ -39,6 +29,12 @@ class Integrator:
         Whether the energy of an undamped scene stays bounded over any number of steps.
     description, source : str
         Purpose, and the source of the coefficients.
+    family : str
+        "runge_kutta" (explicit), "splitting" or "implicit".
+    stages, stages_damped : int
+        Force evaluations per step of a scene without and with damping.
+    adaptive : bool
+        Whether the method estimates its error, so that `simulate` can choose the step by it.
     """
 
     name: str
@@ -47,34 +43,15 @@ class Integrator:
     symplectic: bool
     description: str
     source: str
-
-    @property
-    def family(self) -> str:
-        """ "runge_kutta" (explicit), "splitting" or "implicit"."""
-        return METHODS[self.name].family
-
-    @property
-    def stages(self) -> int:
-        """Force evaluations per step of an undamped scene; see `evaluations_per_step`."""
-        return METHODS[self.name].stages
-
-    @property
-    def stages_damped(self) -> int:
-        """Force evaluations per step of a scene with damping."""
-        return METHODS[self.name].stages_damped
+    family: str
+    stages: int
+    stages_damped: int
+    adaptive: bool
 
     @property
     def explicit(self) -> bool:
         """False if a step solves a system of equations."""
         return self.family != "implicit"
-
-    @property
-    def adaptive(self) -> bool:
-        """Whether the method estimates its error, so that `simulate` can choose the step by it.
-
-        With a given time step, the method runs at that step.
-        """
-        return METHODS[self.name].adaptive
 
     @property
     def damped(self) -> bool:
@@ -128,7 +105,9 @@ class Integrator:
 def _record(
     name: str, order: int, description: str, source: str, *, symplectic: bool = False, order_damped: int | None = None
 ) -> Integrator:
-    return Integrator(name, order, order_damped or order, symplectic, description, source)
+    data = METHODS[name]
+    own = data.family, data.stages, data.stages_damped, data.adaptive
+    return Integrator(name, order, order_damped or order, symplectic, description, source, *own)
 
 
 _TABLE = (
@@ -206,7 +185,7 @@ def integrators() -> Mapping[str, Integrator]:
     Returns
     -------
     mapping of str to Integrator
-        Read-only, in the order in which they are documented. It prints as a table.
+        Read-only. It prints as a table.
 
     Examples
     --------
@@ -228,8 +207,7 @@ def integrators() -> Mapping[str, Integrator]:
 def warn_of_order(integrator: str, scene: Scene) -> bool:
     """Give an `OrderWarning` where damping lowers the order of this integrator; return True if it was given."""
     method = _INTEGRATORS[integrator]
-    lower = method.order_damped < method.order and method.order_of(scene) < method.order
-    if lower:
+    if lower := method.order_of(scene) < method.order:
         warn_caller(
             f"{integrator} is of order {method.order_damped} for a scene with damping, not of order "
             f"{method.order}: its errors are those of a method of order {method.order_damped}; take "

@@ -1,9 +1,9 @@
 """Stability regions: the largest time step that keeps a damped oscillator from growing.
 
-A mode of the linearised cloth is the oscillator x'' = -omega^2 x - delta x'. A step of dt
-multiplies its (x, v) by a 2 x 2 matrix G(omega dt, delta dt). The mode does not grow where the
-eigenvalues of G are at most 1 in size. For the trace T and determinant D of G this means |T| <= 1 +
-D and |D| <= 1.
+A mode of the linearised cloth is the oscillator x'' = -omega^2 x - delta x', with omega^2 an eigenvalue of the stiffness
+per unit mass and delta one of the damping per unit mass [1/s]. A step of dt multiplies its (x, dt v) by a 2 x 2 matrix
+G(omega dt, delta dt). The mode does not grow where the eigenvalues of G are at most 1 in size. For the trace T and
+determinant D of G this means |T| <= 1 + D and |D| <= 1.
 
 In the plane of (omega dt, delta dt) a time step walks along a ray from the origin. A table per
 integrator keeps where each ray first leaves the stable region.
