@@ -186,10 +186,9 @@ class Reciprocate(BaseMotion):
         c(t) = c0 + s (g(q) - 1/2) distance u
         v(t) = s k exp(-k q) / (1 - exp(-k)) (2/T) distance u     s (2/T) distance u for k = 0
 
-    Kim et al. (section 6) move their sphere over unit length about the cloth's centre and slow it
-    down by linear interpolation. A sphere that goes a fixed fraction of the remaining way in every frame follows an
-    exponential, if frames are short. Here the exponential is scaled so that the sphere reaches the turning point
-    exactly after half a period. There its velocity jumps.
+    Kim et al. (section 6) slow their sphere down by linear interpolation. A sphere that goes a fixed fraction of the
+    remaining way in every frame follows an exponential, here scaled so that it reaches the turning point exactly after half
+    a period. There its velocity jumps.
 
     Parameters
     ----------
@@ -311,15 +310,10 @@ class Sinusoid(BaseMotion):
 class Keyframes(BaseMotion):
     """A table of times and centres or displacements, with straight lines or a smooth curve between them.
 
-    Between times[n] and times[n + 1] the centre is centers[n] + (t - times[n]) v with
-    v = (centers[n + 1] - centers[n]) / (times[n + 1] - times[n]). Before the first time the sphere rests at the first
-    centre. From the last time on, it rests at the last centre. At a time of the table the velocity is that of the line
-    that begins there.
-
-    With `smooth` the curve is the cubic spline through the centres, with continuous velocity and acceleration, and with one
-    cubic on the first two and on the last two intervals ("not-a-knot"; through three centres a parabola). Between samples
-    of a smooth motion its error falls with the fourth power of their distance in time. It does not begin and end at rest
-    by itself.
+    Before the first time and from the last time on the sphere rests. At a time of the table the velocity is that of the
+    line that begins there. With `smooth` the curve is the cubic spline through the centres, with continuous velocity and
+    acceleration, and with one cubic on the first two and on the last two intervals ("not-a-knot"; through three centres a
+    parabola). It does not begin and end at rest by itself.
 
     `centers` are absolute, so the sphere's own ``center`` has no effect. `offsets` are displacements from the sphere's
     ``center`` or from the pin's initial position, so that many pins can share a motion.
@@ -433,8 +427,7 @@ def _pieces(
 
 
 def _phase(value: float) -> float:
-    phase = check.number("phase", value, minimum=0)
-    if phase >= 1.0:
+    if (phase := check.number("phase", value, minimum=0)) >= 1.0:
         raise ValueError(f"phase must be a finite number >= 0 and < 1, got {value!r}")
     return phase
 

@@ -23,16 +23,10 @@ PAPER_DT = 5e-6
 """Time step of Table 2 of Kim et al. [s]."""
 
 
-def _paper_cloth(bend: bool) -> Cloth:
-    return Cloth() if check.boolean("bend", bend) else Cloth(springs=("structural", "shear"))
-
-
 def paper_static(
     response: Response = "ray", bend: bool = False, offset: Offset | float = "edge", as_printed: bool = False
 ) -> Scene:
     """The cloth swings down on to a sphere that stands still (Kim et al., section 6, Table 3).
-
-    The sphere has radius 0.25 m and its centre at (0.5, -0.5, 0.5).
 
     Parameters
     ----------
@@ -55,7 +49,7 @@ def paper_static(
     5826
     """
     sphere = Sphere((0.5, -0.5, 0.5), 0.25, response=response, offset=offset, restitution=1.0, as_printed=as_printed)
-    return Scene(_paper_cloth(bend), (sphere,))
+    return paper_swing(bend).replace(spheres=sphere)
 
 
 def paper_moving(
@@ -95,7 +89,7 @@ def paper_moving(
     """
     motion = Reciprocate((1.0, 0.0, 0.0), 1.0, period, deceleration, phase)
     sphere = Sphere((0.0, -0.5, 0.5), 0.25, motion, response, offset, 1.0, as_printed=as_printed)
-    return Scene(_paper_cloth(bend), (sphere,))
+    return paper_swing(bend).replace(spheres=sphere)
 
 
 def paper_swing(bend: bool = False) -> Scene:
@@ -112,7 +106,7 @@ def paper_swing(bend: bool = False) -> Scene:
     >>> cs.scenes.paper_swing().spheres
     ()
     """
-    return Scene(_paper_cloth(bend))
+    return Scene(Cloth() if check.boolean("bend", bend) else Cloth(springs=("structural", "shear")))
 
 
 def hanging(
@@ -125,19 +119,13 @@ def hanging(
 ) -> Scene:
     """A cloth that hangs from its top row and settles under its own weight.
 
-    Row 0 is pinned along y = 0. The other rows hang straight below it, unstretched, in the plane z
-    = 0. Point (row, column) starts at (column size[1]/(columns - 1), -row size[0]/(rows - 1), 0).
-    Drag brings it to rest.
+    Row 0 is pinned along y = 0. The other rows start straight below it, unstretched, in the plane z = 0. With structural
+    springs only, every column is a chain, whose springs carry the weight of the points below them. With m the mass of a
+    point, g gravity and D the rest length, it comes to rest at::
 
-    With structural springs only, every column is a chain and the solution is exact. A spring
-    carries the weight of the points below it. With m the mass of a point, g gravity and D the rest
-    length::
+        y(row) = -row D - (m g / stiffness) row (2 rows - row - 1) / 2
 
-        y(row) = -row D - (m g / stiffness) sum_{k=1..row} (rows - k)
-               = -row D - (m g / stiffness) row (2 rows - row - 1) / 2
-
-    With the defaults m g / stiffness is 98 um, and the lowest row comes to rest 11.8 mm below its
-    start. The slowest oscillation is nearly critically damped; it is gone after about 0.5 s.
+    With the defaults the lowest row comes to rest 11.8 mm below its start, after about 0.5 s.
 
     Parameters
     ----------
