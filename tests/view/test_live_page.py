@@ -237,7 +237,7 @@ def test_the_guarantee_is_that_of_python_for_all_coefficients(live, name):
     pause(page)
     rng = np.random.default_rng(3)
     for _ in range(20):
-        stiffness, damping = ({f: 10 ** rng.uniform(-1, 5) for f in scene.cloth.families} for _ in range(2))
+        stiffness, damping = ({f: 10 ** rng.uniform(-1, 5) for f in scene.cloth.springs} for _ in range(2))
         drag = float(10 ** rng.uniform(-1, 4))
         cloth = scene.cloth.replace(stiffness=stiffness, damping=damping, drag=drag)
         found = page.tab.evaluate("(a) => guaranteed(window.live.live.data, ...a)", [stiffness, damping, drag])

@@ -214,7 +214,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "pairs": [
             {"row": row, "column": column, "family": family, "rest": lengths[kind]}
             for row, column, family, kind in _core.neighbours
-            if (row, column) > (0, 0) and family in cloth.families
+            if (row, column) > (0, 0) and family in cloth.springs
         ],
         "pins": np.flatnonzero(cloth.pinned).tolist(),
         "longest": 2 * math.hypot(*cloth.spacing),
