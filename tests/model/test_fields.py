@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from clothsim.model import fields
 from clothsim.model.fields import change_scene
-from clothsim.sweeps.grid import make_grid
+from clothsim.sweeps.grid import make_grid, physics
 
 LINEAR = cs.Sphere((0, -1, 0), 0.3, cs.Linear((3.0, 0.0, 4.0)))
 AROUND = cs.Sphere((1, -1, 0), 0.2, cs.Reciprocate((1, 0, 0), distance=0.5, period=2.0))
@@ -98,12 +98,13 @@ def test_numerics_make_no_other_physics():
             "gravity_x": [0.0, 1.0],
         }
     )
-    physics = np.array([grid.physics(k) for k in range(grid.size)]).reshape(grid.shape)
-    assert np.array_equal(physics[0], physics[1])  # another dt, the same cloth
-    assert np.array_equal(physics[:, 0], physics[:, 1])  # another precision
-    assert len(np.unique(physics)) == 4
-    for (i, a), (j, b) in itertools.combinations(enumerate(map(grid.member, range(grid.size))), 2):
+    members = grid.members(range(grid.size))
+    texts = np.array([physics(one) for one in members.values()]).reshape(grid.shape)
+    assert np.array_equal(texts[0], texts[1])  # another dt, the same cloth
+    assert np.array_equal(texts[:, 0], texts[:, 1])  # another precision
+    assert len(np.unique(texts)) == 4
+    for a, b in itertools.combinations(members.values(), 2):
         alike = (a["stiffness"], a["gravity_x"]) == (b["stiffness"], b["gravity_x"])
         # They share a reference, which would be another one's otherwise.
-        assert (grid.physics(i) == grid.physics(j)) == alike
-    assert grid.member(5) == {"stiffness": 1.0, "dt": 1e-4, "precision": "single", "gravity_x": 1.0}
+        assert (physics(a) == physics(b)) == alike
+    assert members[5] == {"stiffness": 1.0, "dt": 1e-4, "precision": "single", "gravity_x": 1.0}

@@ -92,6 +92,26 @@ def test_ctrl_c_returns_the_runs_so_far(monkeypatch, options):
     assert all(0 < run.t[-1] < 0.1 for run in caught.value.run)
 
 
+def test_measures_of_many_scenes_are_those_of_each_alone():
+    given = scenes(150.0, 200.0, 250.0)
+    x = np.array([one.initial_position * (1.1 + 0.1 * k) for k, one in enumerate(given)])
+    for name, values in cs.energy(given, x, 0 * x).items():
+        assert values.tolist() == [cs.energy(one, each, 0 * each)[name] for one, each in zip(given, x, strict=True)]
+    assert cs.max_stable_dt(given).tolist() == list(map(cs.max_stable_dt, given))
+    at = cs.max_stable_dt(given, "velocity_verlet", x)
+    assert at.tolist() == [cs.max_stable_dt(one, "velocity_verlet", each) for one, each in zip(given, x, strict=True)]
+    for run, one in zip(cs.settle(given, 1e-3), given, strict=True):
+        assert run == cs.settle(one, 1e-3)
+    with pytest.raises(ValueError, match=r"x must be an array of shape \(3, 6, 7, 3\)"):
+        cs.max_stable_dt(given, x=x[:2])
+
+
+@pytest.mark.parametrize("call", [cs.max_stable_dt, cs.settle, lambda given: cs.energy(given, 0, 0)])
+def test_measures_refuse_scenes_of_different_shapes(call):
+    with pytest.raises(ValueError, match="scene must be a Scene or a non-empty sequence of Scene of one shape"):
+        call([LOOSE, cs.scenes.oscillator()])
+
+
 def test_scenes_of_different_shapes_are_refused():
     with pytest.raises(ValueError, match="one shape"):
         cs.simulate([LOOSE, cs.scenes.paper_swing()], 0.1, dt=1e-3)

@@ -3,8 +3,10 @@
 import inspect
 import pydoc
 import sys
+from concurrent.futures import Executor, Future
 
 import clothsim as cs
+import numpy as np
 import pytest
 
 FREE = cs.scenes.paper_swing()
@@ -39,6 +41,28 @@ def test_a_run(scene):
     few = len(calls(lambda: cs.simulate(scene, 0.2, dt=1e-3)))
     assert few <= 160
     assert len(calls(lambda: cs.simulate(scene, 2.0, dt=1e-3))) <= few + 2  # whatever the number of steps
+
+
+class Inline(Executor):
+    """Runs a task when it is submitted, in this thread, where its calls are seen."""
+
+    _max_workers = 1
+
+    def submit(self, function, *arguments, **options):
+        future = Future()
+        future.set_result(function(*arguments, **options))
+        return future
+
+
+def test_a_further_member_of_a_sweep():
+    pytest.importorskip("xarray")
+
+    def members(count):
+        over = {"stiffness": np.linspace(1e3, 2e3, count)}
+        return len(calls(lambda: cs.sweep(BALL, over, duration=0.002, dt=1e-4, executor=Inline(), progress=False)))
+
+    members(128)  # what is imported and cached once
+    assert members(128) - members(64) <= 60 * 64
 
 
 def test_help():

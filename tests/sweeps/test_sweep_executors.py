@@ -14,8 +14,8 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.sweeps import results, store, workers
-from clothsim.sweeps.grid import make_grid
-from clothsim.sweeps.member import Member, SweepOptions
+from clothsim.sweeps.grid import make_grid, physics
+from clothsim.sweeps.member import Maker, SweepOptions
 from clothsim.sweeps.metrics import choose_metrics
 from clothsim.sweeps.task import Stopped, Task, run_task
 from clothsim.sweeps.workers import Workers, checked_members, tasks
@@ -47,9 +47,9 @@ def recorded(monkeypatch):
     """Indices of the members whose results came in, in order."""
     record, indices = results.Results.record, []
 
-    def recording(self, one):
-        indices.append(one.index)
-        record(self, one)
+    def recording(self, records):
+        indices.extend(one.index for one in records)
+        record(self, records)
 
     monkeypatch.setattr(results.Results, "record", recording)
     return indices
@@ -223,10 +223,10 @@ def test_few_members_are_tasks_of_all_workers():
 
 def test_members_of_one_reference_come_together():
     over = {"dt": [1e-3, 5e-4, 2e-4], "mass": np.linspace(1, 2, 32)}
-    grid, found = cut(over, metrics=choose_metrics("error"))
+    _, found = cut(over, metrics=choose_metrics("error"))
     assert len(found) == 8
     for task in found:
-        assert len({grid.physics(index) for index in task.values}) <= 5
+        assert len(set(map(physics, task.values.values()))) <= 5
 
 
 def test_a_task_that_leaves_the_process_takes_no_made_members():
@@ -240,8 +240,8 @@ def test_a_task_that_leaves_the_process_takes_no_made_members():
 
 
 def test_a_member_is_made_once(monkeypatch):
-    made, make = [], Member.make.__func__
-    monkeypatch.setattr(Member, "make", classmethod(lambda cls, *args: made.append(args[0]) or make(cls, *args)))
+    made, make = [], Maker.__call__
+    monkeypatch.setattr(Maker, "__call__", lambda self, *args: made.append(args[0]) or make(self, *args))
     sweep()
     assert sorted(made) == list(range(24))
 

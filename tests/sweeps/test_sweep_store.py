@@ -86,11 +86,11 @@ def test_missing_members_are_computed_once(tmp_path, counted, monkeypatch, stop_
     record = store.Store.record
     done = []
 
-    def stopping(self, one):
+    def stopping(self, records):
         if len(done) == stop_after:
             raise OSError("disk full")
-        done.append(one.index)
-        record(self, one)
+        done.extend(one.index for one in records)
+        record(self, records)
 
     with monkeypatch.context() as patch:
         patch.setattr(store.Store, "record", stopping)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from .. import _core
-from ..model.as_core import core_cloth, core_pins, core_sphere
+from ..model.as_core import core_cloth, core_pins, core_spheres
 from .options import Options
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
         gravity=scene.gravity,
         force=scene.force,
         **core_pins(scene),
-        spheres=[core_sphere(sphere, scene) for sphere in scene.spheres],
+        spheres=core_spheres(scene),
         precision=options.precision,
         kernel=options.chosen_kernel,
         instruction_set="",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..engine.arrays import state_arrays
+from ..engine.arrays import scenes_of, state_arrays
 from ..model.as_core import core_cloth, core_sphere
 from ..model.scene import Scene
 from ..model.sphere import Plane, Sphere
@@ -35,7 +37,7 @@ def _refuse_overflow(what: str, values: npt.NDArray[np.float64], **states: npt.N
     )
 
 
-def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]:
+def energy(scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]:
     """Kinetic and elastic energy, the potentials of gravity and of forces on points, and the total.
 
     ::
@@ -45,8 +47,8 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
 
     Parameters
     ----------
-    scene : Scene
-        Its masses, springs, gravity and force are used.
+    scene : Scene or sequence of Scene
+        Its masses, springs, gravity and force are used. Of a sequence, each for its member of the batch.
     x, v : array_like
         Positions [m] and velocities [m/s], shape (rows, columns, 3) or (B, rows, columns, 3).
 
@@ -69,11 +71,12 @@ def energy(scene: Scene, x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]
     >>> round(cs.energy(scene, scene.initial_position, scene.initial_velocity)["total"], 12)
     0.5
     """
-    x, v = state_arrays(x, v, [check.instance("scene", scene, Scene)], False)
+    scenes = scenes_of(scene)
+    x, v = state_arrays(x, v, scenes, not isinstance(scene, Scene))
     x, v = x.astype(np.float64), v.astype(np.float64)
-    cloth = core_cloth(scene.cloth)
     batch = (x, v) if x.ndim == 4 else (x[None], v[None])
-    parts = np.array([_core.energy(cloth, scene.gravity, scene.force, *one) for one in zip(*batch)])
+    scenes = scenes if len(scenes) > 1 else scenes * len(batch[0])
+    parts = np.array([_core.energy(core_cloth(s.cloth), s.gravity, s.force, *one) for s, *one in zip(scenes, *batch)])
     with np.errstate(over="ignore", invalid="ignore"):
         total = parts.sum(axis=1)
     _refuse_overflow("the energy", np.column_stack([parts, total]), x=batch[0], v=batch[1])

@@ -55,6 +55,14 @@ def in_cells(sphere: Sphere | Plane) -> bool:
     return sphere.offset == "cell" and sphere.response == "continuous"
 
 
+def core_spheres(scene: Scene) -> list[_core.Sphere]:
+    """The spheres and planes of a scene as the core takes them, made once."""
+    made: list[_core.Sphere] | None = scene.__dict__.get("_core_spheres")
+    if made is None:
+        made = scene.__dict__["_core_spheres"] = [core_sphere(sphere, scene) for sphere in scene.spheres]
+    return made
+
+
 def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sphere:
     """The sphere or plane as the core takes it; without a scene it has no offset.
 

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
 from ..base import Floats, check
 from ..base.progress import ProgressBar
+from ..engine.arrays import scenes_of
 from ..engine.state import State
 from ..engine.stepper import SilentStepper
 from ..engine.stepping import acceleration
@@ -69,6 +71,7 @@ class _Best:
             self.mark, self.halved = residual, steps
 
 
+@overload
 def settle(
     scene: Scene,
     tolerance: float = 1e-6,
@@ -77,7 +80,26 @@ def settle(
     max_evaluations: int = 400_000,
     threads: int | None = None,
     progress: bool = False,
-) -> Run:
+) -> Run: ...
+@overload
+def settle(
+    scene: Sequence[Scene],
+    tolerance: float = 1e-6,
+    *,
+    t: float = 0.0,
+    max_evaluations: int = 400_000,
+    threads: int | None = None,
+    progress: bool = False,
+) -> list[Run]: ...
+def settle(
+    scene: Scene | Sequence[Scene],
+    tolerance: float = 1e-6,
+    *,
+    t: float = 0.0,
+    max_evaluations: int = 400_000,
+    threads: int | None = None,
+    progress: bool = False,
+) -> Run | list[Run]:
     """Find the rest state of a scene, from its initial state, with contact and friction.
 
     Dynamic relaxation with adaptive viscous damping finds a state in which every force is balanced. The velocities of the
@@ -85,9 +107,9 @@ def settle(
 
     Parameters
     ----------
-    scene : Scene
-        Spheres and driven pins are held at their places at the time `t`. Every sphere responds as "continuous" without
-        restitution does, because a cloth that bounces does not rest.
+    scene : Scene or sequence of Scene
+        Scenes of one shape give a list of runs. Spheres and driven pins are held at their places at the time `t`. Every
+        sphere responds as "continuous" without restitution does, because a cloth that bounces does not rest.
     tolerance : float, default 1e-6
         Largest unbalanced force of a mass point after contact forces, over the largest weight of a mass point. Without
         gravity, over the largest given force. At least 1e-12.
@@ -102,7 +124,7 @@ def settle(
 
     Returns
     -------
-    Run
+    Run, or list of Run
         Two frames: the start and the rest state. ``run.t`` counts the time of the relaxation, which has no meaning beside
         it. ``run.report["residual"]`` is the largest unbalanced force over the largest weight.
         ``run.report["reason"]`` is "" or says why the scene does not rest. The last frame is then the best state found.
@@ -121,7 +143,9 @@ def settle(
     (True, '')
     >>> lowest = run.x[-1, ..., 1].min()  # the sag [m]
     """
-    check.instance("scene", scene, Scene)
+    if not isinstance(scene, Scene):
+        more: Any = {"t": t, "max_evaluations": max_evaluations, "threads": threads, "progress": progress}
+        return [settle(one, tolerance, **more) for one in scenes_of(scene)]
     tolerance = check.number("tolerance", tolerance, minimum=1e-12)
     t = check.number("t", t)
     most = check.integer("max_evaluations", max_evaluations, minimum=1)

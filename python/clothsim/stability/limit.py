@@ -24,14 +24,16 @@ equation only up to the number of its growing modes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from itertools import repeat
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
+from ..engine.arrays import scenes_of
 from ..methods.amplification import splitting_step
 from ..methods.bound import stable_dt
 from ..methods.data import METHODS, integrator_name
@@ -61,9 +63,18 @@ _PRECISION = 2e-4  # of the limit in a space
 _RESIDUAL = 0.02  # of S z = lambda z: moves lambda, and the limit, by about 1 % at most
 
 
+@overload
 def max_stable_dt(
     scene: Scene, integrator: Integrator = "rk4", x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None
-) -> float:
+) -> float: ...
+@overload
+def max_stable_dt(scene: Sequence[Scene], *arguments: Any, **options: Any) -> Floats: ...
+def max_stable_dt(
+    scene: Scene | Sequence[Scene],
+    integrator: Integrator = "rk4",
+    x: npt.ArrayLike | None = None,
+    v: npt.ArrayLike | None = None,
+) -> float | Floats:
     """The largest stable time step: guaranteed for all states except extreme states, or at a given state.
 
     A mode of the cloth has a frequency omega and a damping rate delta: x'' = -omega^2 x - delta x'. A mode does not grow if
@@ -78,7 +89,8 @@ def max_stable_dt(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or sequence of Scene
+        Of a sequence, the result and the states are arrays with an entry for each scene.
     integrator : str, default "rk4"
         A name of `integrators`.
     x : array_like, optional
@@ -107,12 +119,17 @@ def max_stable_dt(
     >>> f"{cs.max_stable_dt(scene, x=scene.initial_position):.2e}"
     '1.73e-03'
     """
+    if not isinstance(scene, Scene):
+        scenes = scenes_of(scene)
+        every = (len(scenes), *scenes[0].cloth.shape, 3)
+        states = [repeat(None) if a is None else check.array(name, a, every) for name, a in (("x", x), ("v", v))]
+        return np.array([max_stable_dt(one, integrator, *state) for one, *state in zip(scenes, *states)])
     integrator = integrator_name(integrator)
     if x is None:
         if v is not None:
             raise ValueError("v must be None without x, got velocities alone")
-        return stable_dt(check.instance("scene", scene, Scene), integrator)
-    shape = (*check.instance("scene", scene, Scene).cloth.shape, 3)
+        return stable_dt(scene, integrator)
+    shape = (*scene.cloth.shape, 3)
     x = check.array("x", x, shape)
     v = np.zeros(shape) if v is None else check.array("v", v, shape)
     return _SAFETY * spectral_limit(integrator, scene, x, v)

@@ -18,7 +18,7 @@ from ..run.result import Run
 from ..run.simulate import simulate
 from ..typing import Every
 from .grid import Axis, Grid
-from .member import Member, SweepOptions
+from .member import Maker, SweepOptions
 from .results import ATTRIBUTE
 
 
@@ -101,9 +101,9 @@ class ClothsimAccessor:
         options = SweepOptions(**{**given, "metrics": (), "every": every})
         grid = Grid([_axis(entry) for entry in identity["over"]])
         index = _index(grid, _selected(self._dataset, selection))
-        member = Member.make(index, Scene.from_dict(identity["scene"]), grid.member(index), options)
+        member = Maker(Scene.from_dict(identity["scene"]), options)(index, grid.members([index])[index])
         try:
-            return simulate(member.scene, member.duration, every=every, **member.settings)
+            return simulate(member.scene, member.settings.duration, every=every, **member.arguments)
         except (UnstableError, ContactError) as error:
             if not isinstance(error.run, Run):
                 raise

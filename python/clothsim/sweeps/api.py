@@ -193,9 +193,8 @@ def _run(workers: Workers, made: dict[int, Member], results: Results, session: d
 
     def record(result: TaskResult) -> None:
         nonlocal unstable
-        for one in result.records:
-            results.record(one)
-            unstable += one.unstable_step >= 0
+        results.record(result.records)
+        unstable += sum([one.unstable_step >= 0 for one in result.records])
         session["wall_time"] = time.perf_counter() - start
         for name in ("host", "instruction_set"):
             known = session[f"{name}s"]

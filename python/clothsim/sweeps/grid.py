@@ -22,6 +22,8 @@ _LARGEST_LISTED = 64  # entries of an array that are written out; a larger one i
 
 def plain(value: Any) -> Any:
     """`value` as data for JSON; equal values give equal data."""
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value.item() if isinstance(value, np.generic) else value
     if isinstance(value, Record):
         return plain(value.to_dict())
     if isinstance(value, Mapping):
@@ -36,14 +38,17 @@ def plain(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
     raise TypeError(f"a swept value must be a number, text, sequence, array, or part of a scene, got {check.shown(value)}")
 
 
 def digest(value: Any) -> str:
     """A short text that is equal for equal values alone."""
     return sha256(json.dumps(plain(value), sort_keys=True).encode())
+
+
+def physics(values: Mapping[str, Any]) -> str:
+    """A text that is equal for swept values that differ only in numerics."""
+    return digest({name: value for name, value in values.items() if name not in NUMERICS})
 
 
 def sha256(data: bytes) -> str:
@@ -106,21 +111,21 @@ class Grid:
         if twice:
             raise ValueError(f"over must name each thing once, got {sorted(twice)} more than once")
 
-    def member(self, index: int) -> dict[str, Any]:
-        """The swept values of one member, by name."""
-        values: dict[str, Any] = {}
-        for axis, place in zip(self.axes, np.unravel_index(index, self.shape), strict=True):
-            values |= axis.places[int(place)]
-        return values
+    def members(self, indices: Iterable[int]) -> dict[int, dict[str, Any]]:
+        """The swept values, by name, of members, by index."""
+        found = {}
+        for index in indices:
+            values, rest = dict[str, Any](), index
+            for axis, length in zip(reversed(self.axes), reversed(self.shape), strict=True):
+                rest, place = divmod(rest, length)
+                values = {**axis.places[place], **values}
+            found[index] = values
+        return found
 
     def along(self) -> list[np.ndarray]:
         """Indices of the members along each axis, at the first place of all others."""
         steps = [math.prod(self.shape[k + 1 :]) for k in range(len(self.shape))]
         return [step * np.arange(length) for step, length in zip(steps, self.shape, strict=True)]
-
-    def physics(self, index: int) -> str:
-        """A text that is equal for members that differ only in numerics."""
-        return digest({name: value for name, value in self.member(index).items() if name not in NUMERICS})
 
     def coordinates(self) -> list[Coordinate]:
         """Labels of the dimensions, one per swept name and two more for a swept shape."""
@@ -180,7 +185,8 @@ def _axis(key: Any, values: Any) -> Axis:
     labels = None
     if isinstance(values, Mapping):
         labels, values = tuple(map(str, values)), list(values.values())
-    places = tuple(_place({name: value}) for value in _values(f"over[{name!r}]", values))
+    places = tuple([{name: value} for value in _values(f"over[{name!r}]", values)])
+    places = tuple(map(_place, places)) if name == "integrator" else places
     return Axis(name, places, labels)
 
 
@@ -222,7 +228,7 @@ def _place(values: dict[str, Any]) -> dict[str, Any]:
 def _values(name: str, values: Any) -> list[Any]:
     if isinstance(values, (str, bytes, Record)) or not isinstance(values, Iterable) or getattr(values, "ndim", 1) == 0:
         raise TypeError(f"{name} must be a sequence of values, got {check.shown(values)}")
-    result = [_scalar(value) for value in values]
+    result = [value.item() if isinstance(value, np.generic) else value for value in values]
     if not result:
         raise ValueError(f"{name} must have at least one value, got none")
     return result

@@ -1,4 +1,4 @@
-"""One cloth of a sweep: its scene, its options and the record of its run."""
+"""One cloth of a sweep: its scene, the settings of its run and the record of its result."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ import numpy as np
 
 from ..base import Floats, check
 from ..engine.options import Options
-from ..methods.bound import usable_dt
+from ..methods.bound import guaranteed_dt, stable_dt, usable_dt
 from ..methods.data import integrator_name
-from ..model.as_core import core_cloth
-from ..model.fields import change_scene, split
+from ..model.as_core import core_cloth, core_spheres
+from ..model.fields import RUN, change_scene
 from ..model.scene import Scene
 from ..run.frames import checked_every
 from ..run.simulate import checked_tolerances
-from ..stability.limit import max_stable_dt
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
 
@@ -43,14 +42,13 @@ class SweepOptions:
     atol: float | None = None
 
     def __post_init__(self) -> None:
-        checked = {
-            "duration": check.number("duration", self.duration, minimum=0, exclusive=True),
-            "dt": None if self.dt is None else check.number("dt", self.dt, minimum=0, exclusive=True),
-            "integrator": None if self.integrator is None else integrator_name(self.integrator, "auto"),
-            "every": checked_every(self.every),
-            "frames": check.boolean("frames", self.frames),
-        }
-        self.__dict__.update(checked)
+        self.__dict__.update(
+            duration=check.number("duration", self.duration, minimum=0, exclusive=True),
+            dt=None if self.dt is None else check.number("dt", self.dt, minimum=0, exclusive=True),
+            integrator=None if self.integrator is None else integrator_name(self.integrator, "auto"),
+            every=checked_every(self.every),
+            frames=check.boolean("frames", self.frames),
+        )
 
     @property
     def needs(self) -> frozenset[str]:
@@ -59,68 +57,80 @@ class SweepOptions:
 
 
 @dataclass(frozen=True)
+class Settings:
+    """How members are run. `arguments` of `simulate` have the tolerances too, where these choose the step (`controlled`)."""
+
+    duration: float
+    dt: float | None  # None: by the cloth
+    controlled: bool
+    numerics: Mapping[str, Any]  # integrator, precision and kernel
+    arguments: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, options: SweepOptions, run: Mapping[str, Any]) -> Settings:
+        """The settings of the members with the swept values `run`; a refused value raises the error of its argument."""
+        given = {name: run.get(name, getattr(options, name)) for name in RUN}
+        dt, rtol, atol = given["dt"], given["rtol"], given["atol"]
+        if given["integrator"] is None:
+            given["integrator"] = "rk4" if rtol is None and atol is None else "auto"
+        name = integrator_name(given["integrator"], "auto")
+        numerics = {"integrator": name, "precision": given["precision"], "kernel": given["kernel"]}
+        Options("rk4" if name == "auto" else name, given["precision"], None, given["kernel"])
+        duration = check.number("duration", given["duration"], minimum=0, exclusive=True)
+        if isinstance(options.every, float):
+            check.frame_count("every", options.every, duration / options.every)
+        if name == "auto" or rtol is not None or atol is not None:
+            rtol, atol = checked_tolerances(dt, rtol, atol)
+            return cls(duration, None, True, numerics, {**numerics, "rtol": rtol, "atol": atol})
+        if dt is not None:
+            dt = check.number("dt", dt, minimum=0, exclusive=True)
+            check.step_count(duration, dt)
+        return cls(duration, dt, False, numerics, numerics)
+
+
+@dataclass(frozen=True)
 class Member:
-    """A cloth to run, with its index in the sweep."""
+    """A cloth to run, with its index in the sweep, its time step [s], which is NaN with error control, and the limit."""
 
     index: int
     scene: Scene
-    duration: float
-    dt: float  # NaN with error control
+    settings: Settings
+    dt: float
     max_stable_dt: float
-    integrator: str
-    precision: str
-    kernel: str
-    rtol: float | None = None
-    atol: float | None = None
 
-    @classmethod
-    def make(cls, index: int, base: Scene, values: Mapping[str, Any], options: SweepOptions) -> Member:
-        """Make the member with these swept values; a refused value raises the error of its argument."""
-        of_scene, run = split(values)
-        scene = change_scene(base, of_scene)
-        numerics = {name: run.get(name, getattr(options, name)) for name in ("integrator", "precision", "kernel")}
-        dt, rtol, atol = (run.get(name, getattr(options, name)) for name in ("dt", "rtol", "atol"))
-        if numerics["integrator"] is None:
-            numerics["integrator"] = "rk4" if rtol is None and atol is None else "auto"
-        numerics["integrator"] = integrator_name(numerics["integrator"], "auto")
-        automatic = numerics["integrator"] == "auto"
-        named = "rk4" if automatic else numerics["integrator"]
-        Options(named, numerics["precision"], None, numerics["kernel"])
-        duration = check.number("duration", run.get("duration", options.duration), minimum=0, exclusive=True)
-        if isinstance(options.every, float):
-            check.frame_count("every", options.every, duration / options.every)
-        limit = float(max_stable_dt(scene, named) if dt is not None else usable_dt(core_cloth(scene.cloth), named))
-        if automatic or rtol is not None or atol is not None:
-            rtol, atol = checked_tolerances(dt, rtol, atol)
-            return cls(index, scene, duration, math.nan, limit, **numerics, rtol=rtol, atol=atol)
-        if dt is None:
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of `simulate`."""
+        return {**self.settings.arguments, **({} if self.settings.controlled else {"dt": self.dt})}
+
+
+class Maker:
+    """Makes members of a scene and swept values. Members with equal values of the run share their `Settings`."""
+
+    def __init__(self, base: Scene, options: SweepOptions) -> None:
+        self._base, self._options, self._known = base, options, dict[str, Settings]()
+        for kept in ("initial_position", "initial_velocity", "driven_pins"):  # which members share, as the next two
+            getattr(base, kept)
+        core_cloth(base.cloth)
+        core_spheres(base)
+
+    def __call__(self, index: int, values: Mapping[str, Any]) -> Member:
+        """The member with these values; a refused value raises the error of its argument."""
+        run = {name: values[name] for name in RUN if name in values}
+        scene = change_scene(self._base, {name: values[name] for name in values if name not in run} if run else values)
+        settings = self._known.get(key := repr(run))
+        if settings is None:
+            settings = self._known[key] = Settings.of(self._options, run)
+        cloth, integrator, dt = core_cloth(scene.cloth), settings.numerics["integrator"], settings.dt
+        integrator = "rk4" if integrator == "auto" else integrator
+        limit = usable_dt(cloth, integrator) if dt is None else guaranteed_dt(cloth, integrator)
+        if settings.controlled:
+            dt = math.nan
+        elif dt is None:
             # A method without a limit of its own takes what follows the motion as well.
-            follows = limit if math.isfinite(limit) else float(max_stable_dt(scene))
-            dt = min(_SAFETY * follows, duration)
-        dt = check.number("dt", dt, minimum=0, exclusive=True)
-        check.step_count(duration, dt)
-        return cls(index, scene, duration, dt, limit, **numerics)
-
-    @property
-    def numerics(self) -> dict[str, Any]:
-        """Arguments of `Stepper`."""
-        return {"integrator": self.integrator, "precision": self.precision, "kernel": self.kernel}
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Arguments of `simulate`: those of `Stepper`, and those that choose its steps."""
-        return {**self.numerics, **({"rtol": self.rtol, "atol": self.atol} if self.controlled else {"dt": self.dt})}
-
-    @property
-    def controlled(self) -> bool:
-        """Whether tolerances choose the step, of this member alone."""
-        return math.isnan(self.dt)
-
-    @property
-    def batch_key(self) -> tuple[Any, ...]:
-        """A key that is equal for members that one call steps. A member that may diverge has a key of its own."""
-        alone = None if self.dt <= self.max_stable_dt else self.index
-        return (self.scene.cloth.shape, self.duration, self.dt, *self.numerics.values(), alone)
+            dt = min(_SAFETY * (limit if math.isfinite(limit) else stable_dt(scene)), settings.duration)
+            check.step_count(settings.duration, dt)
+        return Member(index, scene, settings, dt, limit)
 
 
 @dataclass

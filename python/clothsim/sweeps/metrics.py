@@ -23,7 +23,6 @@ from ..model.scene import Scene
 from ..run.result import Run
 from ..run.settle import settle
 from .grid import digest
-from .member import Member
 
 _BYTES_KEPT = 1 << 27
 
@@ -69,13 +68,13 @@ class References:
         self._making: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
         self._references: dict[str, Reference] = {}
 
-    def of(self, member: Member, threads: int | None = 1) -> Reference:
-        """The reference of a member."""
-        key = digest([member.scene, member.duration])
+    def of(self, scene: Scene, duration: float, threads: int | None = 1) -> Reference:
+        """The reference of a scene."""
+        key = digest([scene, duration])
         with self._lock:
             making = self._making[key]
         with making:  # the second thread waits for the first, which does the same work
-            reference = self._references.get(key) or solve(member.scene, member.duration, threads)
+            reference = self._references.get(key) or solve(scene, duration, threads)
             with self._lock:
                 self._references.pop(key, None)
                 self._references[key] = reference

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..base import Floats
 from ..base.extras import needed
 from ..model.scene import Scene
 from ..run.frames import Schedule
@@ -102,26 +103,41 @@ class Results:
         status = self.variables["status"].values.ravel()
         return np.flatnonzero((status == PENDING) | (status == FAILED))
 
-    def record(self, record: Record) -> None:
-        """Store the result of a member."""
-        place = tuple(int(k) for k in np.unravel_index(record.index, self.grid.shape))
-        for name, value in record.values.items():
-            if name not in self.variables:
-                self._add_function(name, np.asarray(value))
-            accepted = self.variables[name].values.shape[len(place) :]
-            if np.shape(value) != accepted:
-                raise ValueError(
-                    f"metric {name!r} must give every member an array of one shape, got {np.shape(value)} and {accepted}"
-                )
-            self.variables[name].values[place] = value
-        if record.frames is not None:
-            for name, frames in zip(FRAMES, record.frames, strict=True):
-                values = self.variables[name].values
-                whole = np.full(values.shape[len(place) :], np.nan)
-                whole[:, : frames.shape[1], : frames.shape[2]] = frames
-                values[place] = whole
+    def record(self, records: Iterable[Record]) -> None:
+        """Store the results of members."""
+        found = dict[str, tuple[list[int], list[Any]]]()
+        for one in records:
+            for name, value in one.values.items():
+                places, values = found.setdefault(name, ([], []))
+                places.append(one.index)
+                values.append(value)
+            if one.frames is not None:
+                self._put_frames(one.index, one.frames)
+        for name, (places, values) in found.items():
+            self._put(name, places, values)
         for name in ("max_stable_dt", "unstable_step", "unstable_time", "message", "status"):
-            self.variables[name].values[place] = getattr(record, name)
+            flat = self.variables[name].values.reshape(-1)
+            for one in records:
+                flat[one.index] = getattr(one, name)
+
+    def _put(self, name: str, places: list[int], values: list[Any]) -> None:
+        if name not in self.variables:
+            self._add_function(name, np.asarray(values[0]))
+        array, own = self.variables[name].values, len(self.grid.shape)
+        shapes = {getattr(value, "shape", ()) for value in values} - {array.shape[own:]}
+        if shapes:
+            raise ValueError(
+                f"metric {name!r} must give every member an array of one shape, got {shapes.pop()} and {array.shape[own:]}"
+            )
+        array.reshape(-1, *array.shape[own:])[places] = values
+
+    def _put_frames(self, index: int, frames: tuple[Floats, Floats]) -> None:
+        place = tuple(map(int, np.unravel_index(index, self.grid.shape)))
+        for name, given in zip(FRAMES, frames, strict=True):
+            values = self.variables[name].values
+            whole = np.full(values.shape[len(place) :], np.nan)
+            whole[:, : given.shape[1], : given.shape[2]] = given
+            values[place] = whole
 
     def _add_function(self, name: str, value: np.ndarray) -> None:
         more = {f"{name}_{k}": length for k, length in enumerate(value.shape)}

@@ -140,11 +140,12 @@ class Store(Results):
         self._create_variable(self.variables[name])
         self._consolidate()
 
-    def record(self, record: Record) -> None:
-        """Store the result of a member."""
-        super().record(record)
-        place = np.unravel_index(record.index, self.grid.shape)
-        self._touched.add(tuple(int(p) // c for p, c in zip(place, self._chunks, strict=True)))
+    def record(self, records: Iterable[Record]) -> None:
+        """Store the results of members."""
+        super().record(records)
+        for one in records:
+            place = np.unravel_index(one.index, self.grid.shape)
+            self._touched.add(tuple(int(p) // c for p, c in zip(place, self._chunks, strict=True)))
 
     def flush(self, final: bool = False) -> None:
         """Write the chunks that have changed, at most once a second unless `final`."""

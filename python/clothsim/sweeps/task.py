@@ -11,13 +11,13 @@ from typing import Any
 
 from ..base.build import build_config
 from ..errors import ContactError, UnstableError
+from ..methods.bound import stable_dt
 from ..model.scene import Scene
 from ..run.frames import Schedule, as_every
 from ..run.result import Run
 from ..run.simulate import run_batch, simulate
 from ..run.trajectory import PAUSE, Failure, Job, RunOptions
-from ..stability.limit import max_stable_dt
-from .member import DONE, FAILED, UNSTABLE, Member, Record, SweepOptions
+from .member import DONE, FAILED, UNSTABLE, Maker, Member, Record, SweepOptions
 from .metrics import incomparable, references
 
 LARGEST_BATCH = 64
@@ -64,52 +64,56 @@ def run_task(task: Task, pause: Callable[[], None] | None = None) -> TaskResult:
 
 
 def _records(task: Task) -> Iterator[Record]:
-    batches: dict[Any, list[Member]] = {}
+    make, needs, batches = Maker(task.scene, task.options), task.options.needs, dict[Any, list[Member]]()
     for index, values in task.values.items():
+        member = task.made.get(index)
         try:
-            member = task.made.get(index) or Member.make(index, task.scene, values, task.options)
-            batches.setdefault(member.batch_key, []).append(member)
+            member = member or make(index, values)
         except (ValueError, TypeError) as error:
             yield _failed(index, error)
+            continue
+        alone = None if member.dt <= member.max_stable_dt else index  # with error control, or where it may diverge
+        key = member.scene.cloth.shape, id(member.settings), member.dt, alone
+        batches.setdefault(key, []).append(member)
     for members in batches.values():
         try:
-            runs, errors = _run(members, task)
+            runs, errors = _run(members, task, "frames" in needs)
         except (ValueError, TypeError) as error:
-            yield from (_failed(member.index, error) for member in members)
+            yield from [_failed(member.index, error) for member in members]
             continue
         for k, (member, run) in enumerate(zip(members, runs, strict=True)):
-            yield _record(member, run, errors.get(k), task)
+            yield _record(member, run, errors.get(k), task, "reference" in needs)
 
 
 def _failed(index: int, error: Exception) -> Record:
     return Record(index, FAILED, message=f"{type(error).__name__}: {error}")
 
 
-def _run(members: Sequence[Member], task: Task) -> tuple[Sequence[Run], Mapping[int, Failure]]:
+def _run(members: Sequence[Member], task: Task, frames: bool) -> tuple[Sequence[Run], Mapping[int, Failure]]:
     """Runs of members of one batch, and errors of those that did not come to their end."""
-    first, every = members[0], task.options.every
-    if first.controlled:
+    first, settings, every = members[0], members[0].settings, task.options.every
+    if settings.controlled:
         try:
-            run = simulate(first.scene, first.duration, every=as_every(every), threads=task.threads, **first.settings)
+            run = simulate(first.scene, settings.duration, every=as_every(every), threads=task.threads, **first.arguments)
+            return [run], {}
         except (UnstableError, ContactError) as error:
             return [error.run], {0: error}
-        return [run], {}
-    frames = Schedule.of_every(every if "frames" in task.options.needs else None)
-    options = RunOptions(**first.numerics, threads=task.threads)
+    options = RunOptions(**settings.numerics, threads=task.threads)
+    schedule = Schedule.of_every(every if frames else None)
     # The results have each member's limit, so nothing warns of it.
     scenes = [one.scene for one in members]
-    return run_batch(Job(scenes, True, first.duration, options, frames, dt=first.dt, own_step=True))
+    return run_batch(Job(scenes, True, settings.duration, options, schedule, dt=first.dt, own_step=True))
 
 
-def _record(member: Member, run: Run, error: Failure | None, task: Task) -> Record:
+def _record(member: Member, run: Run, error: Failure | None, task: Task, compared: bool) -> Record:
     record, options = Record(member.index, DONE, max_stable_dt=member.max_stable_dt), task.options
     if error is not None:
         record.status, record.message = UNSTABLE, str(dataclasses.replace(error, member=None))  # as of the run alone
         record.unstable_step, record.unstable_time = error.step, error.time
         return record
-    if member.controlled:
-        record.max_stable_dt = float(max_stable_dt(member.scene, run.report["integrator"]))
-    reference = references.of(member, task.threads) if "reference" in options.needs else None
+    if member.settings.controlled:
+        record.max_stable_dt = stable_dt(member.scene, run.report["integrator"])
+    reference = references.of(member.scene, member.settings.duration, task.threads) if compared else None
     for metric in options.metrics:
         try:
             record.values |= metric.compute(run, reference)

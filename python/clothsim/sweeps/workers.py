@@ -16,8 +16,8 @@ from ..base.interrupts import Interrupts
 from ..methods.integration import warn_of_order
 from ..model.fields import RUN
 from ..model.scene import Scene
-from .grid import Grid
-from .member import Member, SweepOptions
+from .grid import Grid, physics
+from .member import Maker, Member, SweepOptions
 from .task import LARGEST_BATCH, Stopped, Task, TaskResult, run_task
 
 if TYPE_CHECKING:
@@ -36,17 +36,17 @@ def checked_members(scene: Scene, grid: Grid, options: SweepOptions) -> dict[int
         most = _CHECKED // len(grid.axes)
         along = (indices[np.linspace(0, len(indices) - 1, min(len(indices), most)).astype(int)] for indices in grid.along())
         chosen = np.unique(np.concatenate([[0], *along]))
-    made, warned = {}, False
-    for index in chosen.tolist():
-        values = grid.member(index)
+    make, made = Maker(scene, options), dict[int, Member]()
+    for index, values in grid.members(chosen.tolist()).items():
         try:
-            made[index] = member = Member.make(index, scene, values, options)
+            made[index] = make(index, values)
         except (ValueError, TypeError) as error:
             if not values:
                 raise
             which = ", ".join(f"{name}={value!r}" for name, value in values.items())
             raise type(error)(f"over has the member {which} that cannot be run: {error}") from error
-        warned = warned or (member.integrator != "auto" and bool(warn_of_order(member.integrator, member.scene)))
+    some = {id(one.settings): one for one in made.values()}.values() if grid.size else ()
+    any(warn_of_order(one.settings.numerics["integrator"], one.scene) for one in some if not one.settings.controlled)
     return made
 
 
@@ -58,24 +58,21 @@ def tasks(
     With a metric that needs references, members of one physics come together in place of that: they share a reference.
     """
     most = max(1, min(LARGEST_BATCH, len(pending) // (_TASKS * workers.count)))
-    threads = workers.threads_of(len(pending))
-    chosen, shared = pending.tolist(), "reference" in options.needs
-    if shared:
-        chosen = sorted(chosen, key=grid.physics)
-    groups: dict[str, dict[int, Any]] = {}
-    for index in chosen:
-        values = grid.member(index)
-        kind = [value.cloth.shape if name == "scene" else value for name, value in values.items() if name in _KINDS]
-        group = groups.setdefault("" if shared else repr(kind), {})
-        group[index] = values
+    threads, values = workers.threads_of(len(pending)), grid.members(pending.tolist())
+    names, shared = [name for name in ("shape", "scene", *RUN) if name in grid.names], "reference" in options.needs
+    groups = dict[str, dict[int, Any]]()
+    for index in sorted(values, key=lambda index: physics(values[index])) if shared else values:
+        kind = ""
+        if not shared:
+            for name in names:
+                value = values[index][name]
+                kind += repr(value.cloth.shape if name == "scene" else value)
+        group = groups.setdefault(kind, {})
+        group[index] = values[index]
         if len(group) == most:
-            yield Task(scene, options, dict(group), threads, {k: made.pop(k) for k in group if k in made})
-            group.clear()
-    for group in filter(None, groups.values()):
+            yield Task(scene, options, groups.pop(kind), threads, {k: made.pop(k) for k in group if k in made})
+    for group in groups.values():
         yield Task(scene, options, group, threads, {k: made.pop(k) for k in group if k in made})
-
-
-_KINDS = ("shape", "scene", *RUN)
 
 
 class Workers:
