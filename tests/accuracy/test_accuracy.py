@@ -58,6 +58,7 @@ def test_a_solution_is_computed_once(monkeypatch):
     assert len(computed) == 1 and np.array_equal(again.x, first.x)
     with pytest.raises(ValueError, match="read-only"):
         again.x[0] = 0.0
+    assert not any(one.flags.writeable for one in (*again.error_bound.values(), *again.error_estimate.values()))
     for other, arguments in ((cs.scenes.oscillator(damping=1e-9), (0.31,)), (scene, (0.32,)), (scene, (0.31, 0.1))):
         cs.reference(other, *arguments)
     assert len(computed) == 4

@@ -125,10 +125,8 @@ def work_precision(
 
     Parameters
     ----------
-    scene : Scene
-        Without contact up to `duration`.
-    duration : float
-        Simulated time [s], > 0.
+    scene, duration
+        As for `reference`.
     methods : sequence, optional
         Names of `clothsim.integrators`, run at fixed steps; "NAME adaptive", run at tolerances; or a
         `clothsim.accuracy.Method` of your own. Default: "semi_implicit_euler", "velocity_verlet", "rk4", "dopri5 adaptive"
@@ -178,7 +176,7 @@ def work_precision(
     levels = [_settings(one, scene, duration, dts, rtols) for one in chosen]
     shape = len(chosen), max(map(len, levels))
     table = {name: np.full(shape, np.nan) for name in _COLUMNS}
-    stable, once = [], 0.0
+    stable, once = [], 0.0  # places of stable runs, and the wall time of the last run
     with ProgressBar(progress, total=sum(map(len, levels)) * (1 + windows), unit="run") as bar:
         solution = reference_for(scene, duration, reference)
         start = energy(scene, solution.x[-1], solution.v[-1])["total"]
@@ -320,7 +318,6 @@ class Convergence:
         in double times the root of the number of steps. In double the rounding of the positions adds up like a random walk;
         "single" compensates it.
     reference : Reference
-
     """
 
     integrator: str
@@ -370,10 +367,8 @@ def convergence(
 
     Parameters
     ----------
-    scene : Scene
-        Without contact up to `duration`.
-    duration : float
-        Simulated time [s], > 0.
+    scene, duration
+        As for `reference`.
     dts : sequence of float
         Time steps [s], > 0, at least one. Each step is shortened until it divides the duration, so that all steps of a run
         are equal.

@@ -51,8 +51,8 @@ _DENSE = 400  # coordinates; a method that modes in the middle can limit takes a
 _KEPT = 8  # modes that a space is reduced to
 _MOST_VECTORS = 48  # in a space
 _MOST_PRODUCTS = 600
-_SETTLED = 5e-4  # relative change of the limit over the last rounds
-_ROUNDS = 4
+_SETTLED = 1e-3  # relative change of the limit over the last rounds
+_ROUNDS = 6
 _DOUBT = 0.01  # part by which a followed mode may yet come out below the limit, by its residual
 # Growth per step that counts, by the sign of Re lambda. Damped springs that turn make modes grow by some 1e-3 a
 # step without alternating, in the equation too. Twice of either growth moves the limit by less than 1 %.
