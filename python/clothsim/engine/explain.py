@@ -46,9 +46,11 @@ def _text(value: Any) -> str:
 
 
 def _radius_text(sphere: Sphere | Plane, cloth: Cloth) -> str:
+    if isinstance(sphere, Plane):
+        return "a plane"
     if in_cells(sphere):
-        return f"by cells, {sphere.contact_radius(cloth):.6g} m at rest"
-    return f"{sphere.contact_radius(cloth):.6g} m"
+        return f"contact radius by cells, {sphere.contact_radius(cloth):.6g} m at rest"
+    return f"contact radius {sphere.contact_radius(cloth):.6g} m"
 
 
 def _contact_cost(sphere: Sphere | Plane, precision: str) -> dict[str, float]:
@@ -90,7 +92,7 @@ def explain(
             "computed": tuple(name for name, present in everything.items() if present),
             "left_out": tuple(name for name, present in everything.items() if not present),
             "collision_passes": tuple(
-                f"{s.response}{' (as printed)' if s.as_printed else ''}, contact radius {_radius_text(s, cloth)}"
+                f"{s.response}{' (as printed)' if s.as_printed else ''}, {_radius_text(s, cloth)}"
                 for s in scene.spheres
             ),
             "contact_costs": tuple(_contact_cost(s, precision) for s in scene.spheres),

@@ -17,7 +17,7 @@ from ..methods.integration import integrators, warn_of_order
 from ..model.as_core import core_cloth
 from ..model.motion import Linear
 from ..model.scene import Scene
-from ..model.sphere import Plane, Sphere
+from ..model.sphere import held
 from .arrays import (
     FloatArray,
     check_driven_pins,
@@ -258,7 +258,7 @@ class State:
                 ends = [target if arrived else x + passed * v for x, v in zip(starts[k], speeds[k])]
                 self.core.set_sphere(k, ends, [_core.Motion()] * len(ends))
                 self.scenes = [
-                    scene.replace(spheres=[_stopped(s, x) if n == k else s for n, s in enumerate(scene.spheres)])
+                    scene.replace(spheres=[held(s, x) if n == k else s for n, s in enumerate(scene.spheres)])
                     for scene, x in zip(self.scenes, ends)
                 ]
 
@@ -267,10 +267,3 @@ class State:
         self.core.set_force(force)
         members = force if self.batched else force[None]
         self.scenes = [scene.replace(force=one) for scene, one in zip(self.scenes, members)]
-
-
-def _stopped(sphere: Sphere | Plane, center: FloatArray) -> Sphere | Plane:
-    """The sphere or plane at rest at a place."""
-    if isinstance(sphere, Plane):
-        return sphere.replace(point=center, motion=None)
-    return sphere.replace(center=center, motion=None)

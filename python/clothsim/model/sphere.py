@@ -412,6 +412,11 @@ class Plane(Obstacle):
 _STILL = Linear((0.0, 0.0, 0.0))
 
 
+def held(obstacle: Sphere | Plane, center: npt.ArrayLike) -> Sphere | Plane:
+    """The sphere or plane at rest at a place."""
+    return obstacle.replace(**{"point" if isinstance(obstacle, Plane) else "center": center, "motion": None})
+
+
 def _offset(value: Any) -> Offset | float:
     if check.is_number(value):
         return check.number("offset", value, minimum=0)

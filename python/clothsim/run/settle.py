@@ -25,6 +25,7 @@ from ..engine.stepping import acceleration
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
+from ..model.sphere import held
 from ..typing import Report
 from .report import report
 from .result import Run
@@ -161,9 +162,7 @@ def settle(
 
 def scene_at(scene: Scene, t: float) -> Scene:
     """The scene with everything that moves held at its place at a time [s]."""
-    still = scene.replace(
-        spheres=[sphere.replace(center=tuple(sphere.center_at(t)), motion=None) for sphere in scene.spheres]
-    )
+    still = scene.replace(spheres=[held(sphere, sphere.center_at(t)) for sphere in scene.spheres])
     if not scene.cloth.driven:
         return still
     x = scene.initial_position.copy()
@@ -177,7 +176,8 @@ class _Relaxation:
 
     def __init__(self, scene: Scene, tolerance: float, most: int, options: RunOptions) -> None:
         self.scene, self._tolerance, self._most, self._options = scene, tolerance, most, options
-        still = [s.replace(response="continuous", restitution=0.0, as_printed=False) for s in scene.spheres]
+        printed = {True: {"as_printed": False}, False: {}}
+        still = [s.replace(response="continuous", restitution=0.0, **printed[s.as_printed]) for s in scene.spheres]
         self._plain = scene.replace(spheres=still)
         self._mass = scene.cloth.mass_per_point[..., None]
         self._free = ~scene.cloth.pinned

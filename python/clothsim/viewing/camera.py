@@ -142,6 +142,11 @@ def is_wide(sphere: Any, scene: Any) -> bool:
     return bool(2 * sphere.radius >= max(scene.cloth.size))
 
 
+def nearest(plane: Any, place: npt.ArrayLike, t: float = 0.0) -> Floats:
+    """The place of a `Plane` that is nearest to another [m]."""
+    return np.asarray(np.asarray(place, float) - plane.height(place, t) * plane.unit_normal)
+
+
 def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[Floats]:
     """What a picture frames, along `axes`, shape (3, n): the mass points, and the outline of each sphere near them.
 

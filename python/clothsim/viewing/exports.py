@@ -122,6 +122,15 @@ class Clip:
         t = self.times[k] + self._run.t[0]
         return self._turned(np.array([s.center_at(t) for s in self.spheres]).reshape(-1, 3))
 
+    def normal(self, k: int) -> Floats:
+        """The unit normal of a plane."""
+        return self._turned(self.spheres[k].unit_normal)
+
+    def depth(self, k: int, places: Floats) -> Floats:
+        """Depth of places from the centre of sphere or plane `k` below its surface [m]."""
+        radius = self.spheres[k].radius
+        return -(places @ self.normal(k)) if np.isinf(radius) else radius - np.linalg.norm(places, axis=-1)
+
     def _turned(self, vectors: Floats) -> Floats:
         return np.stack([vectors[..., 0], -vectors[..., 2], vectors[..., 1]], -1) if self.z_up else vectors
 

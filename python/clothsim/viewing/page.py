@@ -21,13 +21,14 @@ import numpy as np
 from ..base import Floats, check
 from ..base.files import write_bytes
 from ..base.plots import COLORS
+from ..model.cloth import Cloth
 from ..model.ready import hanging, oscillator, paper_moving, paper_static, paper_swing
 from ..model.scene import Scene
 from ..model.sphere import RESPONSES, Plane, Sphere
 from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
-from .camera import DIRECTIONS, Camera, camera_for, reach
+from .camera import DIRECTIONS, Camera, camera_for, nearest, reach
 from .legend import HEAT, VIRIDIS, point_stretch
 from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
@@ -37,10 +38,10 @@ from .plots import curves
 # half two scenes of different size do not both fit.
 WIDER = 2.5
 MOST_RUNS = 8  # a browser keeps 16 canvases of WebGL alive, and eight panels fill a screen
+FLAT = 1e6  # radius of the sphere that stands for a plane, in longer sides of the cloth
 MOST_SPHERES = 100  # whose depths a fragment shader compares; WebGL 2 warrants room for 112
 POSTER_WIDTH = 400  # pixels of the picture shown where scripts or WebGL are missing
 LEVELS = 65535
-FLAT = 1e5  # m, radius of a sphere that is flat to the eye
 TOP_PARTS = {"max": 1.0, "99 %": 0.99, "90 %": 0.9}  # of all values that a colour scale holds, by the name of the choice
 SHORTEST = 4.0  # s; a run that is over sooner is shown slowed down
 SPEEDS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4)
@@ -297,7 +298,7 @@ def _contents(runs: Mapping[str, Run], cameras: list[Camera], difference: bool) 
         base64 = b64encode(packed.data).decode("ascii")
         data += f'<script type="application/octet-stream" id="data-{k}">{base64}</script>\n'
         cloth = run.scene.cloth
-        spheres = [_ball(s, run.t if s.motion else run.t[:1]) for s in run.scene.spheres]
+        spheres = [as_ball(s, run.t if s.motion else run.t[:1], run.x[0], cloth) for s in run.scene.spheres]
         entries.append(
             {
                 "label": label,
@@ -315,13 +316,6 @@ def _contents(runs: Mapping[str, Run], cameras: list[Camera], difference: bool) 
             }
         )
     return {"tops": tops, "names": list(values), "camera": _camera(runs, cameras), "runs": entries}, data
-
-
-def _ball(sphere: Sphere | Plane, t: Floats) -> dict[str, Any]:
-    """A sphere as the page draws it; a plane is one of the radius `FLAT`."""
-    flat = isinstance(sphere, Plane)
-    centers = sphere.center_at(t) - (FLAT * sphere.unit_normal if isinstance(sphere, Plane) else 0.0)
-    return {"radius": FLAT if flat else sphere.radius, "centers": [_rounded(c, 15) for c in centers]}
 
 
 def common_view(views: list[Camera]) -> Camera:
@@ -401,3 +395,12 @@ def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
             data.append(deflate.compress((levels - before).tobytes()))
             before = levels
     return Packed(b"".join([*data, deflate.flush()]), low, step)
+
+
+def as_ball(sphere: Sphere | Plane, t: Floats, x: Floats, cloth: Cloth) -> dict[str, Any]:
+    """A sphere of the page: radius and centres; a plane is one that is flat to the eye below the cloth's start."""
+    radius, centers = sphere.radius, sphere.center_at(t)
+    if isinstance(sphere, Plane):
+        radius = FLAT * max(cloth.size)
+        centers = centers + nearest(sphere, x.mean(axis=(0, 1))) - sphere.center_at(0.0) - radius * sphere.unit_normal
+    return {"radius": radius, "centers": [_rounded(c, 15) for c in centers]}

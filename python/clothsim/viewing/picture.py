@@ -16,13 +16,14 @@ from ..base.build import available_threads
 from ..base.extras import needed
 from ..engine.arrays import start_time
 from ..model.scene import Scene
-from .camera import Camera, camera_for, extremes, eye_of, is_wide
+from .camera import Camera, camera_for, extremes, eye_of, is_wide, nearest
 from .legend import LEAST_WIDTH, Pixels, deepest, labelled, scale_of, values_of
-from .raster import CLOTH_FRONT, DARK_SPHERE, PIN, SPHERE, Ball, Plane, render
+from .raster import CLOTH_FRONT, DARK_SPHERE, GROUND, PIN, SPHERE, Ball, Plane, render
 
 WIDEST = 8192  # pixels; a square picture of this width takes 200 MB
 PIN_SIZE = 0.013  # radius of a drawn pin, as a part of the cloth's longer side
 GROUND_REACH = 1.5  # radius of the ground, as a part of the diagonal of all that is drawn
+PLANE_REACH = 2.0  # radius of a plane of the scene, in widths of the view
 GROUND_GAP = 0.02  # of that diagonal, below the lowest place; at 0 a flat sheet lies on its ground
 WIDTH = 640  # pixels; fits beside the text of a page or notebook
 BAND = 1 << 20  # bytes of a PNG that are packed between two checks for Ctrl-C: 30 ms
@@ -77,6 +78,12 @@ class Drawing:
             if np.linalg.norm(eye - center) >= s.radius  # else the eye is inside
         ]
         balls += [Ball(point, size, PIN, solid=False) for point in x[cloth.pinned]]
+        shade = DARK_SPHERE if self.by_depth else GROUND
+        walls = [
+            Plane(nearest(s, self.camera.target, t), PLANE_REACH * self.camera.width, s.unit_normal, shade, solid=True)
+            for s in self.scene.spheres
+            if np.isinf(s.radius)
+        ]
         colors = None if self.scale is None or self.values is None else self.scale.colors(self.values[k])
         if min(cloth.shape) < 2:  # a single row has no surface: its mass points are shown
             shades = np.broadcast_to(CLOTH_FRONT, x.shape) if colors is None else colors
@@ -89,7 +96,7 @@ class Drawing:
             self.width,
             colors=colors,
             depth=self.scale if self.by_depth else None,
-            planes=self.planes,
+            planes=[*self.planes, *walls],
             shadow=self.shadow,
             threads=available_threads(),
         )

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ...base.build import build_config
 from ..exports import Clip
 from ..raster import CLOTH_FRONT, SPHERE
-from .meshes import unit_ball
+from .meshes import surface
 
 FLOAT, UNSIGNED = 5126, 5125
 VERTICES, INDICES = 34962, 34963
@@ -41,10 +41,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
     file = _File()
     times = file.accessor(clip.times, bounds=True)
     nodes = [_cloth(file, clip, times)]
-    if clip.spheres:
-        vertices, corners, _ = unit_ball()
-        ball = file.mesh("sphere", vertices, vertices, corners)
-        nodes += [_sphere(file, clip, ball, times, k) for k in range(len(clip.spheres))]
+    nodes += [_sphere(file, clip, times, k) for k in range(len(clip.spheres))]
     file.write(path, nodes)
     return [path]
 
@@ -139,10 +136,11 @@ def _cloth(file: _File, clip: Clip, times: int) -> int:
     return node
 
 
-def _sphere(file: _File, clip: Clip, mesh: int, times: int, k: int) -> int:
+def _sphere(file: _File, clip: Clip, times: int, k: int) -> int:
+    vertices, corners, normals, _ = surface(clip, k)
+    mesh = file.mesh("sphere", vertices, normals, corners)
     centers = np.array([clip.centers(n)[k] for n in range(len(clip))])
-    place = {"scale": [clip.spheres[k].radius] * 3, "translation": centers[0].tolist()}
-    node = file.add("nodes", {"name": f"sphere_{k}", "mesh": mesh, **place})
+    node = file.add("nodes", {"name": f"sphere_{k}", "mesh": mesh, "translation": centers[0].tolist()})
     if np.ptp(centers, axis=0).any():
         file.animate(node, "translation", times, centers)
     return node

@@ -17,6 +17,7 @@ from ...base import Floats
 from ..exports import Clip, Frame
 
 AROUND, FROM_POLE_TO_POLE = 48, 24  # cells of a sphere; off the true one by at most 0.5 % of the radius
+PLANE_REACH = 3.0  # half the side of a plane's square, in longer sides of the cloth
 VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64"}
 
 
@@ -44,16 +45,26 @@ def unit_ball() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
     return vertices.reshape(-1, 3), np.concatenate([upper, lower]), np.stack([u, 1 - v], -1).reshape(-1, 2)
 
 
+def surface(clip: Clip, k: int) -> tuple[Floats, npt.NDArray[np.int64], Floats, Floats]:
+    """Vertices from its centre, triangles, normals and texture coordinates of a sphere, or of a square of a plane."""
+    if not np.isinf(clip.spheres[k].radius):
+        vertices, corners, uv = unit_ball()
+        return clip.spheres[k].radius * vertices, corners, vertices, uv
+    normal, start = clip.normal(k), clip[0].positions.mean(axis=0) - clip.centers(0)[k]
+    along = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    along *= PLANE_REACH * max(clip.scene.cloth.size) / np.linalg.norm(along)
+    sides = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    vertices = start - (start @ normal) * normal + sides @ np.stack([along, np.cross(normal, along)])
+    return vertices, np.array([[0, 1, 2], [0, 2, 3]]), np.tile(normal, (4, 1)), (sides + 1) / 2
+
+
 def bodies(clip: Clip, frame: Frame) -> list[Body]:
     """The cloth, then the spheres at their places in that frame."""
-    vertices, corners, uv = unit_ball()
-    return [
-        Body("cloth", frame.positions, clip.triangles, clip.normals(frame.positions), clip.uv),
-        *(
-            Body(f"sphere_{k}", center + sphere.radius * vertices, corners, vertices, uv)
-            for k, (sphere, center) in enumerate(zip(clip.spheres, frame.centers))
-        ),
-    ]
+    found = [Body("cloth", frame.positions, clip.triangles, clip.normals(frame.positions), clip.uv)]
+    for k, center in enumerate(frame.centers):
+        vertices, corners, normals, uv = surface(clip, k)
+        found.append(Body(f"sphere_{k}", center + vertices, corners, normals, uv))
+    return found
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
@@ -132,7 +143,7 @@ def _vtp(clip: Clip, frame: Frame, body: Body) -> bytes:
 
     data = {"Normals": body.normals, "TCoords": body.uv}
     if body.name == "cloth":
-        distances = (s.radius - np.linalg.norm(body.positions - c, axis=-1) for s, c in zip(clip.spheres, frame.centers))
+        distances = (clip.depth(k, body.positions - center) for k, center in enumerate(frame.centers))
         depth = np.max([np.zeros(len(body.positions)), *distances], axis=0)
         data |= {"velocity": frame.velocities, "depth": depth}
     point_data = "".join(array(name, values.astype("<f4")) for name, values in data.items())

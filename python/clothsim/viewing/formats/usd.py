@@ -11,7 +11,7 @@ import numpy as np
 from ...base.build import build_config
 from ..exports import Clip
 from .gltf import MATERIALS
-from .meshes import unit_ball
+from .meshes import surface
 
 CODES_PER_SECOND = 60.0  # time codes where frames stand at their own times; codes need not be whole
 
@@ -79,11 +79,11 @@ def _sphere(stage: Any, clip: Clip, k: int) -> Any:
     coarsely, each in its own way."""
     from pxr import Gf, Vt
 
-    radius, (vertices, corners, _) = clip.spheres[k].radius, unit_ball()
+    vertices, corners, normals, _ = surface(clip, k)
     mesh = _mesh(stage, f"sphere_{k}", corners, "sphere")
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy((radius * vertices).astype(np.float32)))
-    mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(vertices.astype(np.float32)))
-    mesh.CreateExtentAttr([Gf.Vec3f(-radius), Gf.Vec3f(radius)])
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(vertices.astype(np.float32)))
+    mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals.astype(np.float32)))
+    mesh.CreateExtentAttr([Gf.Vec3f(*end.tolist()) for end in (vertices.min(axis=0), vertices.max(axis=0))])
     move = mesh.AddTranslateOp()
     move.Set(Gf.Vec3d(*clip.centers(0)[k].tolist()))
     return move
