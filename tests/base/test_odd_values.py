@@ -49,6 +49,7 @@ CALLS = {
     cs.Cloth: {"shape": (2, 3), "pins": ()},
     CLOTH.spring_count: {},
     cs.Sphere: {"response": "ray"},
+    cs.Plane: {"point": (0, 0, 0), "normal": (0, 1, 0)},
     BALL.center_at: {"t": 0.0},
     BALL.velocity_at: {"t": 0.0},
     BALL.offset_length: {"cloth": CLOTH},

@@ -387,12 +387,12 @@ class Plane(Obstacle):
     push_out_speed: ClassVar[float] = 1.0
 
     def __post_init__(self) -> None:
-        normal = check.vector("normal", self.normal)
+        point, normal = check.vector("point", self.point), check.vector("normal", self.normal)
         if not any(normal):
             raise ValueError("normal must be a direction, got (0, 0, 0)")
-        like = Sphere(self.point, 1.0, self.motion, self.response, "none", self.restitution, self.friction)
+        like = Sphere(point, 1.0, self.motion, self.response, "none", self.restitution, self.friction)
         self._set(
-            point=check.vector("point", self.point),
+            point=point,
             normal=normal,
             response=like.response,
             _has_own_restitution=self.restitution is not None,
