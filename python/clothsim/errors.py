@@ -189,8 +189,8 @@ further apart, or make them smaller
 
     def __post_init__(self) -> None:
         self.args = (
-            f"no place left at step {self.step} (t = {self.time:g} s): mass point {self.point}{self._which} is trapped between "
-            "spheres; keep them further apart, or make them smaller",
+            f"no place left at step {self.step} (t = {self.time:g} s): mass point {self.point}{self._which} is trapped "
+            "between spheres; keep them further apart, or make them smaller",
         )
 
 

@@ -60,35 +60,6 @@ def shown_axes(ax: Any = None, columns: int = 1, width: float = 6.4, height: flo
     return given
 
 
-def name_lines(axes: Any) -> None:
-    """Write the label of each labelled line beside the end of the line, in place of a legend; limits are final."""
-    lines = [line for line in axes.lines if not line.get_label().startswith("_")]
-    axes.autoscale_view()  # limits of lines since the last one
-    to_part = axes.transData + axes.transAxes.inverted()
-    ends = []
-    for line in lines:
-        x, y = line.get_data()
-        good = np.flatnonzero(np.isfinite(y))
-        ends.append(to_part.transform((x[good[-1]], y[good[-1]])) if good.size else np.array([1.0, 0.0]))
-    # A line of text needs 0.16 inches. Texts that overlap move up, and a leader joins text and line.
-    gap = 0.16 * axes.figure.dpi / axes.bbox.height
-    height = -np.inf
-    for k in sorted(range(len(lines)), key=lambda k: ends[k][1]):
-        height, line = max(ends[k][1], height + gap), lines[k]
-        leader = {"arrowstyle": "-", "color": line.get_color(), "ls": line.get_linestyle(), "shrinkA": 2, "shrinkB": 0}
-        axes.annotate(
-            line.get_label(),
-            ends[k],
-            (1.04, height),
-            xycoords="axes fraction",
-            textcoords="axes fraction",
-            fontsize="small",
-            va="center",
-            arrowprops=leader,
-            annotation_clip=False,
-        )
-
-
 # From an end of a line [points] to its label, and which side of the text is there; the first that is free is taken.
 PLACES = [(7, 0), (7, -9), (7, 9), (0, -12), (0, 12), (-7, -9), (-7, 9), (-7, 0), (12, -20), (12, 20), (-12, -20), (-12, 20)]
 

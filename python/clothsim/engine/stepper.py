@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check, frozen
-from ..base.on_demand import later
 from ..model.scene import Scene
 from ..model.wording import cloth_text, counted, spheres_text
 from ..typing import Backend, Integrator, Kernel, Precision
@@ -415,25 +414,15 @@ class Stepper:
             row[: len(member)] = member
         return impulses
 
-    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """Lines and a picture of the state, for a notebook. For a batch, the picture shows the first member."""
-
-        made: dict[str, Any] = later("viewing.notebook").stepper_bundle(self)
-        return made
-
     def __repr__(self) -> str:
-        return f"<{'; '.join(self._lines())}>"
-
-    def _lines(self) -> list[str]:
         """The scene, the time, and how steps are computed."""
         scenes, shape = self._state.scenes, self._state.shape
         batch = f"a batch of {shape[0]}, each " if len(shape) == 4 else ""
         how = f"{self._state.integrator} in {self._options.precision}, kernel {self.kernel}"
-        return [
-            f"Stepper of {batch}{cloth_text(scenes[0])}, {spheres_text(scenes)}",
-            f"t = {self.time:.6g} s",
-            f"{how}, {counted(self.threads, 'thread')}, {self.instruction_set}",
-        ]
+        return (
+            f"<Stepper of {batch}{cloth_text(scenes[0])}, {spheres_text(scenes)}; t = {self.time:.6g} s; "
+            f"{how}, {counted(self.threads, 'thread')}, {self.instruction_set}>"
+        )
 
 
 class SilentStepper(Stepper):

@@ -15,7 +15,7 @@ import numpy as np
 from ..accuracy.plots import draw_work_precision, look_of
 from ..base import Floats, check
 from ..base.extras import needed
-from ..base.plots import BLACK, BLUE, DPI, GREEN, GREY, LIGHT_GREY, RED, YELLOW, figure, name_lines, save, shown_axes, style
+from ..base.plots import BLACK, BLUE, DPI, GREEN, GREY, LIGHT_GREY, RED, YELLOW, figure, save, shown_axes, style
 from ..model.scene import Scene
 from ..stability.map import draw_map
 from ..sweeps.member import STATUS
@@ -98,7 +98,7 @@ def plot_run(run: Any, path: str | Path | None = None) -> Any:
         if not any((found[name] < 0).any() for name in names):
             axis.set_ylim(bottom=0)
         if len(names) > 1:
-            name_lines(axis)
+            axis.legend(fontsize="small", frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     axes[-1, 0].set_xlabel("time [s]")
     drawn.align_ylabels()
     if path is not None:
