@@ -245,11 +245,7 @@ def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray
             "known_until": ("parameter", until, {"units": "s"}),
             "reason": ("parameter", reasons),
         },
-        {
-            "parameter": [one.name for one in parameters],
-            "time": ("time", clock.times, {"units": "s"}),
-            "component": ["x", "y", "z"],
-        },
+        {"parameter": [p.name for p in parameters], "time": ("time", clock.times, {"units": "s"}), "component": [*"xyz"]},
     )
     return data
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from .work import Convergence
 
 OWN = "clothsim"  # library of the integrators
-_SIZE = 13.0, 6.4
-_SIZE_OF_FIT = 13.0, 4.2
 _DASHES = {("dt", "double"): "-", ("dt", "single"): ":", ("rtol", "double"): "-.", ("rtol", "single"): (0, (7, 2, 1, 2))}
 _HOLLOW = {"mfc": "white", "ls": "none", "zorder": 3}
 
@@ -33,7 +31,7 @@ def draw_work_precision(data: Any, ax: Any = None) -> Any:
     A method has its colour and marker in every plot. Methods at tolerances are dash-dotted, "single" has more dots, other
     libraries are dashed. Points below the error of the reference are hollow.
     """
-    panels = shown_axes(ax, 2, *_SIZE, sharey=True)
+    panels = shown_axes(ax, 2, 13.0, 6.4, sharey=True)
     own, precisions = integrators(), set(data["precision"].values[data["library"].values == OWN])
     methods = [str(name).removesuffix(" adaptive") for name in data["integrator"].values]
     others = list(dict.fromkeys(name for name in methods if name not in own))
@@ -90,16 +88,13 @@ def draw_convergence(found: Convergence, ax: Any = None) -> Any:
     return axes
 
 
-_SHOWN = 3  # points of the data
-
-
 def draw_fit(found: Fit, ax: Any = None) -> Any:
     """`Fit.plot`."""
-    curves, off, matrix = shown_axes(ax, 3, *_SIZE_OF_FIT)
+    curves, off, matrix = shown_axes(ax, 3, 13.0, 4.2)
     data = found.positions.reshape(len(found.times), -1, 3)
     residuals = found.residuals.reshape(data.shape)
     spread = np.nan_to_num(np.nanmax(data, axis=0) - np.nanmin(data, axis=0))
-    for n, k in enumerate(np.argsort(-spread.max(axis=1), kind="stable")[:_SHOWN]):
+    for n, k in enumerate(np.argsort(-spread.max(axis=1), kind="stable")[:3]):
         c, place = int(spread[k].argmax()), tuple(map(int, np.unravel_index(k, found.positions.shape[1:-1])))
         label = f"{'xyz'[c]} of point {place if len(place) > 1 else f'number {k}'}"
         curves.plot(found.times, data[:, k, c], "o", ms=4, color=COLORS[n], label=label)

@@ -151,8 +151,7 @@ def reference_for(scene: Scene, duration: float, given: Reference | None) -> Ref
         return reference(scene, duration)
     check.instance("reference", given, Reference)
     if given.scene != scene or given.t[-1] != duration:
-        whose = "this" if given.scene == scene else "another"
-        raise ValueError(f"reference must be of this scene over {duration:g} s, got {whose} scene over {given.t[-1]:g} s")
+        raise ValueError(f"reference must be one of this scene over {duration:g} s, got {given!r} of its scene")
     return given
 
 

@@ -233,7 +233,7 @@ class Subspace:
         while self._extend(extension):
             limit, modes, outside, known = examine(limits[-1])
             limits.append(limit)
-            recent, followed = limits[1:][-_ROUNDS:], self.vectors(_parts(modes[:_BLOCK]))
+            recent, followed = limits[1:][-_ROUNDS:], _sums(_parts(modes[:_BLOCK]), self.rows[0])
             settled = len(recent) == _ROUNDS and max(recent) <= min(recent) * (1 + _SETTLED)
             full = len(self.rows[0]) >= self.size or self.products >= _MOST_PRODUCTS
             if full or not np.isfinite(limit) or (settled and known):
@@ -252,10 +252,6 @@ class Subspace:
         self.rows = [np.concatenate([old, more]) for old, more in zip(self.rows, (new, *(of(new) for of in self.operators)))]
         self.k, self.c = (_dots(self.rows[0], product) for product in self.rows[1:])
         return True
-
-    def vectors(self, weights: Floats) -> Floats:
-        """Vectors (in rows) with these coordinates."""
-        return np.asarray(_sums(weights, self.rows[0]))
 
 
 def _parts(rows: npt.NDArray[Any]) -> Floats:
@@ -325,7 +321,7 @@ def _by_steps(integrator: str, space: Subspace, near: float) -> Finding:
     sides = [np.flatnonzero((sign * values.real >= 0) & (values.imag >= 0)) for sign in _GROWTH]
     chosen = np.concatenate([side[np.argsort(-np.abs(values[side]))[:_FOLLOWED]] for side in sides])
     values, z = values[chosen, None], vectors[:, chosen].T
-    x, w = (space.vectors(_parts(part)) for part in np.split(z, 2, axis=1))
+    x, w = (_sums(_parts(part), space.rows[0]) for part in np.split(z, 2, axis=1))
 
     def acceleration(x: Floats, w: Floats) -> Floats:
         stiffness, damping = space.operators
