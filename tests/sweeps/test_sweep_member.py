@@ -30,12 +30,6 @@ def test_a_member_is_its_run_with_the_bits_of_the_sweep():
     assert still.scene == BALL and len(still.t) == 101
 
 
-def test_it_shows_lines_and_a_picture_in_a_notebook():
-    run = sweep({"stiffness": [100.0, 200.0]}, dt=1e-3).clothsim.member(stiffness=100.0)
-    assert len(str(run).splitlines()) == 6
-    assert run._repr_mimebundle_()["text/html"].count("<img") == 1
-
-
 def test_scenes_tolerances_and_stores(tmp_path):
     pytest.importorskip("zarr")
     scenes = {"ball": BALL, "none": BALL.replace(spheres=())}

@@ -123,13 +123,6 @@ def test_a_heat_map_marks_errors_below_the_reference(swept):
         assert len(hollow.get_xdata()) == expected.sum() and hollow.get_markerfacecolor() == "white"
 
 
-def test_labels_on_an_axis():
-    over = {"shape": [(4, 4), (4, 8), (8, 8)], "mass": [1.0, 2.0]}
-    result = cs.sweep(cs.scenes.paper_swing(), over, duration=0.01, dt=1e-4, progress=False)
-    axes = result.clothsim.plot.heatmap("energy_drift")
-    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["4x4", "4x8", "8x8"]
-
-
 @pytest.mark.parametrize(
     ("draw", "message"),
     [

@@ -46,9 +46,10 @@ class Store(Results):
         self._touched: set[tuple[int, ...]] = set()  # chunks with values that are not on disk yet
         self._last_write = time.monotonic()
         begun = (path / "zarr.json").exists()
-        if not begun and path.exists() and any(path.iterdir()) and not (path / _LOCK).exists():
+        if not begun and path.exists() and any(path.iterdir()):
             raise ValueError(f"store {str(path)!r} is no store of a sweep")
-        self._lock = Lock(path)
+        path.mkdir(parents=True, exist_ok=True)
+        self._lock = locked(path)
         try:
             if begun:
                 self._check(resume)
@@ -78,16 +79,16 @@ class Store(Results):
 
     def _load(self) -> None:
         """Read the values of all members that have ended."""
-        for name, array in variables_of(self.path, self.group, self.variables).items():
+        arrays, values = read(self.path, self.group, self.variables)
+        for name, array in arrays.items():
             self._arrays[name] = array.with_config({"write_empty_chunks": True})
             if name not in self.variables:  # of a user's function, known from the first result
                 more = tuple((array.metadata.dimension_names or ())[len(self.grid.shape) :])
-                self.variables[name] = Variable(name, np.full(array.shape, np.nan), dict(array.attrs), more)
+                self.variables[name] = Variable(name, values[name], dict(array.attrs), more)
             elif name in FRAMES:
                 self.variables[name].values = self._arrays[name]
-        for part, values in ended(self.path, self._arrays):
-            for name, found in values.items():
-                self.variables[name].values[part] = found
+            else:
+                self.variables[name].values[...] = values[name]
 
     def _create_all(self) -> None:
         for label in self.coordinates:
@@ -113,7 +114,7 @@ class Store(Results):
             attributes=attrs,
             compressors=(self.zarr.codecs.ZstdCodec(), self.zarr.codecs.Crc32cCodec()),
             config={"write_empty_chunks": True},
-            overwrite=name != "status",  # whose folder has the lock
+            overwrite=True,
             **layout,
         )
         if name not in FRAMES:
@@ -166,7 +167,7 @@ class Store(Results):
 
     def close(self) -> None:
         """Release the store."""
-        self._lock.release()
+        release(self._lock)
 
 
 def _status_last(variable: Variable) -> bool:
@@ -199,44 +200,28 @@ def read_attrs(path: Path) -> dict[str, Any]:
     return about
 
 
-def variables_of(path: Path, group: Any, names: Iterable[str] = ("status",)) -> dict[str, Any]:
-    """The arrays of a store that have values of the members, those of `names` among them."""
-    try:
-        arrays = {name: group[name] for name in sorted({*group.array_keys(), *names})}
-    except Exception as error:  # for damaged metadata zarr raises errors of many kinds
-        raise ValueError(f"store {str(path)!r} is damaged ({type(error).__name__}: {error}): delete it") from None
-    labels = group.attrs.get("coordinates", "").split()
-    return {k: one for k, one in arrays.items() if k not in labels and k not in (one.metadata.dimension_names or ())}
+def read(path: Path, group: Any, names: Iterable[str] = ()) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The arrays that have a value for each member, `names` among them, and the values of all arrays but the frames.
 
-
-def ended(path: Path, arrays: Mapping[str, Any]) -> Iterator[tuple[tuple[slice, ...], dict[str, np.ndarray]]]:
-    """The chunks of members of which one has ended, with the values of all variables but the frames.
-
-    A ValueError names a chunk that is damaged or missing. Of frames it is only seen whether they are there.
+    A ValueError names an array that is damaged or lacks a chunk. Of frames it is only seen whether they are there.
     """
-    status = arrays["status"]
-    for place in np.ndindex(*status.cdata_shape):
-        part, key = _part(place, status.chunks), f"status/{status.metadata.encode_chunk_key(place)}"
-        if not (path / key).exists():  # deleted: these members are pending
-            continue
-        found = _read(path, key, status, place, part)
-        if found.any():
-            yield part, {k: _read(path, key, one, place, part) for k, one in arrays.items() if k not in FRAMES}
-        for member in np.argwhere(found == DONE) + [each.start for each in part]:
-            for one in (arrays[name] for name in FRAMES if name in arrays):
-                _read(path, key, one, member.tolist(), None)
-
-
-def _read(path: Path, key: str, array: Any, place: Sequence[int], part: Any) -> Any:
-    """A part of an array that is in the chunk at this place, whose file has to be there: else zarr takes it for empty."""
-    file = f"{array.basename}/{array.metadata.encode_chunk_key((*place, *[0] * (array.ndim - len(place))))}"
+    arrays, values, name = dict[str, Any](), dict[str, np.ndarray](), "status"
     try:
-        if not (path / file).exists():
-            raise FileNotFoundError("it is missing")
-        return None if part is None else array[part]
+        labels = {*group.attrs.get("coordinates", "").split()}
+        done = np.argwhere(group[name][...] == DONE)
+        for name in sorted({"status", *group.array_keys(), *names}):
+            array = arrays[name] = group[name]
+            labels.update(array.metadata.dimension_names or ())
+            if name in FRAMES:
+                keys = [array.metadata.encode_chunk_key((*member, 0, 0, 0, 0)) for member in done.tolist()]
+                whole = all((path / name / key).exists() for key in keys)
+            else:  # zarr takes a chunk without a file for empty, which it is of "status" alone
+                whole, values[name] = not len(done) or array.nchunks_initialized == array.nchunks, array[...]
+            if not whole and name != "status":
+                raise FileNotFoundError("a chunk is missing")
     except Exception as error:  # of zarr, of many kinds
-        members = f", or {key}, whose members are then computed again" if key else ""
-        raise ValueError(f"store {str(path)!r} is damaged at {file} ({error}): delete the store{members}") from None
+        raise ValueError(f"store {str(path)!r} is damaged at {name} ({type(error).__name__}: {error}): delete it") from None
+    return {name: one for name, one in arrays.items() if name not in labels}, values
 
 
 def differences(theirs: Any, mine: Any) -> list[str]:
@@ -267,37 +252,42 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-_LOCK = Path("status", "lock")  # zarr warns of files that are not in the folder of an array
-_mine: set[Path] = set()  # locks of this process, which the system does not refuse it
+_held: set[int] = set()  # descriptors of locks
 
 
-class Lock:
-    """The right to write to a store: a lock that ends with its process."""
+def _forget() -> None:
+    """Close the locks in a process that is forked: they end with the process that took them."""
+    while _held:
+        os.close(_held.pop())
 
-    def __init__(self, path: Path) -> None:
-        self._file, self._handle = path.resolve() / _LOCK, -1
-        try:
-            import fcntl
-        except ImportError:  # not on this system
-            return
-        if self._file not in _mine:  # closing it would drop the lock of this process
-            self._file.parent.mkdir(parents=True, exist_ok=True)
-            handle = os.open(self._file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
-            try:
-                fcntl.lockf(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                os.close(handle)
-            else:
-                self._handle = handle
-                _mine.add(self._file)
-        if self._handle < 0:
-            raise ValueError(f"store {str(path)!r} is being written by a sweep; wait for its end, or give another store")
 
-    def release(self) -> None:
-        if self._handle >= 0:
-            os.close(self._handle)
-            _mine.discard(self._file)
-            self._handle = -1
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)
+
+
+def locked(path: Path) -> int:
+    """A lock on the folder of a store, which ends with its process, as a descriptor; -1 where the system has none."""
+    try:
+        import fcntl
+    except ImportError:
+        return -1
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(handle)
+        if isinstance(error, BlockingIOError):
+            where = f"store {str(path)!r} is being written by a sweep"
+            raise ValueError(f"{where}; wait for its end, or give another store") from None
+        return -1
+    _held.add(handle)
+    return handle
+
+
+def release(handle: int) -> None:
+    if handle in _held:
+        _held.remove(handle)
+        os.close(handle)
 
 
 def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
@@ -339,11 +329,7 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     if not (path / "status" / "zarr.json").exists():
         raise ValueError(f"path {str(path)!r} is a store that was stopped before it had anything")
     group = zarr.open_group(path, mode="r", use_consolidated=False)
-    variables = variables_of(path, group)
-    for name in {*group.array_keys()} - variables.keys():
-        _read(path, "", group[name], [0] * group[name].ndim, ...)
-    for _ in ended(path, variables):
-        pass
+    variables, _ = read(path, group)
     dataset: xarray.Dataset = xr.open_zarr(path, chunks=None, consolidated=False)[list(variables)]
     # NumPy's new text type breaks xarray's `where` and the like; the old ones do not.
     for name, array in dataset.variables.items():
