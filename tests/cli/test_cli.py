@@ -13,12 +13,10 @@ from commands import run
 
 
 @pytest.mark.parametrize("command", [[], *([name] for name in COMMANDS)], ids=str)
-def test_help_has_at_most_80_columns_in_a_wide_terminal(capsys, monkeypatch, command):
-    monkeypatch.setenv("COLUMNS", "200")
+def test_every_command_has_help(capsys, command):
     code, out, err = run(capsys, *command, "--help")
     assert (code, err) == (0, "")
     assert out.startswith(" ".join(["usage: clothsim", *command]))
-    assert max(map(len, out.splitlines())) <= 80
     if command:
         assert "--json" in out
 

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..base.clocks import Stopwatch
 from ..base.extras import needed
+from ..base.progress import Stopwatch
 from ..base.table import aligned
 from ..methods.bound import stable_dt
 from ..model.fields import change_scene, check_name, units

@@ -1,4 +1,4 @@
-"""Files that the package writes: whole or not at all; and NumPy archives (.npz) without pickle.
+"""Files that the package writes: whole or not at all; NumPy archives (.npz) without pickle; and one form of JSON.
 
 A file is written in a new folder beside its target, forced to the disk, and then renamed to its target. A full disk or a
 kill leaves the old file as it was.
@@ -6,9 +6,11 @@ kill leaves the old file as it was.
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import shutil
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -109,3 +111,19 @@ def read_npz(path: str | os.PathLike[str], what: str, needed: Collection[str]) -
             raise ValueError("its list of arrays is damaged")
         # A member is read whole: only then does zipfile compare its checksum.
         return {name: np.lib.format.read_array(BytesIO(archive.read(f"{name}.npy")), allow_pickle=False) for name in names}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    value = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, (bool, int)) else str(value)
+
+
+def as_json(data: Any) -> str:
+    """`data` as indented JSON that every reader takes: a number that is not finite becomes null, an object its text."""
+    return json.dumps(_plain(data), indent=1, allow_nan=False)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
 import sys
 import warnings
 from collections.abc import Sequence
@@ -39,13 +38,6 @@ IN_PYTHON = {
 """What an earlier version had as commands (docs/runs.md)."""
 
 
-class _Narrow(argparse.HelpFormatter):
-    """Help of at most 80 columns, also in a wide terminal."""
-
-    def __init__(self, prog: str) -> None:
-        super().__init__(prog, width=min(80, shutil.get_terminal_size().columns) - 2)
-
-
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
@@ -53,11 +45,11 @@ class _Parser(argparse.ArgumentParser):
 
 def _parser(chosen: str | None) -> argparse.ArgumentParser:
     """The parser of the whole command line. Only the module of the chosen command is imported."""
-    top = _Parser(prog="clothsim", description="Mass-spring cloth meeting spheres.", formatter_class=_Narrow)
+    top = _Parser(prog="clothsim", description="Mass-spring cloth meeting spheres.")
     top.add_argument("--version", action="version", version=f"clothsim {cs.__version__}")
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
     for name, text in COMMANDS.items():
-        command = subparsers.add_parser(name, help=text, description=text, formatter_class=_Narrow, allow_abbrev=False)
+        command = subparsers.add_parser(name, help=text, description=text, allow_abbrev=False)
         if name == chosen:
             module = later(f"cli.{name}")
             command.set_defaults(run=module.run, command=name)
@@ -87,22 +79,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
+    code, said = 0, ""
     try:
         args.run(args)
         sys.stdout.flush()
-    except (ValueError, TypeError) as error:
-        return _failed(args, 2, error)
     except BrokenPipeError:  # the reader left, as in `clothsim info | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (ValueError, TypeError) as error:
+        code, said = 2, str(error)
     except (ArithmeticError, ImportError, MemoryError, OSError, RuntimeError) as error:
-        return _failed(args, 1, error)
+        code, said = 1, str(error)
     except KeyboardInterrupt as stop:
-        return _failed(args, 130, f"interrupted; {stop}" if str(stop) else "interrupted")
-    return 0
-
-
-def _failed(args: argparse.Namespace, code: int, error: object) -> int:
-    _say(args, f"error: {error}")
+        code, said = 130, "; ".join(filter(None, ("interrupted", str(stop))))
+    if code:
+        _say(args, f"error: {said}")
     return code
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import clothsim as cs
 from clothsim.gpu import adapters
 
-from ..base.plain_json import as_json
+from ..base.files import as_json
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..base.plain_json import as_json
+from ..base.files import as_json
 from ._scene import add_scene, changed_scene
 
 

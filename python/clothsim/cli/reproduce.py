@@ -6,7 +6,7 @@ import argparse
 
 from clothsim.paper import EXPERIMENTS, reproduce, text
 
-from ..base.plain_json import as_json
+from ..base.files import as_json
 from ..base.progress import wanted_by_command
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import clothsim as cs
 
-from ..base.files import npz_path
-from ..base.plain_json import as_json
+from ..base.files import as_json, npz_path
 from ..base.progress import print_above, wanted_by_command
 from ..viewing.animation import FORMATS as FILMS
 from ..viewing.animation import animate, film_path

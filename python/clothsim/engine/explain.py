@@ -92,8 +92,7 @@ def explain(
             "computed": tuple(name for name, present in everything.items() if present),
             "left_out": tuple(name for name, present in everything.items() if not present),
             "collision_passes": tuple(
-                f"{s.response}{' (as printed)' if s.as_printed else ''}, {_radius_text(s, cloth)}"
-                for s in scene.spheres
+                f"{s.response}{' (as printed)' if s.as_printed else ''}, {_radius_text(s, cloth)}" for s in scene.spheres
             ),
             "contact_costs": tuple(_contact_cost(s, precision) for s in scene.spheres),
             "integrator": integrator,

@@ -23,14 +23,7 @@ FAMILIES: tuple[Family, ...] = get_args(Family)
 """The spring families, in the order in which they are computed and listed."""
 
 SPRING_DTYPE = np.dtype(
-    [
-        ("i", np.int64),
-        ("j", np.int64),
-        ("family", "U10"),
-        ("rest_length", np.float64),
-        ("stiffness", np.float64),
-        ("damping", np.float64),
-    ]
+    [("i", "i8"), ("j", "i8"), ("family", "U10"), ("rest_length", "f8"), ("stiffness", "f8"), ("damping", "f8")]
 )
 
 # Per family and direction, the (row, column) offsets of the spring's two ends from a cell's

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 from collections.abc import Mapping
 from typing import Any
 
 from ..base import Floats, check
 from .cloth import FAMILIES, Cloth
-from .motion import MOTIONS, Linear, Reciprocate
+from .motion import MOTIONS
 from .scene import Scene
 from .sphere import Plane, Sphere
 from .wording import counted
@@ -26,7 +25,7 @@ _UNITS = {
         "m": ("size", "position", "center", "centers", "offsets", "radius", "offset", "distance", "amplitude", "atol"),
         "s": ("period", "times", "dt", "duration"),
         "Hz": ("frequency",),
-        "m/s": ("velocity", "speed"),
+        "m/s": ("velocity", "push_out_speed"),
         "1": ("direction", "deceleration", "phase", "restitution", "friction", "rtol"),
         "kg": ("mass",),
         "N/m": ("stiffness",),
@@ -49,7 +48,7 @@ _SPHERE = _arguments(Sphere)
 _SCENE = tuple(name for name in _arguments(Scene) if name not in ("cloth", "spheres"))
 _MOTION = tuple(dict.fromkeys(name for cls in MOTIONS.values() for name in _arguments(cls)))
 _FAMILY_PARTS = tuple(f"{name}_{family}" for name in ("stiffness", "damping") for family in FAMILIES)
-_SPHERE_PARTS = (*_SPHERE, *(f"center_{c}" for c in _COMPONENTS), *_MOTION, "speed")
+_SPHERE_PARTS = (*_SPHERE, *(f"center_{c}" for c in _COMPONENTS), *_MOTION)
 
 NAMES = (
     "scene",
@@ -63,8 +62,6 @@ NAMES = (
 )
 """Every name that can be swept; those of one sphere ("sphere1_radius") and of other pins ("pin1_x") come on top."""
 
-_NOT_SWEPT = ("every", "frames", "threads", "backend", "metrics", "store", "executor", "progress")
-
 _SPHERE_NAME = re.compile(r"sphere(\d*)_(\w+)")
 _PIN_NAME = re.compile(r"pin(\d+)_([xyz])")
 
@@ -76,8 +73,6 @@ def check_name(name: Any) -> str:
     known = f"sphere_{sphere[2]}" if sphere else f"pin0_{pin[2]}" if pin else name
     if isinstance(known, str) and known in NAMES:
         return str(name)
-    if name in _NOT_SWEPT:
-        raise ValueError(f"over must have names that can be swept, got {name!r}, which is the same for all members")
     hint = check.nearest(known, NAMES)
     raise ValueError(f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() lists them")
 
@@ -176,8 +171,11 @@ def _with_families(cloth: Cloth, parts: Mapping[str, Any]) -> dict[str, dict[str
 
 
 def _change_spheres(spheres: tuple[Sphere | Plane, ...], values: Mapping[str, Any]) -> list[Sphere | Plane]:
-    parts = {name: _sphere_part(name) for name in values}
-    for name, (index, _) in parts.items():
+    parts = {}
+    for name in values:
+        number, part = _SPHERE_NAME.fullmatch(name).groups()  # type: ignore[union-attr]  # has passed check_name
+        index = int(number) if number else None
+        parts[name] = index, part
         if (index or 0) >= len(spheres):
             needed = "a sphere" if index is None else f"a sphere with the index {index}"
             raise ValueError(f"{name} needs {needed}; the scene has {counted(len(spheres), 'sphere')}")
@@ -192,30 +190,9 @@ def _change_spheres(spheres: tuple[Sphere | Plane, ...], values: Mapping[str, An
     return result
 
 
-def _sphere_part(name: str) -> tuple[int | None, str]:
-    match = _SPHERE_NAME.fullmatch(name)
-    assert match is not None, name  # every name has passed check_name
-    return int(match[1]) if match[1] else None, match[2]
-
-
 def _change_part(sphere: Sphere | Plane, name: str, part: str, value: Any) -> Sphere | Plane:
-    if part == "speed":
-        return sphere.replace(motion=_with_speed(sphere, name, value))
     if part.startswith("center_"):
         return sphere.replace(center=_with_components(sphere.center, {part[-1]: value}))
     if sphere.motion is None or part not in _arguments(type(sphere.motion)):
         raise ValueError(f"{name} needs a sphere whose motion has it, got {sphere.motion!r}")
     return sphere.replace(motion=sphere.motion.replace(**{part: value}))
-
-
-def _with_speed(sphere: Sphere | Plane, name: str, value: Any) -> Linear | Reciprocate:
-    """For Linear the length of the velocity, for Reciprocate the mean speed, 2 distance / period."""
-    motion = sphere.motion
-    if isinstance(motion, Linear) and any(motion.velocity):
-        speed = check.number(name, value, minimum=0)
-        length = math.hypot(*motion.velocity)
-        return motion.replace(velocity=tuple(speed * v / length for v in motion.velocity))
-    if isinstance(motion, Reciprocate):
-        speed = check.number(name, value, minimum=0, exclusive=True)
-        return motion.replace(period=2 * motion.distance / speed)
-    raise ValueError(f"{name} needs a sphere with a Linear motion of some direction or a Reciprocate one, got {motion!r}")

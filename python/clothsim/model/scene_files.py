@@ -16,33 +16,24 @@ from .scene import Scene
 
 _END = "file"  # the last table; its only entry shows that the file has not been cut
 
+# Of other arguments the comment is the unit.
 _COMMENTS = {
     "schema": "version of this layout",
-    "gravity": "m/s^2",
     "position": "m, one [x, y, z] per mass point of every row; without it: the flat sheet",
-    "velocity": "m/s",
     "force": "N, one [x, y, z] per mass point of every row",
-    "cloth.shape": "rows, columns",
-    "cloth.size": "m, along the rows and along the columns",
-    "cloth.mass": "kg in all, or per mass point",
-    "cloth.stiffness": "N/m, one number or one per family",
-    "cloth.damping": "N s/m along each spring, one number or one per family",
-    "cloth.drag": "N s/m, of each point's velocity",
-    "cloth.pins": "row, column; negative ones count from the end",
-    "spheres.center": "m",
-    "spheres.radius": "m",
-    "spheres.response": "what a contact does",
-    "spheres.offset": "a rule, or m",
-    "spheres.point": "m, a place on a plane",
-    "spheres.normal": "of a plane, of any length",
-    "spheres.motion.offsets": "m, from the start",
-    "cloth.pins.points": "row, column",
-    "cloth.pins.motion.offsets": "m, from the start",
-    **{
-        f"{of}.motion.{name}": units(name)
-        for of in ("spheres", "cloth.pins")
-        for name in ("velocity", "distance", "amplitude", "period", "frequency", "times", "centers")
-    },
+    "shape": "rows, columns",
+    "size": "m, along the rows and along the columns",
+    "mass": "kg in all, or per mass point",
+    "stiffness": "N/m, one number or one per family",
+    "damping": "N s/m along each spring, one number or one per family",
+    "drag": "N s/m, of each point's velocity",
+    "pins": "row, column; negative ones count from the end",
+    "points": "row, column",
+    "response": "what a contact does",
+    "offset": "a rule, or m",
+    "point": "m, a place on a plane",
+    "normal": "of a plane, of any length",
+    "offsets": "m, from the start",
 }
 
 
@@ -132,8 +123,8 @@ def _table(data: Mapping[str, Any], path: str) -> list[str]:
             for entry in value:
                 below += ["", f"[[{there}]]", *_table(entry, there)]
         else:
-            comment = _COMMENTS.get(there)
-            lines.append(f"{key} = {_value(value)}" + (f"  # {comment}" if comment else ""))
+            comment = _COMMENTS.get(key, units(key))
+            lines.append(f"{key} = {_value(value)}" + (f"  # {comment}" if comment.strip("1") else ""))
     return lines + below
 
 

@@ -13,8 +13,7 @@ import clothsim as cs
 from ..base import check
 from ..base.build import provenance
 from ..base.extras import needed
-from ..base.files import write_bytes
-from ..base.plain_json import as_json
+from ..base.files import as_json, write_bytes
 from ..base.progress import ProgressBar
 from . import experiments as made
 from . import report as pages

@@ -15,7 +15,7 @@ import clothsim as cs
 from clothsim.gpu import adapters, using
 from clothsim.scenes import PAPER_DT
 
-from ..base.clocks import Stopwatch
+from ..base.progress import Stopwatch
 
 VARIANTS = ("as printed", "corrected")
 # Method 1 and method 2 of the paper, in both variants, and what continuous detection adds.

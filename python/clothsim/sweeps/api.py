@@ -67,7 +67,7 @@ def sweep(
 
         `sweepable` lists the names: arguments of `Cloth`, `Scene` and the run, and of `Sphere` and its motion. These two
         have `sphere_` in front (of every sphere) or `sphere1_` (of the sphere with index 1). Parts have names too, such as
-        "stiffness_shear", "gravity_y", "sphere_center_x" and "sphere_speed" [m/s].
+        "stiffness_shear", "gravity_y", "sphere_center_x" and "sphere_period" [s].
     duration : float, default 1.0
         Simulated time [s], > 0.
     metrics : sequence, mapping, name or function
