@@ -6,7 +6,7 @@ for name, case in cs.scenes.hard_cases().items():
     if case.steps > 5_000:
         continue  # the tests run all of them
     result = case.run(case.precisions[0])
-    print(f"{name:28} {'as expected' if result.passed else 'NOT as expected'}: {case.expected}")
+    print(f"{name:28} {'as expected' if result.passed else 'NOT as expected'}: {case.why}")
 
 scene = cs.scenes.paper_swing()
 limit = cs.max_stable_dt(scene)
