@@ -1,12 +1,4 @@
-"""Sweeps: thousands of cloths, labelled, resumable, on one machine or a cluster.
-
-Each file has one concept:
-
-- `api` runs a whole sweep: `workers` cuts it into tasks and executes them.
-- `fields` has the names that can be swept, `grid` the members, `member` a single member, `task` the members of one task.
-- `metrics` measures. `results` keeps and labels, and `store` writes and reads a store.
-- `accessor` gives Datasets of sweeps their plots and members.
-"""
+"""Sweeps: thousands of cloths, labelled, resumable, on one machine or a cluster."""
 
 from __future__ import annotations
 
