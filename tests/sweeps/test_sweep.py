@@ -278,3 +278,9 @@ def test_an_impossible_member_of_a_large_grid_is_found():
 def test_metric_names_are_documented():
     for name in METRICS:
         assert f'"{name}"' in cs.sweep.__doc__
+
+
+@pytest.mark.parametrize("damping", [[0.0, 1.0], [1.0, 0.0]])
+def test_a_method_that_loses_order_for_a_member_gives_a_warning(damping):
+    with pytest.warns(cs.OrderWarning, match="pefrl is of order 1"):
+        sweep(SMALL, {"damping": damping}, duration=0.01, dt=1e-3, integrator="pefrl", metrics="stable")

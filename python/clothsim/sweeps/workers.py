@@ -13,7 +13,7 @@ from .. import _core
 from ..base import check
 from ..base.build import available_threads
 from ..base.interrupts import Interrupts
-from ..methods.integration import warn_of_order
+from ..methods.integration import integrators, warn_of_order
 from ..model.fields import RUN
 from ..model.scene import Scene
 from .grid import Grid, physics
@@ -45,8 +45,10 @@ def checked_members(scene: Scene, grid: Grid, options: SweepOptions) -> dict[int
                 raise
             which = ", ".join(f"{name}={value!r}" for name, value in values.items())
             raise type(error)(f"over has the member {which} that cannot be run: {error}") from error
-    some = {id(one.settings): one for one in made.values()}.values() if grid.size else ()
-    any(warn_of_order(one.settings.numerics["integrator"], one.scene) for one in some if not one.settings.controlled)
+    lossy = {name for name, one in integrators().items() if one.order_damped < one.order}
+    for member in made.values():
+        if (name := member.settings.numerics["integrator"]) in lossy and warn_of_order(name, member.scene):
+            break
     return made
 
 
@@ -58,17 +60,17 @@ def tasks(
     With a metric that needs references, members of one physics come together in place of that: they share a reference.
     """
     most = max(1, min(LARGEST_BATCH, len(pending) // (_TASKS * workers.count)))
-    threads, values = workers.threads_of(len(pending)), grid.members(pending.tolist())
-    names, shared = [name for name in ("shape", "scene", *RUN) if name in grid.names], "reference" in options.needs
-    groups = dict[str, dict[int, Any]]()
-    for index in sorted(values, key=lambda index: physics(values[index])) if shared else values:
-        kind = ""
-        if not shared:
-            for name in names:
-                value = values[index][name]
-                kind += repr(value.cloth.shape if name == "scene" else value)
+    threads, chosen, groups = workers.threads_of(len(pending)), pending.tolist(), dict[str, dict[int, Any]]()
+    names = [name for name in ("shape", "scene", *RUN) if name in grid.names]
+    if "reference" in options.needs:
+        names = []
+        chosen.sort(key=lambda index: physics(grid.members([index])[index]))
+    for index in chosen:
+        values, kind = grid.members([index])[index], ""
+        for name in names:
+            kind += repr(values[name].cloth.shape if name == "scene" else values[name])
         group = groups.setdefault(kind, {})
-        group[index] = values[index]
+        group[index] = values
         if len(group) == most:
             yield Task(scene, options, groups.pop(kind), threads, {k: made.pop(k) for k in group if k in made})
     for group in groups.values():
