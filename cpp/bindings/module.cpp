@@ -1,9 +1,7 @@
 // The module, and how it was built.
-#include <algorithm>
-#include <cstdlib>
+#include <atomic>
 #include <Eigen/Core>
 #include <string>
-#include <utility>
 #include <xsimd/config/xsimd_config.hpp>
 
 #include "bindings/bindings.hpp"
@@ -83,8 +81,8 @@ py::tuple fused_lengths(const std::string& instruction_set, const Array<T>& x, c
 
 int granted(int threads) {
     const int given = granted_threads(threads);
-    static bool warned = false;  // the lock of the interpreter is held
-    if (given < threads && !std::exchange(warned, true)) {
+    static std::atomic<bool> warned{false};
+    if (given < threads && !warned.exchange(true)) {
         const std::string text = "threads: this process can start " + std::to_string(given) + " of " +
             std::to_string(threads) +
             " threads, and goes on with these; results are the same. The limit is the "
@@ -123,7 +121,8 @@ void bind_build(py::module_& m) {
 
 }  // namespace clothsim
 
-PYBIND11_MODULE(_core, m) {
+// Simulations lock themselves against use by two threads; the rest keeps no state that calls change.
+PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
     m.doc() = "The compiled core of clothsim. Private: the public names are those of the package.";
     clothsim::install_fork_handler();
     clothsim::bind_build(m);

@@ -1,7 +1,5 @@
 #include "engines/gather_engine.hpp"
 
-#include <omp.h>
-
 #include <optional>
 
 #include "memory/threads.hpp"

@@ -100,6 +100,18 @@ void fill(Matrix& matrix, const Entry (&entries)[count]) {
 
 Matrix square(int size) { return Matrix(std::size_t(size), std::vector<double>(std::size_t(size), 0.0)); }
 
+// A sum of products as in twice the precision (Ogita, Rump, Oishi, SIAM J. Sci. Comput. 26 (2005) 1955).
+struct Sum {
+    double high = 0, low = 0, size = 0;
+    void add(double a, double b) {
+        const double product = a * b, next = high + product, part = next - high;
+        low += std::fma(a, b, -product) + ((high - (next - part)) + (product - part));
+        high = next;
+        size += std::abs(product);
+    }
+    double value() const { return high + low; }
+};
+
 // A row of weights of slopes as factors of accelerations. The slopes of x are the stage velocities. They are
 // expressed by v and the earlier accelerations.
 Weights nystroem(const std::vector<double>& row, const Matrix& a) {
@@ -107,17 +119,14 @@ Weights nystroem(const std::vector<double>& row, const Matrix& a) {
     Weights w;
     w.x.assign(n, 0.0);
     w.v = row;
-    long double drift = 0;
-    for (const double value : row) drift += value;
-    w.drift = double(drift);
+    Sum drift;
+    for (const double value : row) drift.add(value, 1);
+    w.drift = drift.value();
     for (std::size_t l = 0; l < n; ++l) {
-        long double sum = 0, size = 0;
-        for (std::size_t j = l + 1; j < n; ++j) {
-            sum += static_cast<long double>(row[j]) * a[j][l];
-            size += std::abs(static_cast<long double>(row[j]) * a[j][l]);
-        }
+        Sum sum;
+        for (std::size_t j = l + 1; j < n; ++j) sum.add(row[j], a[j][l]);
         // The method's conditions make this 0; rounding of its coefficients leaves a remainder.
-        w.x[l] = std::abs(sum) <= 1e-14L * size ? 0.0 : double(sum);
+        w.x[l] = std::abs(sum.value()) <= 1e-14 * sum.size ? 0.0 : sum.value();
     }
     return w;
 }

@@ -1,10 +1,12 @@
 // How much of a cloth stays near a processor.
 #pragma once
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstddef>
+
+#if __has_include(<unistd.h>)
+#include <unistd.h>
+#endif
 
 namespace clothsim {
 

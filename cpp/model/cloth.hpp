@@ -17,7 +17,7 @@ template <class T>
 class PerPoint {
 public:
     PerPoint() = default;
-    PerPoint(const T* values, std::size_t count) : values_(std::make_shared_for_overwrite<T[]>(count)) {
+    PerPoint(const T* values, std::size_t count) : values_(new T[count]) {
         std::copy_n(values, count, values_.get());
     }
     const T& operator[](std::size_t point) const { return values_[std::ptrdiff_t(point)]; }

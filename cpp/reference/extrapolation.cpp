@@ -6,14 +6,13 @@
 #include <limits>
 
 #include "memory/threads.hpp"
+#include "reference/double_double.hpp"
 #include "reference/pins.hpp"
 
 namespace clothsim::reference {
 namespace {
 
-using Real = long double;
-static_assert(std::numeric_limits<Real>::digits >= 64, "the reference needs a long double wider than double");
-
+using Real = DoubleDouble;
 using Values = std::vector<Real>;  // 3 a point
 
 struct State {
@@ -27,8 +26,8 @@ void accelerations(const System& system, const State& state, Values& a) {
     for (const Spring& s : system.springs) {
         const Real *xi = &x[3 * s.i], *xj = &x[3 * s.j], *vi = &v[3 * s.i], *vj = &v[3 * s.j];
         const Real d[3] = {xj[0] - xi[0], xj[1] - xi[1], xj[2] - xi[2]};
-        const Real length = std::sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-        if (length == 0) continue;  // no direction, no force
+        const Real length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        if (double(length) == 0) continue;  // no direction, no force
         const Real inverse = 1 / length;
         const Real rate =
             ((vj[0] - vi[0]) * d[0] + (vj[1] - vi[1]) * d[1] + (vj[2] - vi[2]) * d[2]) * inverse;
@@ -42,12 +41,12 @@ void accelerations(const System& system, const State& state, Values& a) {
         a[k] = system.pinned[k / 3] ? 0 : a[k] / system.mass[k / 3] + system.gravity[k % 3];
 }
 
-void drive(const System& system, State& state, Real t, Real inside) {
+void drive(const System& system, State& state, const Real& t, double inside) {
     place_pins(system.driven_pins, system.pin_motions, t, inside, state.x, state.v);
 }
 
 // z = y + h (dx/dt, dv/dt)
-void move(State& z, const State& y, const Values& velocity, const Values& a, Real h) {
+void move(State& z, const State& y, const Values& velocity, const Values& a, const Real& h) {
     for (std::size_t k = 0; k < a.size(); ++k) {
         z.x[k] = y.x[k] + h * velocity[k];
         z.v[k] = y.v[k] + h * a[k];
@@ -63,9 +62,10 @@ struct Workspace {
 
 // Modified midpoint rule with n (even) substeps over H: its error has an expansion in (H/n)^2. Gragg's
 // smoothing at the end damps the rule's weak instability.
-void midpoint(const System& system, const State& y, const Values& a0, Real t, Real H, int n, Workspace& w,
-              State& result) {
-    const Real h = H / n, inside = t + H / 2;
+void midpoint(const System& system, const State& y, const Values& a0, const Real& t, const Real& H, int n,
+              Workspace& w, State& result) {
+    const Real h = H / n;
+    const double inside(t + H / 2);
     w.before = y;
     move(w.here, y, y.v, a0, h);
     drive(system, w.here, t + h, inside);
@@ -101,24 +101,24 @@ void neville(std::vector<State>& table, State& previous) {
     }
 }
 
-Real extent(const Values& x) {
-    Real largest = 0;
+double extent(const Values& x) {
+    double largest = 0;
     for (int c = 0; c < 3; ++c) {
-        Real low = x[c], high = x[c];
+        double low(x[c]), high(x[c]);
         for (std::size_t k = c; k < x.size(); k += 3) {
-            low = std::min(low, x[k]);
-            high = std::max(high, x[k]);
+            low = std::min(low, x[k].high);
+            high = std::max(high, x[k].high);
         }
         largest = std::max(largest, high - low);
     }
     return largest > 0 ? largest : 1;
 }
 
-Real difference(const State& a, const State& b, Real H) {
-    Real largest = 0;
+double difference(const State& a, const State& b, double H) {
+    double largest = 0;
     for (std::size_t k = 0; k < a.x.size(); ++k) {
-        const Real one = std::max(std::abs(a.x[k] - b.x[k]), H * std::abs(a.v[k] - b.v[k]));
-        if (!std::isfinite(one)) return std::numeric_limits<Real>::infinity();
+        const double one = std::max(std::abs(double(a.x[k] - b.x[k])), H * std::abs(double(a.v[k] - b.v[k])));
+        if (!std::isfinite(one)) return std::numeric_limits<double>::infinity();
         largest = std::max(largest, one);
     }
     return largest;
@@ -141,17 +141,18 @@ Extrapolation extrapolate(const System& system, const std::vector<double>& times
     Values a0(size);
 
     Extrapolation result;
-    const Real smallest = 1e-9L * times.back();
-    Real t = 0, H = times.back() / 64;
+    const double smallest = 1e-9 * times.back();
+    Real t = 0;
+    double H = times.back() / 64;
     for (const double target : times) {
-        while (t < target) {
+        while (double(target - t) > 0) {
             if (interrupted()) {
                 result.end = ExtrapolationEnd::interrupted;
                 return result;
             }
             // The remaining way in equal parts, so that no sliver is left for the end.
-            const Real step = (target - t) / std::ceil((target - t) / H);
-            drive(system, y, t, t + step / 2);
+            const Real step = (target - t) / std::ceil(double(target - t) / H);
+            drive(system, y, t, double(t + step / 2));
             accelerations(system, y, a0);
             // The longest first: what is left at the end is short.
             std::atomic<int> next{columns};
@@ -161,23 +162,24 @@ Extrapolation extrapolate(const System& system, const std::vector<double>& times
             });
             result.force_evaluations += 1 + columns * (columns + 1);
             neville(table, previous);
-            const Real error = difference(table.back(), previous, step) / extent(y.x) / settings.tolerance;
-            const Real growth = Real(0.9) * std::pow(error, Real(-1) / (2 * columns - 1));
+            const double error =
+                difference(table.back(), previous, double(step)) / extent(y.x) / settings.tolerance;
+            const double growth = 0.9 * std::pow(error, -1.0 / (2 * columns - 1));
             if (error <= 1) {
                 std::swap(y, table.back());
-                t = step * 1.5L > target - t ? Real(target) : t + step;
+                t = double(step * 1.5 + t - target) > 0 ? Real(target) : t + step;
                 ++result.steps;
                 result.time = double(t);
             } else {
                 ++result.rejected;
             }
-            H = step * std::clamp(error > 0 ? growth : Real(4), Real(0.2), Real(4));
+            H = double(step) * std::clamp(error > 0 ? growth : 4.0, 0.2, 4.0);
             if (H < smallest) {
                 result.end = ExtrapolationEnd::step_too_small;
                 return result;
             }
         }
-        drive(system, y, t, t + smallest);
+        drive(system, y, t, double(t) + smallest);
         for (std::size_t k = 0; k < size; ++k) {
             x.push_back(double(y.x[k]));
             v.push_back(double(y.v[k]));

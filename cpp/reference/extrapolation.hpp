@@ -3,7 +3,7 @@
 // Gragg's modified midpoint rule with 2, 4, ..., 2k substeps, extrapolated to substep 0 by Aitken and
 // Neville. (Gragg-Bulirsch-Stoer; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section
 // II.9.) The order is 2k for k columns. The step follows the difference of the last two columns. Everything
-// is computed in long double, 64 bits of mantissa, from a list of springs that the caller gives. Nothing here
+// is computed in sums of two doubles, 106 bits, from a list of springs that the caller gives. Nothing here
 // comes from the kernels or from the model's table of neighbours. So an error there, and rounding in double,
 // both show as a difference.
 #pragma once

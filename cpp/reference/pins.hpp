@@ -16,17 +16,18 @@ struct PinState {
 
 // A pin at time t. Where its velocity jumps, `inside` selects the piece that counts.
 template <class Real>
-PinState<Real> pin_state(const DrivenPin& pin, const Motion& motion, Real t, Real inside) {
-    const Real period = motion.period > 0 ? Real(motion.period) : Real(1), phase = Real(motion.phase);
-    const Real whole = motion.period > 0 ? std::floor(inside / period + phase) : Real(0);
+PinState<Real> pin_state(const DrivenPin& pin, const Motion& motion, Real t, double inside) {
+    using std::cos, std::exp, std::expm1, std::sin;
+    const double period = motion.period > 0 ? motion.period : 1, phase = motion.phase;
+    const double whole = motion.period > 0 ? std::floor(inside / period + phase) : 0;
     std::size_t n = motion.pieces.size() - 1;
-    while (n > 0 && inside / period + phase - whole < Real(motion.pieces[n].begin)) --n;
+    while (n > 0 && inside / period + phase - whole < motion.pieces[n].begin) --n;
     const MotionPiece& piece = motion.pieces[n];
-    const Real length = Real(piece.length), angle = Real(piece.angle), decay = Real(piece.decay);
-    const Real u = (t / period + phase - whole - Real(piece.begin)) / length;
-    const Real end = -std::expm1(-decay);
-    const Real wave = decay > 0 ? -std::expm1(-decay * u) / end : std::sin(angle * u);
-    const Real slope = decay > 0 ? decay * std::exp(-decay * u) / end : angle * std::cos(angle * u);
+    const Real length = piece.length, angle = piece.angle, decay = piece.decay;
+    const Real u = (t / period + phase - whole - piece.begin) / length;
+    const Real end = -expm1(-decay);
+    const Real wave = piece.decay > 0 ? -expm1(-decay * u) / end : sin(angle * u);
+    const Real slope = piece.decay > 0 ? decay * exp(-decay * u) / end : angle * cos(angle * u);
     PinState<Real> s{};
     for (int k = 0; k < 3; ++k) {
         const Real p0 = piece.p0[k], p1 = piece.p1[k], p2 = piece.p2[k], p3 = piece.p3[k];
@@ -39,7 +40,7 @@ PinState<Real> pin_state(const DrivenPin& pin, const Motion& motion, Real t, Rea
 
 // Put the driven pins of a state to their places; three numbers a point in x and v.
 template <class Real, class Values>
-void place_pins(const std::vector<DrivenPin>& pins, const std::vector<Motion>& motions, Real t, Real inside,
+void place_pins(const std::vector<DrivenPin>& pins, const std::vector<Motion>& motions, Real t, double inside,
                 Values&& x, Values&& v) {
     for (const DrivenPin& pin : pins) {
         const PinState<Real> s = pin_state(pin, motions[std::size_t(pin.motion)], t, inside);

@@ -1,4 +1,4 @@
-"""Extrapolation in long double, the independent half of the trusted solution."""
+"""Extrapolation in double-double, the independent half of the trusted solution."""
 
 import math
 

@@ -156,7 +156,7 @@ def test_a_forked_child_steps_after_its_parent_used_threads(kernel):
     ids=str,
 )
 def test_fewer_threads_than_asked_for_give_the_same_bits(limit):
-    """OpenMP may hand out fewer than a call asks for; nothing may wait for the missing ones."""
+    """The system may refuse threads; nothing may wait for the missing ones."""
     code = f"""
 import clothsim as cs
 scene = cs.scenes.paper_swing()

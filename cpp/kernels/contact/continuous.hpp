@@ -67,7 +67,7 @@ struct ContactBand {
     static constexpr double of_cells = 1e-6, least_of_cells = 64 * 0x1p-52, of_cells_in_single = 8e-6;
     // Half: more rounds on large spheres. Twice: points stand off by another hundredth.
     static constexpr double part_of_cell = 0.01;
-    // Rounding of rho^2 in the kernels, in epsilon; found by comparison with long double: up to 9.
+    // Rounding of rho^2 in the kernels, in epsilon; found by comparison with 64 bits of mantissa: up to 9.
     static constexpr double rounding_of_cells = 32;
     // Circles around three corners that exceed the largest circle on two by less are not computed, but
     // covered. Cells of a cloth that lies smoothly have such circles. A part of rho^2. With half of it more

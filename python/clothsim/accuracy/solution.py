@@ -46,7 +46,7 @@ class Reference:
     t : numpy.ndarray
         Times of the frames [s], shape (frames,); the first is 0, the last the duration.
     x, v : numpy.ndarray
-        Positions [m] and velocities [m/s] of the extrapolation in long double, rounded to float64, shape (frames, rows,
+        Positions [m] and velocities [m/s] of the extrapolation in double-double, rounded to float64, shape (frames, rows,
         columns, 3), read-only.
     error_bound : dict
         "max" and "rms" [m], each of shape (frames,): distance of the mass points from the second method, plus half a unit
@@ -247,7 +247,7 @@ def solve_in_double(scene: Scene, times: Sequence[float], threads: int | None = 
 def extrapolation(
     scene: Scene, times: list[float], *, columns: int, tolerance: float, threads: int
 ) -> tuple[Floats, Floats]:
-    """States at `times` by extrapolation in long double."""
+    """States at `times` by extrapolation in double-double."""
     cloth = scene.cloth
     table = cloth.spring_table()
     fields = ("i", "j", "rest_length", "stiffness", "damping")
