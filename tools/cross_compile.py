@@ -2,8 +2,8 @@
 
 Usage: python tools/cross_compile.py [macos] [windows]
 
-The compiler is that of the package ziglang, which brings headers and libraries of both systems. This Python needs ziglang, cmake, ninja
-and the build requirements of pyproject.toml. The headers are its own, with a pyconfig.h for the other system.
+The compiler is that of the package ziglang, which brings headers and libraries of both systems. This Python needs ziglang,
+cmake, ninja and the build requirements of pyproject.toml. Its own headers serve, with a pyconfig.h for the other system.
 """
 
 import re
@@ -14,7 +14,7 @@ import sysconfig
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-TARGETS = {  # triple, system and processor of CMake, the first bytes of a file to load, what the list of its symbols is called
+TARGETS = {  # triple, system and processor of CMake, the first bytes of an extension module
     "macos": ("aarch64-macos", "Darwin", "arm64", b"\xcf\xfa\xed\xfe\x0c\x00\x00\x01"),
     "windows": ("x86_64-windows-gnu", "Windows", "AMD64", b"MZ"),
 }

@@ -1,4 +1,4 @@
-#include "reference/impacts.hpp"
+#include "reference/contact.hpp"
 
 #include <algorithm>
 #include <optional>

@@ -6,9 +6,16 @@
 #include <vector>
 
 #include "model/scene.hpp"
-#include "reference/springs.hpp"
 
 namespace clothsim::reference {
+
+struct Spring {
+    int i, j;
+    double rest_length, stiffness, damping;
+};
+
+// The reference's own list, which the model's (model/stencil.hpp) is checked against.
+std::vector<Spring> springs(const Cloth& cloth);
 
 // Accelerations of all mass points; 0 for pinned ones.
 Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x,
@@ -16,7 +23,7 @@ Points accelerations(const Scene& scene, const std::vector<Spring>& springs, con
 
 // Classic RK4 steps, the first of them from time t. x and v are advanced. The paper's responses act at the
 // end of a step. A step in which a sphere with the response "continuous" touches a point is taken in short
-// substeps (impacts.hpp); the paper's responses follow it.
+// substeps (impacts.cpp); the paper's responses follow it.
 void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t);
 
 // Kim et al., eq 2-6 as printed: the time step multiplies the slopes and the sum. Kept to show that it is

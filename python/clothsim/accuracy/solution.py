@@ -99,10 +99,10 @@ class Reference:
 def reference(scene: Scene, duration: float, every: float | None = None) -> Reference:
     """A trusted solution of a scene without contact, with its own error bound.
 
-    Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer extrapolation of order 16 in long
-    double is returned (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section II.9). It takes the rows
-    of `Cloth.spring_table` and shares no code with the kernels. The Dormand-Prince method of order 8 in double uses the
-    kernels. Its steps are halved until only rounding changes the result. The last 32 solutions are kept in memory.
+    Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer extrapolation of order 16 is
+    returned, in double-double (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section II.9). It takes
+    the rows of `Cloth.spring_table` and shares no code with the kernels. The Dormand-Prince method of order 8 in double uses
+    the kernels. Its steps are halved until only rounding changes the result. The last 32 solutions are kept in memory.
 
     Parameters
     ----------
