@@ -4,7 +4,7 @@ import warnings
 
 import clothsim as cs
 import pytest
-from clothsim.methods.limiting import limiting_term
+from clothsim.methods.bound import limiting_term
 
 
 def given(category, run):

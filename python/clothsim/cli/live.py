@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..base.files import as_json
-from ._scene import add_scene, changed_scene
+from .run import add_scene, changed_scene
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

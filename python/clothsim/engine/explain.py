@@ -7,9 +7,9 @@ from typing import Any
 
 from .. import _core
 from ..base.table import ReadOnly, aligned
+from ..methods.bound import limiting_term
 from ..methods.data import METHODS
 from ..methods.integration import integrators
-from ..methods.limiting import limiting_term
 from ..model.as_core import in_cells
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene

@@ -12,7 +12,7 @@ import numpy as np
 from .. import _core
 from ..base.on_demand import later
 from ..errors import ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
-from ..methods.limiting import limiting_term
+from ..methods.bound import limiting_term
 from ..model.as_core import in_cells
 from ..model.scene import Scene
 

@@ -11,7 +11,7 @@ from html import escape
 from typing import Any
 
 from ..measure.measures import energy, penetration
-from ..methods.limiting import limiting_term
+from ..methods.bound import limiting_term
 from ..model.scene import Scene
 from ..model.wording import cloth_text, counted, joules, quantity, spheres_text
 from ..run.result import Run
