@@ -43,9 +43,13 @@ def test_help_of_the_package_lists_every_name():
     assert sorted(re.findall(r"^    (\w+) {2,}\S", cs.__doc__, re.M)) == sorted(cs.__all__)
 
 
+# The example of a result that only a function gives is the function's.
+GIVEN = {cs.Convergence: cs.convergence, cs.Fit: cs.fit, cs.Reference: cs.reference}
+
+
 @each("name", MEMBERS)
 def test_it_has_an_example(name):
-    assert ">>> " in inspect.getdoc(MEMBERS[name])
+    assert ">>> " in inspect.getdoc(GIVEN.get(MEMBERS[name], MEMBERS[name]))
 
 
 def documented(text):

@@ -291,7 +291,20 @@ class Fit:
         return text + f"\n{self.report['reason']}".rstrip()
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw data and fit, residuals, and correlations of the parameters on three axes, given or new, which come back."""
+        """Draw data and fit, residuals, and correlations of the parameters; the three axes come back.
+
+        Parameters
+        ----------
+        ax : sequence of 3 matplotlib.axes.Axes, optional
+            Default: those of a new figure.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> motion = cs.simulate(cs.scenes.oscillator(), 0.2, rtol=1e-6, fps=50)
+        >>> len(cs.fit(cs.scenes.oscillator(stiffness=90.0), motion.t, motion.x, over=["stiffness"]).plot())
+        3
+        """
         return draw_fit(self, ax)
 
 

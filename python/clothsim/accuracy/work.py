@@ -329,7 +329,19 @@ class Convergence:
     reference: Reference
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw errors, order and floor on axes, given or new, which come back: hollow is not fitted, a cross unstable."""
+        """Draw errors, order and floor on axes, which come back: hollow is not fitted, a cross unstable.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Default: those of a new figure.
+
+        Examples
+        --------
+        >>> import clothsim as cs
+        >>> cs.convergence(cs.scenes.oscillator(), 0.1, [0.01, 0.005]).plot().get_xlabel()
+        'time step dt [s]'
+        """
         return draw_convergence(self, ax)
 
     def __str__(self) -> str:
