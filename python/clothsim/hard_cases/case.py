@@ -135,43 +135,42 @@ class HardCase:
         return HardCaseResult(tuple(figures))
 
 
+def within(
+    name: str, measure: Callable[[HardCase, End], Any], double: float, single: float | None = None, low: float = 0.0
+) -> Judge:
+    """A judge of one figure, at most `double` or, in single, `single`."""
+    high = {"double": double, "single": double if single is None else single}
+    return lambda case, end: [Figure(name, float(measure(case, end)), low, high[end.precision])]
+
+
 def moves_like_the_reference(double: float, single: float) -> Judge:
     """Largest distance to the scalar reference in double, over the largest distance moved."""
 
-    def judge(case: HardCase, end: End) -> list[Figure]:
+    def error(case: HardCase, end: End) -> Any:
         start = case.scene.initial_position
         expected, _ = cs.reference_step(case.scene, start, case.scene.initial_velocity, case.dt, case.steps, t=0.0)
         moved = np.abs(expected - start).max()
-        error = np.abs(end.x - expected).max() / moved if moved > 0 else np.abs(end.x - start).max()
-        bound = {"double": double, "single": single}[end.precision]
-        return [Figure("error / distance moved", float(error), 0, bound)]
+        return np.abs(end.x - expected).max() / moved if moved > 0 else np.abs(end.x - start).max()
 
-    return judge
+    return within("error / distance moved", error, double, single)
 
 
 def ends_at(place: Callable[[HardCase], Floats], name: str, double: float, single: float) -> Judge:
-    """Largest distance [m] to known positions; NaN among them marks points of no interest."""
-
-    def judge(case: HardCase, end: End) -> list[Figure]:
-        error = np.nanmax(np.abs(end.x - place(case)))
-        return [Figure(name, float(error), 0, {"double": double, "single": single}[end.precision])]
-
-    return judge
+    """Largest distance [m] to known positions."""
+    return within(name, lambda case, end: np.abs(end.x - place(case)).max(), double, single)
 
 
 def gains_energy(double: float, single: float, loss: float = np.inf) -> Judge:
     """Total energy at the end less that at the start, over the larger kinetic + elastic energy."""
 
-    def judge(case: HardCase, end: End) -> list[Figure]:
+    def gain(case: HardCase, end: End) -> Any:
         scene = case.scene
         first = cs.energy(scene, scene.initial_position, scene.initial_velocity)
         last = cs.energy(scene, end.x, end.v)
         scale = max(e["kinetic"] + e["elastic"] for e in (first, last))
-        gain = float(last["total"] - first["total"]) / scale if scale > 0 else 0.0
-        bound = {"double": double, "single": single}[end.precision]
-        return [Figure("energy gained / energy", float(gain), -loss, bound)]
+        return (last["total"] - first["total"]) / scale if scale > 0 else 0.0
 
-    return judge
+    return within("energy gained / energy", gain, double, single, -loss)
 
 
 def blows_up(within: int) -> Judge:

@@ -5,6 +5,8 @@ Bounds are about five to twenty times the measured figures, which docs/stability
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import clothsim as cs
@@ -13,7 +15,6 @@ from clothsim.typing import Precision
 from .case import (
     NO_GRAVITY,
     End,
-    Figure,
     Floats,
     HardCase,
     Judge,
@@ -23,6 +24,7 @@ from .case import (
     moves_like_the_reference,
     noise,
     sheet,
+    within,
 )
 
 
@@ -99,16 +101,14 @@ def drum(shape: tuple[int, int], damping: float = 100.0) -> cs.Scene:
 
 
 def _ends_like_double(bound: float) -> Judge:
-    def judge(case: HardCase, end: End) -> list[Figure]:
+    def error(case: HardCase, end: End) -> Any:
         start = case.scene.initial_position, case.scene.initial_velocity
         other: Precision = "double" if end.precision == "single" else "single"
-        expected, _ = cs.step(
-            case.scene, *start, case.dt, case.steps, t=0.0, precision=other, threads=1, kernel=end.stepper.kernel
-        )
-        error = float(np.linalg.norm(end.x - expected, axis=-1).max())
-        return [Figure("m between single and double", error, 0, bound)]
+        options: dict[str, Any] = {"t": 0.0, "precision": other, "threads": 1, "kernel": end.stepper.kernel}
+        expected, _ = cs.step(case.scene, *start, case.dt, case.steps, **options)
+        return np.linalg.norm(end.x - expected, axis=-1).max()
 
-    return judge
+    return within("m between single and double", error, bound)
 
 
 def masses() -> dict[str, HardCase]:
@@ -242,7 +242,7 @@ def contact() -> dict[str, HardCase]:
             settled,
             1000,
             "what holds the cloth may not move, what hangs on it may not stay",
-            (_pins_stay, _free_points_out(1e-12)),
+            (_PINS_STAY, _free_points_out(1e-12)),
         ),
         "a sphere that starts inside the cloth": HardCase(
             cs.Scene(soft, in_sheet),
@@ -281,25 +281,18 @@ def _only(case: HardCase, place: tuple[float, float, float]) -> Floats:
     return expected
 
 
-def _pins_stay(case: HardCase, end: End) -> list[Figure]:
-    pinned = case.scene.cloth.pinned
-    moved = np.abs(end.x - case.scene.initial_position)[pinned].max()
-    return [Figure("m that pins moved", float(moved), 0, 0)]
+_PINS_STAY = within(
+    "m that pins moved", lambda case, end: np.abs(end.x - case.scene.initial_position)[case.scene.cloth.pinned].max(), 0.0
+)
 
 
 def _free_points_out(depth: float) -> Judge:
-    def judge(case: HardCase, end: End) -> list[Figure]:
+    def inside(case: HardCase, end: End) -> Any:
         (sphere,) = case.scene.spheres
-        free = end.x[~case.scene.cloth.pinned]
-        distance = np.linalg.norm(free - sphere.center_at(case.steps * case.dt), axis=-1).min()
-        return [Figure("m inside", float(max(0.0, sphere.radius - distance)), 0, depth)]
+        return np.maximum(0.0, -sphere.height(end.x[~case.scene.cloth.pinned], case.steps * case.dt).min())
 
-    return judge
+    return within("m inside", inside, depth)
 
 
 def _speeds(least: float, most: float) -> Judge:
-    def judge(case: HardCase, end: End) -> list[Figure]:
-        fastest = float(np.linalg.norm(end.v, axis=-1).max())
-        return [Figure("fastest point [m/s]", fastest, least, most)]
-
-    return judge
+    return within("fastest point [m/s]", lambda case, end: np.linalg.norm(end.v, axis=-1).max(), most, low=least)
