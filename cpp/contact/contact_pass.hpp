@@ -43,8 +43,8 @@
 #include "measure/diagnostics.hpp"
 #include "measure/impulses.hpp"
 #include "memory/aligned_vector.hpp"
-#include "memory/threads.hpp"
 #include "memory/plan.hpp"
+#include "memory/threads.hpp"
 
 namespace clothsim {
 
@@ -86,7 +86,8 @@ public:
                         std::uint64_t(r < cell_rows_ && column < std::max(cloth.columns - 1, 1)) << l;
                     mass_[index(r, j) * std::size_t(lanes_) + std::size_t(l)] = Real(cloth.mass[point]);
                 }
-        for (auto* const rows : {&marks_, &known_, &wanted_}) rows->assign(std::size_t(g.rows), 0);
+        for (auto* const rows : {&marks_, &found_in_, &known_, &wanted_})
+            rows->assign(std::size_t(g.rows), 0);
         sums_.assign(std::size_t(g.rows), {});
         a_.free = free_.data();
         a_.mass = mass_.data();
@@ -203,6 +204,8 @@ private:
     // Rounds in which points are lifted as rho grows. Each leaves at most 0.71 of the last, so that twice as
     // many change nothing; half leave 3e-8 of the first move.
     static constexpr int most_lifts = 100;
+    // Rows that are lifted while they are in the nearest cache.
+    static constexpr int rows_at_a_time = 4;
     // Below this number of points a second thread costs more than it saves.
     static constexpr int least_points_per_thread = 8192;
 
@@ -265,6 +268,7 @@ private:
                 each_vector(begin, end, [&](int r, int j) {
                     if (near_[index(r, j)] == 0) return;
                     found_[index(r, j)] |= near_[index(r, j)];
+                    found_in_[std::size_t(r)] = 1;
                     each_point(r, j, near_[index(r, j)], [&](int i) {
                         if (pinned(i) || !touches(contact, position(i))) return;
                         responses.fetch_add(1, std::memory_order_relaxed);
@@ -288,7 +292,7 @@ private:
     void note_depths_at_end(double t) {
         if (!anything_found_) return;
         for (int r = 0; r < a_.geometry.rows; ++r)
-            for (int j = 0; j < a_.geometry.vectors; ++j)
+            for (int j = 0; j < a_.geometry.vectors && found_in_[std::size_t(r)]; ++j)
                 each_point(r, j, std::exchange(found_[index(r, j)], 0), [&](int i) {
                     for (const Sphere& sphere : plan_.spheres)
                         note_depth(-sphere.height(position(i) - sphere.place_at(t)));
@@ -390,9 +394,17 @@ private:
         a_.first_round = true;
         lifting_ = true;
         for (int round = 0; round < most_lifts && (round == 0 || near); ++round) {
-            each_part([&](int begin, int end) { kernels_.radii(a_, a_.state, begin, end); });
+            const auto radii = [&](int begin, int end) { kernels_.radii(a_, a_.state, begin, end); };
+            const auto rows = [&](int begin, int end) { kernels_.lift(a_, begin, end); };
+            // Lifts change the cells of rows that are done: their rho is that of the round.
+            for (int r = 0; threads_ == 1 && !several && r < a_.geometry.rows; r += rows_at_a_time) {
+                const int end = std::min(r + rows_at_a_time, a_.geometry.rows);
+                radii(r, end);
+                rows(r, end);
+            }
+            if (threads_ > 1 || several) each_part(radii);
             if (several) near = near && lift_among_several();
-            else each_part([&](int begin, int end) { kernels_.lift(a_, begin, end); });
+            else if (threads_ > 1) each_part(rows);
             near = several ? near : (all_marks() & ContactMarks::lifted) != 0;
             report_.changed |= near;
             a_.first_round = false;
@@ -451,7 +463,7 @@ private:
     bool current_ = false;  // whether `before_` is the state
     bool starts_ = false, lifting_ = false, anything_found_ = false, was_inside_ = false, passed_ = false;
     std::vector<std::uint64_t> near_, unresolved_, inside_, found_, free_, cells_;
-    std::vector<std::uint8_t> marks_;  // rows of points
+    std::vector<std::uint8_t> marks_, found_in_;  // rows of points
     std::vector<std::uint8_t> known_, wanted_;  // rows of cells: rho is that before the step; is needed
     std::vector<RowSums> sums_;
     AlignedVector<Real> cell_radii2_, point_radii2_, press_;

@@ -339,7 +339,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
     for (int strip = 0; strip < layout_.strips; ++strip) {
         Band& b = band(strip);
         b.clock = clock;
-        for (int s = 0; s < 4; ++s) {
+        for (int s = 0; s < 4 && b.stages_dt != clock.dt; ++s) {
             EdgeArguments<Real>& e = b.stages[s] =
                 arguments(Stage(s), clock.dt, b.workspace->scratch.data() + s * scratch_size());
             e.rows = b.rows.data();
@@ -355,6 +355,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
             e.ahead_end = e.ahead_begin + part;
             e.row_count = b.size();
         }
+        b.stages_dt = clock.dt;
         if (!this->state_known_) b.exchange_halos();
     }
     const bool inspect = !moved_after_steps();

@@ -40,18 +40,19 @@ template <class V, class Real>
 struct SphereNear {
     V place[3], way[3], normal[3], curvature, way_factor, level, of_cells, most_of_cells;
 
-    CLOTHSIM_INLINE void prepare(const SweptSphere& s, bool end_alone) {
+    CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
         for (int k = 0; k < 3; ++k) {
             place[k] = V(Real(s.end[k]));
             way[k] = V(Real(s.end[k] - s.start[k]));
             normal[k] = V(Real(s.normal[k]));
         }
         curvature = V(Real(s.near_curvature));
-        way_factor = V(Real(end_alone ? 0 : 2 * s.curvature));
+        way_factor = V(Real(2 * s.curvature));
         level = V(Real(s.near_level));
         of_cells = V(Real(s.curvature * cell_rounding<Real> * (1 + 1e-5)));
         most_of_cells = V(Real(s.cells ? s.most_of_cells : 0));
     }
+    CLOTHSIM_INLINE auto near_at_end(const Vector3<V>& x) const { return level_at(x) < level; }
     CLOTHSIM_INLINE auto near(const Vector3<V>& x, const Vector3<V>& x0) const {
         return near(x, x0, most_of_cells);
     }
@@ -60,15 +61,19 @@ struct SphereNear {
     }
 
 private:
-    CLOTHSIM_INLINE auto near(const Vector3<V>& x, const Vector3<V>& x0, const V& more) const {
+    CLOTHSIM_INLINE V level_at(const Vector3<V>& x) const {
         const V d[3] = {x.x - place[0], x.y - place[1], x.z - place[2]};
-        const V q[3] = {x.x - x0.x - way[0], x.y - x0.y - way[1], x.z - x0.z - way[2]};
-        V f(Real(0)), q2(Real(0));
+        V f(Real(0));
         each<3>([&](auto k) __attribute__((always_inline)) {
             f += d[k] * (normal[k] + normal[k] + curvature * d[k]);
-            q2 += q[k] * q[k];
         });
-        return f < level + more + way_factor * q2;
+        return f;
+    }
+    CLOTHSIM_INLINE auto near(const Vector3<V>& x, const Vector3<V>& x0, const V& more) const {
+        const V q[3] = {x.x - x0.x - way[0], x.y - x0.y - way[1], x.z - x0.z - way[2]};
+        V q2(Real(0));
+        each<3>([&](auto k) __attribute__((always_inline)) { q2 += q[k] * q[k]; });
+        return level_at(x) < level + more + way_factor * q2;
     }
 };
 
@@ -252,16 +257,15 @@ CLOTHSIM_INLINE bool find_near(const ContactArguments<Real>& a, SphereNear<Lanes
     const VectorGeometry& g = a.geometry;
     constexpr std::uint64_t all = ~std::uint64_t(0) >> (64 - V::size);
     std::uint64_t* const near = a.near + std::ptrdiff_t(row) * g.vectors;
-    const bool again = a.before && (a.marks[row] & ContactMarks::responded);
-    const Real* const before = a.before ? a.before : a.state;
+    const bool again = a.marks[row] & ContactMarks::responded;
     std::uint64_t any = 0;
     for (int s = 0; s < a.sphere_count; ++s) {
-        if (a.sphere_count > 1) sphere.prepare(a.spheres[s], false);
+        if (a.sphere_count > 1) sphere.prepare(a.spheres[s]);
         for (int vector = 0; vector < g.vectors; ++vector) {
             if (!again || near[vector] != all) {
                 const std::ptrdiff_t at = row * g.row + vector * g.vector;
                 const std::uint64_t found =
-                    sphere.near(load3<V>(a.state + at, g.component), load3<V>(before + at, g.component))
+                    sphere.near(load3<V>(a.state + at, g.component), load3<V>(a.before + at, g.component))
                         .mask();
                 near[vector] = (s > 0 ? near[vector] : 0) | found;
             }
@@ -273,10 +277,17 @@ CLOTHSIM_INLINE bool find_near(const ContactArguments<Real>& a, SphereNear<Lanes
 
 template <class Arch, class Real>
 void find_rows(const ContactArguments<Real>& a, int begin, int end) {
-    SphereNear<Lanes<Real, Arch>, Real> sphere;
-    sphere.prepare(a.spheres[0], true);
-    for (int row = begin; row < end; ++row)
-        a.marks[row] = find_near<Arch>(a, sphere, row) ? ContactMarks::near : 0;
+    using V = Lanes<Real, Arch>;
+    const VectorGeometry& g = a.geometry;
+    SphereNear<V, Real> sphere;
+    sphere.prepare(a.spheres[0]);
+    for (int row = begin; row < end; ++row) {
+        std::uint64_t any = 0;
+        for (int vector = 0; vector < g.vectors; ++vector)
+            any |= a.near[std::ptrdiff_t(row) * g.vectors + vector] =
+                sphere.near_at_end(load3<V>(a.state + row * g.row + vector * g.vector, g.component)).mask();
+        a.marks[row] = any ? ContactMarks::near : 0;
+    }
 }
 
 // The response of the near points of a row. The row waits if rho of its cells is unknown.
@@ -287,7 +298,7 @@ class RespondRow {
 
 public:
     CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
-        sphere_.prepare(s, false);
+        sphere_.prepare(s);
         if constexpr (arithmetic == Arithmetic::fused) resting_.prepare(s);
     }
     CLOTHSIM_INLINE void respond(const ContactArguments<Real>& a, int row) {
@@ -346,7 +357,7 @@ private:
                    before = load3<V>(a.before + at, a.geometry.component);
         std::uint64_t near = 0;
         for (int s = 0; s < a.sphere_count; ++s) {
-            if (a.sphere_count > 1) sphere_.prepare(a.spheres[s], false);
+            if (a.sphere_count > 1) sphere_.prepare(a.spheres[s]);
             near |= sphere_.near_by_cells(x, before, radius2).mask();
         }
         return near;

@@ -228,7 +228,7 @@ class Sphere(Obstacle):
 
     A mass point is in contact when its distance to the centre is less than the contact radius,
     ``radius`` plus the offset. Responses use the velocity of the point relative to the sphere, and only approaching
-    points respond. `as_printed` changes both.
+    points respond. With `as_printed` they use the absolute velocity, and leaving points respond too.
 
     "reflect" and "ray" test the end of a step. Fast points pass between two steps, and the
     responses can make energy. "continuous" finds the time of impact within the step, with point and
