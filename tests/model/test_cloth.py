@@ -56,19 +56,6 @@ def test_rest_lengths_are_the_distances_of_the_flat_sheet(shape):
     np.testing.assert_allclose(table["rest_length"], distance, rtol=0, atol=1e-15)
 
 
-def test_spring_table_order():
-    table = Cloth(shape=(3, 3)).spring_table()
-    ends = table[["i", "j"]].tolist()
-    assert ends == [
-        *[(0, 1), (1, 2), (3, 4), (4, 5), (6, 7), (7, 8)],
-        *[(0, 3), (1, 4), (2, 5), (3, 6), (4, 7), (5, 8)],
-        *[(0, 4), (1, 5), (3, 7), (4, 8)],
-        *[(1, 3), (2, 4), (4, 6), (5, 7)],
-        *[(0, 2), (3, 5), (6, 8)],
-        *[(0, 6), (1, 7), (2, 8)],
-    ]
-
-
 def test_each_family_has_its_own_numbers():
     stiffness = {"bend": 3.0, "structural": 1.0, "shear": 2.0}
     cloth = Cloth(stiffness=stiffness, damping={"structural": 0.1, "shear": 0, "bend": 0.3})

@@ -25,15 +25,6 @@ def test_velocity_is_the_derivative_of_the_center(motion):
     np.testing.assert_allclose(motion.velocity_at(t), slope, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_times_may_have_any_shape(motion):
-    t = np.linspace(-1.0, 3.0, 12).reshape(3, 4)
-    centers, velocities = motion.center_at(t, CENTER), motion.velocity_at(t)
-    assert centers.shape == velocities.shape == (3, 4, 3)
-    assert motion.center_at(t[2, 1], CENTER).tolist() == centers[2, 1].tolist()
-    assert motion.velocity_at(t[2, 1]).tolist() == velocities[2, 1].tolist()
-
-
 def test_reciprocate_follows_its_formulas():
     t = np.linspace(-3.0, 4.0, 501)
     for k in (0.0, 1e-9, 3.0, 200.0):
@@ -78,19 +69,6 @@ def test_smooth_keyframes_are_the_not_a_knot_spline(count):
     # At rest outside, as with straight lines.
     assert motion.center_at([0.0, 99.0], CENTER).tolist() == centers[[0, -1]].tolist()
     assert not motion.velocity_at([0.0, 99.0]).any()
-
-
-def test_a_sampled_sinusoid_is_smooth_and_exact():
-    """50 samples a second; straight lines are 0.2 mm off."""
-    exact = Sinusoid((0.1, 0, 0), frequency=2.0)
-    times, t = np.arange(101) / 50, np.linspace(0.0, 2.0, 999, endpoint=False)
-    errors = [
-        np.abs(
-            Keyframes(times, exact.center_at(times, CENTER), smooth=smooth).center_at(t, CENTER) - exact.center_at(t, CENTER)
-        )
-        for smooth in (False, True)
-    ]
-    assert errors[0].max() > 1.5e-4 and errors[1].max() < 5e-6
 
 
 @pytest.mark.parametrize(

@@ -22,15 +22,6 @@ def state(seed=1):
     return x, v
 
 
-def test_defaults():
-    scene = Scene(CLOTH)
-    assert scene.spheres == ()
-    assert scene.gravity == (0.0, -9.80665, 0.0)
-    assert scene.position is None and scene.velocity is None
-    np.testing.assert_array_equal(scene.initial_position, CLOTH.rest_positions)
-    np.testing.assert_array_equal(scene.initial_velocity, np.zeros((3, 4, 3)))
-
-
 def test_state_is_copied_and_read_only():
     x, v = state()
     scene = Scene(CLOTH, position=x.astype(np.float32), velocity=v)

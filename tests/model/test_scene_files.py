@@ -47,11 +47,6 @@ def test_the_layout(tmp_path):
     assert "stiffness = { structural = 900.0, shear = 350.5, bend = 0.1 }" in text
 
 
-def test_omitted_fields_take_their_defaults(tmp_path):
-    (tmp_path / "scene.toml").write_text("schema = 2\n[cloth]\nshape = [4, 4]\n[file]\ncomplete = true\n")
-    assert cs.load_scene(tmp_path / "scene.toml") == cs.Scene(cs.Cloth((4, 4)))
-
-
 def test_a_file_is_edited_by_hand(tmp_path):
     path = cs.save_scene(SCENES["paper"], tmp_path / "scene.toml")
     schema, *lines = [line.partition("#")[0] for line in path.read_text().splitlines()]

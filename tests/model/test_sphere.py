@@ -5,10 +5,8 @@ import pickle
 from decimal import Decimal, getcontext
 
 import clothsim as cs
-import numpy as np
 import pytest
 from clothsim.model.cloth import Cloth
-from clothsim.model.motion import Keyframes, Linear
 from clothsim.model.sphere import Sphere
 
 
@@ -38,30 +36,12 @@ def test_edge_offset_takes_the_longest_structural_rest_length():
     assert Sphere(radius=2.0, offset="edge").contact_radius(chain) == pytest.approx(2.5, rel=1e-15, abs=0)
 
 
-def test_the_middle_of_an_edge_touches_the_true_sphere():
-    cloth, sphere = Cloth(), Sphere(offset="edge")
-    half = cloth.spacing[0] / 2
-    height = np.sqrt(sphere.contact_radius(cloth) ** 2 - half**2)
-    assert height == pytest.approx(sphere.radius, rel=1e-15, abs=0)
-
-
 def test_other_offsets():
     assert Sphere(offset="none").contact_radius(Cloth()) == 0.25
     assert Sphere(offset=0.125).contact_radius(Cloth()) == 0.375
     assert Sphere(offset=0).offset_length(Cloth()) == 0.0
     with pytest.raises(TypeError, match="cloth must be a Cloth"):
         Sphere().contact_radius((32, 32))
-
-
-def test_center_and_velocity():
-    still = Sphere(center=(1, 2, 3))
-    assert still.center_at(7.0).tolist() == [1, 2, 3]
-    assert still.velocity_at([0.0, 1.0]).tolist() == [[0, 0, 0], [0, 0, 0]]
-    moving = Sphere(center=(1, 2, 3), motion=Linear((1, 0, -1)))
-    assert moving.center_at([0.0, 2.0]).tolist() == [[1, 2, 3], [3, 2, 1]]
-    assert moving.velocity_at(2.0).tolist() == [1, 0, -1]
-    keyed = Sphere(center=(9, 9, 9), motion=Keyframes([0, 1], [(0, 0, 0), (1, 0, 0)]))
-    assert keyed.center_at(0.5).tolist() == [0.5, 0, 0]
 
 
 def test_an_offset_that_left_names_what_serves_instead():

@@ -62,24 +62,6 @@ def test_equal_values_have_one_hash(one, other):
     assert hash(pickle.loads(pickle.dumps(one))) == hash(one)
 
 
-def test_other_values_are_other_keys():
-    values = {
-        cs.Cloth(),
-        cs.Cloth(stiffness=1),
-        cs.Cloth(stiffness={"structural": 1, "shear": 1, "bend": 1}),
-        cs.Linear((0, 0, 1)),
-        cs.Linear((0, 1, 0)),
-        cs.Sphere(),
-        cs.Sphere(radius=1),
-        cs.Sphere((1, 0, 0)),
-        scene_with_arrays(),
-        scene_with_arrays(1e-12),
-        cs.scenes.paper_static(),
-        cs.scenes.paper_swing(),
-    }
-    assert len(values) == 12
-
-
 def test_long_arrays_print_as_their_shape():
     shape = (64, 48)
     pins = np.ones(shape, bool)
