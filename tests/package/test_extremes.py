@@ -78,16 +78,6 @@ def test_an_exception_of_a_callback_has_the_frames_so_far(how, error, same_bits)
         assert same_bits([run.resume(0.005).x[-1]], [stopped.resume(0.005).x[-1]])
 
 
-def test_a_resumed_run_keeps_the_frames_as_well():
-    def callback(t, x, v):
-        if t > 0.01:
-            raise KeyError
-
-    with pytest.raises(KeyError) as caught:
-        cs.simulate(SCENE, 0.01, dt=1e-3).resume(0.01, every=2, callback=callback)
-    assert caught.value.run.t[0] == 0.01 and len(caught.value.run.t) == 2
-
-
 def test_arrays_of_a_callback_cannot_be_made_writeable():
     seen = []
 
@@ -103,9 +93,3 @@ def test_arrays_of_a_callback_cannot_be_made_writeable():
     run = cs.simulate(SCENE, 0.01, dt=1e-3, every=2, callback=callback)
     assert all(np.array_equal(x, before) for x, before in seen)
     assert np.array_equal(run.x, [x for x, _ in seen])
-
-
-# Packages
-
-
-# The environment

@@ -7,7 +7,6 @@ from typing import get_args, get_type_hints, is_typeddict
 
 import clothsim as cs
 import clothsim.typing
-import numpy as np
 import pytest
 from clothsim import _core
 from clothsim.model.cloth import FAMILIES
@@ -56,17 +55,6 @@ def test_a_constructor_is_declared_as_it_is(cls):
     names = {"FAMILIES": FAMILIES}
     written = [names[one.id] if isinstance(one, ast.Name) else ast.literal_eval(one) for one in arguments.defaults]
     assert written == defaults
-
-
-def test_constructors_take_lists_and_arrays_alike():
-    mask = np.zeros((3, 4), bool)
-    mask[0, 0] = True
-    masses = np.full((3, 4), 2.0)
-    cloth = cs.Cloth([3, 4], [1, 2], masses.tolist(), pins=[[0, 0]], springs=["shear"])
-    assert cloth == cs.Cloth(np.array((3, 4)), np.array((1.0, 2.0)), masses, pins=mask, springs=("shear",))
-    ball = cs.Sphere(np.array((0, 1, 2)), motion=cs.Linear([1, 0, 0]))
-    assert ball == cs.Sphere([0, 1, 2], motion=cs.Linear(np.array((1.0, 0, 0))))
-    assert cs.Scene(cloth, ball, [0, -1, 0]) == cs.Scene(cloth, iter([ball]), np.array((0, -1, 0)))
 
 
 def test_editors_are_offered_the_names_of_the_integrators():
