@@ -61,22 +61,6 @@ void refuse_pickle(const py::module_& m) {
                 py::cpp_function(refuse, py::name("__reduce_ex__"), py::is_method(value));
 }
 
-// For the tests: squared lengths and 1/l of springs from 0 to (x, 0, z), as the fused kernels of an
-// instruction set compute them.
-template <class T>
-py::tuple fused_lengths(const std::string& instruction_set, const Array<T>& x, const Array<T>& z) {
-    const RealKernels<T>& kernels = kernels_of<T>(choose_instruction_set(instruction_set));
-    if (x.size() != z.size()) throw std::invalid_argument("x and z must be of one size");
-    Array<T> squared(x.size());
-    Array<double> reciprocal(x.size());
-    for (py::ssize_t i = 0; i < x.size(); ++i) {
-        const RestLength<T> length = kernels.rest_length(x.data()[i], z.data()[i]);
-        squared.mutable_data()[i] = length.squared;
-        reciprocal.mutable_data()[i] = double(length.reciprocal) / double(kernels.root_scale);
-    }
-    return py::make_tuple(squared, reciprocal);
-}
-
 }  // namespace
 
 int granted(int threads) {
@@ -98,8 +82,6 @@ void bind_build(py::module_& m) {
     m.def("fuses", &fuses);
     m.def("choose_instruction_set",
           [](const std::string& name) { return std::string(choose_instruction_set(name).name); });
-    m.def("fused_lengths", &fused_lengths<float>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
-    m.def("fused_lengths", &fused_lengths<double>, py::arg(), py::arg().noconvert(), py::arg().noconvert());
     m.def("granted_threads", &granted, "threads"_a);
     m.attr("most_threads") = most_threads;
     // Constants of the core that Python needs too.

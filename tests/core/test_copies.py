@@ -63,15 +63,3 @@ def test_copies_are_exact_far_from_the_origin(variant):
         expected = (held(x.astype(np.float64) - middle, "single") + middle).astype(dtype)
         np.testing.assert_array_equal(stepper.positions, expected)
         assert (np.abs(stepper.positions - x) <= np.spacing(np.abs(x))).all()
-
-
-@cases()
-def test_a_snapshot_holds_every_number(variant, same_bits):
-    real = np.float32 if variant.precision == "single" else np.float64
-    for shape in SHAPES:
-        scene, x, v = state(shape, np.float64)
-        stepper = cs.Stepper(scene, x, v, **variant.options)
-        again = cs.Stepper.restore(stepper.snapshot())
-        assert same_bits((again.positions, again.velocities), (stepper.positions, stepper.velocities))
-        (positions,) = stepper.snapshot().core["positions"]
-        np.testing.assert_array_equal(positions, held(x, variant.precision).astype(real))

@@ -5,7 +5,6 @@ With as many threads as groups each takes its group alone: the oracle for every 
 
 import clothsim as cs
 import numpy as np
-import pytest
 from variants import PRECISIONS, pairs
 
 # 3 x 5 groups, 1 x 63, 63 x 1 and 8 x 20, which alone are all whole.
@@ -37,12 +36,3 @@ def test_tiles_give_the_bits_of_groups(precision, crumpled, same_bits, shape, ma
     assert expected[3][0] > 100
     for threads, calls in [(1, [4]), (2, [1, 2, 1]), (3, [3, 1]), (5, [4]), (7, [1, 3])]:
         assert same_bits(stepped(*state, calls, threads=threads, **options), expected), threads
-
-
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_tiles_agree_with_the_reference(crumpled, relative, shape):
-    scene, x, v, dt = crumpled(shape=shape, spheres=BALLS)
-    expected = cs.reference_step(scene, x, v, dt, 4)
-    for threads in (1, 3):
-        result = cs.step(scene, x, v, dt, 4, kernel="gather", threads=threads)
-        assert relative(result, expected, x) < 1e-12

@@ -80,11 +80,3 @@ def test_several_spheres_and_a_batch(same_bits):
         alone, contacts = same_contacts(scene, 2500, 1e-4)
         assert (contacts > 0) == (k != 1)
         assert same_bits([together[0][k]], [alone])
-
-
-def test_large_cloth_in_waves():
-    """Rows that are finished while others have not begun."""
-    ball = cs.Sphere((0.5, -0.1005, 0.5), 0.1, response="ray", offset="edge")
-    v = np.zeros((300, 320, 3))
-    v[..., 1] = -1.0
-    assert same_contacts(falling(ball, shape=(300, 320)), 150, 5e-6, v=v)[1]

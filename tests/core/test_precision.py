@@ -52,14 +52,6 @@ def test_float64_arrays_keep_the_compensation_between_calls(swing, relative):
     assert relative((x, v), at_once, x0) < 1e-6
 
 
-def test_single_differs_from_double(swing):
-    """Else it would not compute in float32 at all."""
-    scene, state, _ = swing
-    one, _ = cs.step(scene, *state, 1e-4, 100, precision="single")
-    two, _ = cs.step(scene, *state, 1e-4, 100)
-    assert 1e-12 < error(one, two) < 1e-7
-
-
 def test_acceleration_in_single_is_rounded_like_float32(variant, crumpled):
     scene, x, v, _ = crumpled()
     a = cs.acceleration(scene, x, v, **variant.options)
@@ -77,14 +69,3 @@ def test_a_state_beyond_float32_is_not_finite(crumpled, value):
             cs.step(scene, x, v, dt, steps, precision="single")
         if isinstance(raised.value, cs.UnstableError):
             assert np.isfinite(raised.value.x).all()
-
-
-@pytest.mark.parametrize("shape, kernel, moves", [((33, 33), "gather", 0), ((33, 33), "edge", 1), ((32, 32), "gather", 1)])
-def test_a_sheet_at_rest_in_single_moves_by_rounding_of_its_positions(shape, kernel, moves):
-    """A spacing of 1/32 m is exact in float32, one of 1/31 m is not; see docs/stability.md."""
-    scene = cs.Scene(cs.Cloth(shape), gravity=(0, 0, 0))
-    stepper = cs.Stepper(scene, precision="single", kernel=kernel, threads=1)
-    stepper.advance(2000, 5e-5)
-    moved = np.abs(stepper.positions - scene.initial_position).max()
-    assert moved <= (2.0**-24 if moves else 0)
-    assert np.abs(stepper.velocities).max() <= 1e-5

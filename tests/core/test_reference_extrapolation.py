@@ -55,16 +55,6 @@ def test_rounds_the_exact_solution_of_the_oscillator(damping):
         assert (result["x"][k, 0, 0] == 0).all() and (result["x"][k, 0, 1, 1:] == 0).all()
 
 
-@pytest.mark.parametrize("columns", [2, 3, 4])
-def test_the_step_number_shows_the_order(columns):
-    """A method of order p needs (tolerance ratio)^(1/p) times the steps; its error estimate is of
-    the column before, so that p = 2 columns - 1."""
-    scene = cs.scenes.oscillator()
-    coarse, fine = (extrapolate(scene, [6.0], columns=columns, tolerance=tol)["steps"] for tol in (1e-9, 1e-12))
-    order = math.log(1e3) / math.log(fine / coarse)
-    assert order == pytest.approx(2 * columns - 1, rel=0.08, abs=0)
-
-
 def test_accelerations_are_those_of_the_model(crumpled, oracle):
     """A step so short that v' - v is the acceleration: every feature of a cloth, against NumPy."""
     for features in ({}, {"damped_by": "both"}, {"springs": ("shear", "bend")}):
@@ -77,42 +67,12 @@ def test_accelerations_are_those_of_the_model(crumpled, oracle):
         assert abs((result["v"][0] - v) / dt - a).max() < 1e-7 * abs(a).max()
 
 
-def test_agrees_with_small_steps_of_the_kernels(crumpled):
-    scene, x, v, dt = crumpled()
-    scene = scene.replace(position=x, velocity=v)
-    result = extrapolate(scene, [0.1])
-    n = math.ceil(0.1 / (dt / 80))
-    expected = cs.step(scene, x, v, 0.1 / n, n)
-    assert abs(result["x"][0] - expected[0]).max() < 1e-12
-    assert abs(result["v"][0] - expected[1]).max() < 1e-10
-
-
-def test_two_orders_agree_beyond_double(crumpled):
-    scene, x, v, _ = crumpled()
-    scene = scene.replace(position=x, velocity=v)
-    one, other = (extrapolate(scene, [0.1], columns=n, tolerance=tol) for n, tol in ((8, 1e-16), (6, 1e-15)))
-    assert abs(one["x"] - other["x"]).max() <= 2 * np.spacing(1.0)
-
-
 def test_threads_do_not_change_the_bits(crumpled, same_bits):
     scene, x, v, _ = crumpled()
     scene = scene.replace(position=x, velocity=v)
     one, two, many = (extrapolate(scene, [0.05], threads=n) for n in (1, 2, 5))
     for other in (two, many):
         assert same_bits((one["x"], one["v"]), (other["x"], other["v"]))
-
-
-def test_frames_do_not_disturb_the_end():
-    scene = cs.scenes.oscillator(damping=1.0)
-    whole, parts = (extrapolate(scene, times) for times in ([1.0], [0.1, 0.2, 0.7, 1.0]))
-    assert parts["x"].shape == (4, 1, 2, 3)
-    assert abs(whole["x"][-1] - parts["x"][-1]).max() <= np.spacing(1.0)
-
-
-def test_a_motion_too_fast_for_the_duration_is_not_reached():
-    result = extrapolate(cs.scenes.oscillator(stiffness=1e25), [2.0])
-    assert not result["reached"]
-    assert result["time"] == 0 and result["x"].size == 0
 
 
 def test_says_where_the_forces_are_not_smooth():

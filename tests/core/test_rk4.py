@@ -1,43 +1,9 @@
-"""The order of the time integration, fitted over five time steps, and the paper's printed form."""
+"""The paper's printed form of RK4; test_integrators.py fits the order of every method."""
 
-import functools
 import math
 
 import clothsim as cs
 import numpy as np
-from random_cloths import rms
-
-DURATION = 0.05  # of the swing [s]
-
-
-def fitted_order(steps, errors):
-    return np.polyfit(np.log(steps), np.log(errors), 1)[0]
-
-
-@functools.cache
-def _swing(oracle):
-    scene = cs.scenes.paper_swing()
-    return scene, oracle.solution(scene, DURATION)
-
-
-def test_order_on_the_swing(kernel, oracle):
-    scene, exact = _swing(oracle)
-    state = scene.initial_position, scene.initial_velocity
-    counts = np.array([100, 141, 200, 283, 400])
-    errors = []
-    for n in counts:
-        x, _ = cs.step(scene, *state, DURATION / n, int(n), kernel=kernel)
-        errors.append(rms(x - exact))
-    assert abs(fitted_order(DURATION / counts, errors) - 4) < 0.15
-    assert errors[-1] < 2e-12
-
-
-def test_the_reference_has_the_order(oracle):
-    scene, exact = _swing(oracle)
-    state = scene.initial_position, scene.initial_velocity
-    counts = np.array([100, 141, 200])
-    errors = [rms(cs.reference_step(scene, *state, DURATION / n, int(n))[0] - exact) for n in counts]
-    assert abs(fitted_order(DURATION / counts, errors) - 4) < 0.15
 
 
 def test_the_printed_form_is_not_consistent():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from clothsim import _core
 from clothsim.gpu.shader import springs
-from clothsim.model.cloth import FAMILIES, Cloth
 
 
 def written_springs(text, rows, columns, x, y):
@@ -41,15 +40,3 @@ def test_the_shader_follows_the_list_of_springs(more):
         assert written_springs(text, rows, columns, x, y) == inside
     assert f"first + {3 * (kinds + more - 1)}u" in text
     assert ("override skew: bool = true;" in text) == more
-
-
-def test_python_has_the_springs_of_the_core():
-    """The table from which the reference solution is made is written out in Python: it must be the core's list."""
-    kinds = _core.spring_kinds
-    assert tuple(dict.fromkeys(family for family, *_ in kinds)) == FAMILIES
-    cloth = Cloth(shape=(6, 5), springs=FAMILIES)
-    found = set()
-    for spring in cloth.spring_table():
-        (row, column), (other_row, other_column) = (divmod(int(spring[end]), 5) for end in ("i", "j"))
-        found.add((str(spring["family"]), abs(other_row - row), abs(other_column - column)))
-    assert found == set(kinds)

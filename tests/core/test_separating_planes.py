@@ -59,19 +59,6 @@ def test_guarded_steps_end_where_others_do(integrator, kernel, threads, offset):
     assert cs.penetration(result[0], SPHERE)["points"] == 0
 
 
-def test_steps_of_the_implicit_rule_in_one_go():
-    """Of few points, so that many steps go by before a guard is looked for again."""
-    pins = np.ones((6, 6), dtype=bool)
-    pins[2:4, 2:4] = False
-    scene, x, v = let_go(cs.Cloth((6, 6), mass=1.5, stiffness=3000.0, damping=0.0, pins=pins))
-    ends = [
-        cs.step(s, x, v, DT, STEPS, integrator="implicit_midpoint", threads=1)[0]
-        for s in (scene, unguarded(scene), scene.replace(spheres=()))
-    ]
-    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-9)
-    assert np.abs(ends[1] - ends[2]).max() > 0.5
-
-
 @pytest.mark.parametrize("columns", [20, 32])
 def test_bits_do_not_depend_on_the_length_of_calls(columns, precision, same_bits):
     """A call begins a guard of its own; where one fails, steps of earlier calls are taken again too."""

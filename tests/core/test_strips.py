@@ -81,18 +81,6 @@ def test_points_in_halos_get_one_response(options, crumpled, relative, response)
         assert relative(end[:2], found[0][:2], x) < 10 * BOUND[options["precision"]]
 
 
-def test_a_restored_state_continues_with_the_same_bits(options, crumpled, same_bits):
-    """What is kept at the borders is of the state in memory."""
-    scene, x, v, dt = crumpled(shape=SHAPES[0])
-    stepper = cs.Stepper(scene, x, v, **options, threads=2)
-    stepper.advance(2, dt)
-    snapshot = stepper.snapshot()
-    stepper.advance(3, dt)
-    again = cs.Stepper.restore(snapshot)
-    again.advance(3, dt)
-    assert same_bits((again.positions, again.velocities), (stepper.positions, stepper.velocities))
-
-
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_steps_repeated_from_a_checkpoint_are_the_same(options, crumpled, same_bits):
     """A run that blows up goes back to find the step."""

@@ -6,7 +6,7 @@ import sys
 import clothsim as cs
 import numpy as np
 import pytest
-from variants import INSTRUCTION_SETS, NAMED_KERNELS, cases
+from variants import NAMED_KERNELS, cases
 
 METHODS = ("rk4", "velocity_verlet", "dopri5")
 
@@ -37,15 +37,6 @@ def test_no_result_is_subnormal_and_threads_agree(variant, same_bits):
         assert same_bits(cs.step(scene, x, v, 1e-3, 20, **options | {"threads": 3}), one), method
         batch = cs.step(scene, np.stack([x, x]), np.stack([v, v]), 1e-3, 20, **options | {"threads": 2})
         assert all(same_bits([part[k] for part in batch], one) for k in (0, 1)), method
-
-
-def test_results_of_the_gather_kernel_have_one_set_of_bits(monkeypatch, precision, same_bits):
-    scene, x, v, _ = faint(precision)
-    found = []
-    for isa in INSTRUCTION_SETS:
-        monkeypatch.setenv("CLOTHSIM_ISA", isa)
-        found.append(cs.step(scene, x, v, 1e-3, 20, precision=precision, kernel="gather"))
-    assert all(same_bits(one, found[0]) for one in found)
 
 
 def test_references_error_control_and_implicit_steps_flush_too():

@@ -19,19 +19,6 @@ def test_is_the_formula_of_the_shader(shape):
     np.testing.assert_array_equal(grid["index"], y * shape[1] + x)
 
 
-def test_the_index_is_that_of_the_arrays():
-    table = cs.Cloth(shape=(3, 5), springs=("structural",)).spring_table()
-    index = cs.thread_grid((3, 5))["index"]
-    assert (table[0]["i"], table[0]["j"]) == (index[0, 0], index[0, 1])
-    assert (table[12]["i"], table[12]["j"]) == (index[0, 0], index[1, 0])
-
-
-@each("group", [(8, 8, 1), (16, 16, 2), (32, 8, 1)])
-def test_refuses_other_groups(group):
-    with pytest.raises(ValueError, match=r"group must be \(16, 16, 1\)"):
-        cs.thread_grid((4, 4), group)
-
-
 @pytest.mark.parametrize("shape", [(2, 2), (3, 7), (17, 33)], ids=str)
 def test_triangles_cover_every_cell_once_and_their_normals_point_up(shape):
     triangles = cs.triangles(shape)

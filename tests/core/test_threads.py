@@ -1,4 +1,4 @@
-"""Threads, batches, forks and Ctrl-C."""
+"""Threads, batches, forks and Ctrl-C; tests/engine/test_same_bits.py has the bits of every feature."""
 
 import os
 import signal
@@ -43,18 +43,6 @@ def test_threads_exchange_the_halo_rows_of_every_set_of_springs(variant, crumple
         for threads in (2, 3):  # the second of three meets a neighbour where it begins and where it ends
             several = cs.step(scene, x, v, dt, 6, **variant.options | {"threads": threads})
             assert same_bits(several, one), (threads, feature)
-
-
-@each("dtype", [np.float64, np.float32])
-def test_a_batch_is_its_members_bit_for_bit(variant, crumpled, same_bits, dtype):
-    scene, x, v, dt = crumpled(spheres=BALL)
-    xs = np.stack([x, x + 0.01, x[::-1]]).astype(dtype)
-    vs = np.stack([v, -v, v]).astype(dtype)
-    singles = [cs.step(scene, *one, dt, 15, **variant.options) for one in zip(xs, vs)]
-    expected = [np.stack(parts) for parts in zip(*singles)]
-    for threads in (1, 2, 5):
-        together = cs.step(scene, xs, vs, dt, 15, **variant.options | {"threads": threads})
-        assert same_bits(together, expected), threads
 
 
 @each("members", [3, 5, 7])
@@ -115,14 +103,6 @@ def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bit
         assert same_bits([a[k]], [cs.acceleration(*one, **variant.options)])
 
 
-def test_takes_the_most_threads_it_says_it_takes(crumpled, same_bits):
-    scene, x, v, dt = crumpled(shape=(40, 40))
-    most = cs.step(scene, x, v, dt, 3, threads=256)
-    assert same_bits(most, cs.step(scene, x, v, dt, 3, threads=1))
-    with pytest.raises(ValueError, match="<= 256"):
-        cs.step(scene, x, v, dt, 3, threads=257)
-
-
 _FORK = """
 import os, signal
 import numpy as np
@@ -148,64 +128,6 @@ print("30 forks")
 def test_a_forked_child_steps_after_its_parent_used_threads(kernel):
     run = python(_FORK.format(kernel=kernel))
     assert run.stdout == "30 forks\n", run.stderr
-
-
-@pytest.mark.parametrize(
-    "limit",
-    [{"OMP_THREAD_LIMIT": "1"}, {"OMP_THREAD_LIMIT": "2"}, {"OMP_DYNAMIC": "true"}, {"OMP_NUM_THREADS": "1"}],
-    ids=str,
-)
-def test_fewer_threads_than_asked_for_give_the_same_bits(limit):
-    """The system may refuse threads; nothing may wait for the missing ones."""
-    code = f"""
-import clothsim as cs
-scene = cs.scenes.paper_swing()
-state = scene.initial_position, scene.initial_velocity
-for kernel in {NAMED_KERNELS}:
-    one = cs.step(scene, *state, 1e-4, 20, threads=1, kernel=kernel)
-    for threads in (2, 3, 5, 3):
-        x, v = cs.step(scene, *state, 1e-4, 20, threads=threads, kernel=kernel)
-        assert (x == one[0]).all() and (v == one[1]).all(), (kernel, threads)
-print("same")
-"""
-    run = python(code, **limit)
-    assert run.stdout == "same\n", run.stderr
-
-
-_PROCESSORS = """
-import os, time
-import clothsim as cs
-
-def tasks():
-    return [int(task) for task in os.listdir("/proc/self/task")]
-
-scene = cs.scenes.paper_swing()
-state = scene.initial_position, scene.initial_velocity
-one = cs.step(scene, *state, 1e-4, 20, threads=1, kernel="{kernel}")
-
-def check():
-    x, v = cs.step(scene, *state, 1e-4, 20, threads=2, kernel="{kernel}")
-    assert (x == one[0]).all() and (v == one[1]).all()
-
-allowed = os.sched_getaffinity(0)
-for _ in range(20):
-    time.sleep(0.05)  # threads and processors sleep
-    check()
-    assert all(os.sched_getaffinity(task) == allowed for task in tasks())
-only = {{min(allowed)}}
-for task in tasks():
-    os.sched_setaffinity(task, only)
-check()
-assert all(os.sched_getaffinity(task) == only for task in tasks())
-print("same")
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for processors")
-def test_threads_keep_their_allowed_processors(kernel):
-    """A team spreads over the processors; which ones its threads may use stays as it was, one for all of them included."""
-    run = python(_PROCESSORS.format(kernel=kernel))
-    assert run.stdout == "same\n", run.stderr
 
 
 @pairs(kernel=NAMED_KERNELS, shape=[(32, 32), (200, 200)], threads=[1, 2])
