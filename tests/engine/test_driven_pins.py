@@ -131,17 +131,6 @@ def test_scenes_with_driven_pins_are_plain_data(tmp_path, crumpled):
     assert table["stable"].values.all()
 
 
-def test_a_sphere_touches_a_cloth_pulled_by_its_pins():
-    """Two pins pull the sheet over a sphere; triangles at them move too."""
-    pull = cs.Linear((0.0, -1.0, 0.0))
-    cloth = cs.Cloth((10, 10), (0.5, 0.5), mass=0.1, stiffness=50.0, damping=0.01, pins={(0, 0): pull, (-1, 0): pull})
-    for offset in ("edge", "cell"):
-        sphere = cs.Sphere((0.25, -0.15, 0.25), 0.1, response="continuous", offset=offset)
-        run = cs.simulate(cs.Scene(cloth, sphere), 0.3, 5e-4)
-        assert run.report["penetration"]["triangles" if offset == "cell" else "points"] == 0.0
-        assert run.report["first_contact"]["time"] > 0
-
-
 PULLED = cs.Scene(cs.Cloth((4, 4), pins={(0, 0): cs.Linear((1, 0, 0)), (3, 0): None}))
 
 

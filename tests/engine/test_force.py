@@ -34,21 +34,6 @@ def test_a_force_in_proportion_to_mass_acts_like_gravity(integrator, kernel, cru
     assert relative(cs.step(forced, x, v, dt, **options), cs.step(heavy, x, v, dt, **options), x) < 1e-12
 
 
-@pytest.mark.parametrize("offset", ["edge", "cell"])
-@pytest.mark.parametrize("restitution", [0.0, 0.6])
-def test_contact_counts_the_work_of_forces(offset, restitution, relative):
-    """The height after a bounce follows from the energy of the normal motion."""
-    sphere = cs.Sphere((0.5, -0.35, 0.5), 0.3, response="continuous", restitution=restitution, offset=offset, friction=0.2)
-    light = cs.Scene(cs.Cloth((9, 9), mass=0.5, stiffness=80.0, damping=0.02, pins=()), sphere, gravity=(0, -1.0, 0))
-    heavy = light.replace(gravity=(0, -9.0, 0))
-    forced = light.replace(force=light.cloth.mass_per_point[..., None] * [0, -8.0, 0])
-    state = heavy.initial_position, heavy.initial_velocity
-    for dt, steps in ((1e-3, 150), (5e-3, 40)):
-        expected = cs.step(heavy, *state, dt, steps)
-        assert relative(cs.step(forced, *state, dt, steps), expected, state[0]) < 1e-9
-        assert relative(cs.step(light, *state, dt, steps), expected, state[0]) > 1e-2
-
-
 def test_the_potential_of_the_force_is_part_of_the_energy(crumpled):
     scene, x, v, dt = crumpled(damped_by="nothing")
     forced = scene.replace(force=forces(scene))

@@ -33,24 +33,6 @@ def test_the_scene_as_it_is_changes_no_bit_of_a_sheet_in_contact(scenes, precisi
     assert same_bits(continued(there), continued(stepper))
 
 
-def test_a_snapshot_of_another_shape_or_precision_is_refused():
-    snapshot = cs.Stepper(SCENE).snapshot()
-    with pytest.raises(ValueError, match="precision 'double', and the simulation of the other"):
-        cs.Stepper(SCENE, precision="single")._state.core.restore(snapshot.core)
-    other = cs.Stepper(SCENE.replace(cloth=CLOTH.replace(shape=(8, 9))))._state.core
-    with pytest.raises(ValueError, match=r"positions of a snapshot must have the shape \(1, 8, 9, 3\), got \(1, 8, 8, 3\)"):
-        other.restore(snapshot.core)
-
-
-def test_a_time_that_is_refused_leaves_the_state_and_the_clock():
-    stepper = resting()
-    before = stepper.snapshot().core
-    with pytest.raises(ValueError, match="x must be"):
-        stepper.set_state(np.full((8, 8, 3), np.nan), t=5.0)
-    for name, value in stepper.snapshot().core.items():
-        np.testing.assert_array_equal(value, before[name])
-
-
 class Advancing:
     """Another thread that advances a stepper for as long as the block runs."""
 

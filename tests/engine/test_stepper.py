@@ -21,31 +21,6 @@ def test_it_is_step_in_parts(variant, crumpled, same_bits):
     assert stepper.instruction_set == variant.instruction_set
 
 
-def test_it_starts_from_the_scene(crumpled, same_bits):
-    scene, x, v, _ = crumpled()
-    stepper = cs.Stepper(scene.replace(position=x, velocity=v), t=1.5)
-    assert same_bits(arrays(stepper), (x, v)) and stepper.time == 1.5
-    still = cs.Stepper(scene, x)
-    assert same_bits(arrays(still), (x, np.zeros_like(v)))
-
-
-def test_returned_arrays_are_copies(crumpled, same_bits):
-    scene, x, v, _ = crumpled()
-    stepper = cs.Stepper(scene, x, v)
-    kept = stepper.positions
-    stepper.advance(0, 1e-3)
-    x_given = x.copy()
-    x[:] = 9.0
-    assert same_bits([stepper.positions, kept], [x_given, x_given])
-    with pytest.raises(ValueError, match="read-only"):
-        kept[:] = 0.0
-
-
-def test_restore_refuses_values_that_are_no_snapshot():
-    with pytest.raises(TypeError, match="snapshot must be a Snapshot"):
-        cs.Stepper.restore({"scene": 1})
-
-
 def test_the_clock_does_not_drift():
     """A million times 5e-6 s is 5 s, not 5 s and a million roundings."""
     stepper = cs.Stepper(cs.scenes.oscillator())
