@@ -1,13 +1,8 @@
 """Error control where pins and spheres move: no motion is stepped over, contact is as with short steps, every call ends."""
 
-import math
-from functools import partial
-
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps.member import SweepOptions
-from clothsim.sweeps.task import Stopped, Task, run_task
 from random_cloths import draw, rms
 
 REQUESTS = [{"rtol": 1e-6}, {"rtol": 1e-9}, {"rtol": 1e-6, "integrator": "dopri5"}, {"rtol": 1e-5, "integrator": "rk4"}, {}]
@@ -88,16 +83,6 @@ def test_random_motions_of_pins(number):
         assert honest(cs.simulate(scene, 0.5, **options), right, options.get("rtol", 1e-3))
 
 
-def test_a_step_of_dopri5_to_a_kink_is_no_shorter():
-    """Its error has the acceleration at the end, with the velocity of a pin before the kink: dampers pull after it."""
-    turns = cs.Keyframes(np.arange(9) / 8, offsets=np.outer([0, 1] * 4 + [0], [0.02, 0, 0]))
-    cloth = cs.Cloth((5, 5), mass=0.25, stiffness=50.0, damping=0.2, pins=dict.fromkeys(side(5), turns))
-    scene = cs.Scene(cloth, gravity=(0, 0, 0))
-    run = cs.simulate(scene, 1.0, rtol=1e-6, integrator="dopri5")
-    assert honest(run, cs.reference(scene, 1.0), 1e-6)
-    assert run.report["rejected_steps"] < run.report["steps"] / 4
-
-
 @pytest.mark.parametrize("response", ["continuous", "ray"])
 @pytest.mark.parametrize(
     "options", [{"rtol": 1e-6}, {"rtol": 1e-6, "fps": 30}, {"rtol": 1e-6, "integrator": "dopri5"}, {}], ids=str
@@ -142,17 +127,6 @@ def test_a_run_ends_where_a_sphere_meets_a_still_sheet(options):
     assert report["first_contact"]["time"] == pytest.approx(0.2518, abs=half)
 
 
-@pytest.mark.parametrize("options", [{"rtol": 1e-6}, {"rtol": 1e-6, "integrator": "dopri5"}, {}], ids=str)
-def test_a_drape_is_as_with_a_step(options):
-    """Contact comes within a step, half as long as is stable, and the mean height is within 1 mm of that by small steps."""
-    cloth = cs.Cloth((16, 16), mass=0.256, stiffness=100.0, damping=0.05, pins=())
-    scene = cs.Scene(cloth, cs.Sphere((0.5, -0.36, 0.5), 0.25, offset="none"))
-    small, run = (cs.simulate(scene, 0.4, **one) for one in ({"dt": 5e-5}, options))
-    assert run.x[-1, ..., 1].mean() == pytest.approx(small.x[-1, ..., 1].mean(), abs=1e-3)
-    first, small_first = (one.report["first_contact"]["time"] for one in (run, small))
-    assert 0 <= first - small_first + 5e-5 <= cs.max_stable_dt(scene) / 2
-
-
 @pytest.mark.parametrize("number", range(8))
 def test_the_default_call_costs_no_more_than_its_tolerance(number):
     """It takes a stable step of rk4 where the first run of dop853 agrees with it, else what a tolerance takes."""
@@ -174,12 +148,6 @@ def test_reasons_of_one_report_agree():
     assert run.report["error_estimate"]["reason"].startswith("this run misses a sphere")
 
 
-def test_stops_of_a_scene_are_those_of_all_motions():
-    pins = {(0, 0): cs.Keyframes([0, 0.3, 0.5], offsets=np.zeros((3, 3))), (-1, 0): cs.Linear((1, 0, 0))}
-    ball = cs.Sphere((9, 9, 9), motion=cs.Reciprocate((1, 0, 0), period=0.6))
-    assert cs.Scene(cs.Cloth((3, 3), pins=pins), ball).stops(0.0, 1.0) == [0.3, 0.5, pytest.approx(0.6), pytest.approx(0.9)]
-
-
 @pytest.mark.parametrize("motion", [cs.Reciprocate((1, 0, 0), 1e-3, 1e-7), cs.Sinusoid((1e-3, 0, 0), 1e7)])
 def test_more_stops_than_steps_are_refused(motion):
     scene = cs.Scene(cs.Cloth((3, 3), pins={(0, 0): motion}))
@@ -187,21 +155,6 @@ def test_more_stops_than_steps_are_refused(motion):
         ValueError, match=rf"period must be at least 2e-06 s.* got 1e-07 s of {type(motion).__name__}.*: give dt"
     ):
         cs.simulate(scene, 1.0, rtol=1e-3)
-
-
-def test_a_sweep_ends_in_the_middle_of_a_run_with_a_tolerance():
-    """Its runs are on threads, which Ctrl-C does not reach."""
-    task, calls = Task(pulsed(), SweepOptions(duration=0.5, rtol=1e-6), {0: {}}), []
-
-    def pause(most):
-        calls.append(most)
-        if len(calls) == most:
-            raise Stopped
-
-    assert not run_task(task, partial(pause, most=5)).records
-    assert len(calls) == 5
-    (record,) = run_task(task, partial(pause, most=math.inf)).records
-    assert record.status == 1
 
 
 def test_frames_between_steps_have_driven_pins_where_they_are():

@@ -1,9 +1,7 @@
-"""A run's start time and frames, its callback, its progress bar, and what an early end leaves."""
+"""A run's start time and frames, its callback, and what an early end leaves."""
 
 import signal
-import sys
 import threading
-import types
 
 import clothsim as cs
 import numpy as np
@@ -37,16 +35,6 @@ def test_times_at_the_ends_are_not_stored_twice():
     np.testing.assert_allclose(run.t, [0.0, 0.1, 0.2, 0.3], rtol=1e-15)
     run = cs.simulate(SMALL, 0.3, dt=1e-3, t=2.0, times=[2.0, 2.1, 2.3 + 1e-12])
     assert run.t.tolist() == [2.0, 2.1, 2.3]
-
-
-@pytest.mark.parametrize("response", ["ray", "continuous"])
-def test_frames_that_are_rounding_apart_end(response):
-    """The clock cannot step between them."""
-    scene = SMALL.replace(spheres=cs.Sphere((0.5, -0.5, 0.5), 0.2, response=response, offset="edge", restitution=1.0))
-    times = [0.1, np.nextafter(0.1, 1.0), 0.1 + 1e-14]
-    run = cs.simulate(scene, 0.2, rtol=1e-3, integrator="dopri5", times=times)
-    assert run.t.tolist() == [0.0, *times, 0.2]
-    assert abs(run.x[3] - run.x[1]).max() < 1e-12
 
 
 def test_fps_are_frames_a_second(same_bits):
@@ -169,16 +157,6 @@ def test_ctrl_c_returns_the_finished_steps(options, precision, same_bits):
         assert same_bits(frame(run, -1), cs.step(SCENE, x, v, 5e-5, steps, precision=precision, threads=1))
 
 
-def test_ctrl_c_during_the_estimate_leaves_the_whole_run(monkeypatch):
-    def interrupt(*arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sys.modules["clothsim.run.simulate"], "estimate_of", interrupt)
-    with pytest.raises(cs.RunInterrupted) as raised:
-        cs.simulate(SMALL, 0.1, dt=1e-3, estimate_error=True)
-    assert raised.value.run.t.tolist() == [0.0, 0.1] and raised.value.run.report["steps"] == 100
-
-
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_an_unstable_run_is_handed_over():
     cloth = cs.Cloth((9, 20), stiffness=900.0, damping=0.0, mass=18.0)
@@ -194,39 +172,3 @@ def test_an_unstable_run_is_handed_over():
     np.testing.assert_array_equal(run.v[-1], error.v)
     np.testing.assert_allclose([run.t[-1] + dt, error.time], error.step * dt, rtol=1e-12)
     assert cs.UnstableError(step=1, time=0.1, dt=0.1).run is None
-
-
-# Progress
-
-
-class Bar:
-    """A stand-in for tqdm that notes what it is told."""
-
-    made: list["Bar"] = []
-
-    def __init__(self, **options):
-        self.options, self.disable, self.n, self.updates = options, False, 0.0, []
-        Bar.made.append(self)
-
-    def close(self):
-        self.closed = True
-
-    def reset(self):
-        self.n = 0.0
-
-    def update(self, n):
-        self.n += n
-        self.updates.append(n)
-
-
-@pytest.mark.parametrize("options", [{"dt": 1e-5}, {"rtol": 1e-9, "integrator": "dop853"}], ids=str)
-def test_the_bar_counts_simulated_seconds(monkeypatch, options, same_bits):
-    Bar.made.clear()
-    monkeypatch.setitem(sys.modules, "tqdm.auto", types.SimpleNamespace(tqdm=Bar))
-    run = cs.simulate(SMALL, 0.4, t=3.0, progress=True, threads=1, **options)
-    (bar,) = Bar.made
-    assert bar.options["total"] == 0.4 and bar.options["disable"] is None and bar.closed
-    assert len(bar.updates) > 3 and min(bar.updates) >= 0
-    assert abs(bar.n - 0.4) < 1e-9
-    # The bar cuts the run into several calls of the core; the result is the same.
-    assert same_bits(frame(run, -1), frame(cs.simulate(SMALL, 0.4, t=3.0, threads=1, **options), -1))

@@ -39,34 +39,12 @@ def test_a_mass_point_over_the_frames_has_the_stretch_of_the_page(run):
         run.at(32, 0)
 
 
-def shifted(run, by, frames=slice(None)):
-    return cs.Run(run.scene, run.t[frames], run.x[frames] + by, run.v[frames], {})
-
-
-def test_the_difference_of_a_shifted_run_is_the_shift(run):
-    found = cs.difference(run, shifted(run, (0.03, 0.0, 0.04)))
-    assert found["distance"].shape == (11, 32, 32)
-    for name in ("distance", "rms", "max"):
-        np.testing.assert_allclose(found[name], 0.05, rtol=1e-12)
-
-
 def test_rms_and_maximum_are_over_the_mass_points(run):
     x = run.x.copy()
     x[4, 1, 2, 0] += 0.32
     found = cs.difference(run, cs.Run(run.scene, run.t, x, run.v, {}))
     assert found["max"][4] == pytest.approx(0.32) and found["rms"][4] == pytest.approx(0.01)
     assert np.delete(found["max"], 4).max() == 0
-
-
-def test_only_times_that_both_have_stored_are_compared(run):
-    other = shifted(run, 0.0, slice(1, None, 3))
-    jitter = cs.Run(run.scene, other.t * (1 + 1e-13), other.x, other.v, {})
-    for a, b in ((run, jitter), (jitter, run), (run[7:8], jitter)):
-        found = cs.difference(a, b)
-        assert np.allclose(found["t"], np.intersect1d(a.t.round(9), b.t.round(9)), rtol=1e-12)
-        assert found["max"].max() == 0
-    with pytest.raises(ValueError, match=r"b must have a stored time of a.*fps= or times="):
-        cs.difference(run[:1], other)
 
 
 def test_frames_pair_off_to_half_a_step(run):

@@ -44,37 +44,12 @@ def test_frames(every, times):
     assert len(run.x) == len(run.v) == len(times)
 
 
-def test_frames_in_steps_do_not_change_the_run(same_bits):
-    one = cs.simulate(SCENE, 0.02, dt=1e-3)
-    many = cs.simulate(SCENE, 0.02, dt=1e-3, every=3)
-    assert same_bits((one.x[-1], one.v[-1]), (many.x[-1], many.v[-1]))
-    for k, t in enumerate(many.t):
-        part = cs.step(SCENE, one.x[0], one.v[0], 1e-3, round(t / 1e-3))
-        assert same_bits((many.x[k], many.v[k]), part)
-
-
 def test_the_last_step_is_shorter_where_dt_does_not_divide():
     run = cs.simulate(SCENE, 0.0105, dt=1e-3)
     state = cs.step(SCENE, run.x[0], run.v[0], 1e-3, 10)
     state = cs.step(SCENE, *state, 5e-4, 1, t=0.01)
     assert run.report["steps"] == 11 and run.t[-1] == 0.0105
     np.testing.assert_allclose(run.x[-1], state[0], rtol=0, atol=1e-14)
-
-
-def test_spheres_move_with_the_time_of_the_run():
-    """Also after a shorter step: the clock is that of the run."""
-    scene = cs.scenes.paper_moving("ray", phase=0.9).replace(gravity=(0, 0, 0))
-    sphere = scene.spheres[0]
-    target = sphere.center_at(0.0105)
-    x = np.broadcast_to(target + (0.01, 0.02, 0.0), (32, 32, 3))
-    cloth = scene.cloth.replace(stiffness=0.0, damping=0.0, pins=())
-    as_printed = scene.replace(cloth=cloth, position=x, spheres=sphere.replace(as_printed=True))
-    run = cs.simulate(as_printed, 0.0105, dt=1e-3)
-    distance = np.linalg.norm(run.x[-1] - target, axis=-1)
-    # Projected at every step: on the surface of where the sphere is at the very end, or outside.
-    reach = sphere.contact_radius(cloth)
-    assert distance.min() > reach * (1 - 1e-12)
-    assert distance.max() < reach + 0.01
 
 
 def test_the_report():
