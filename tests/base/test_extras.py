@@ -73,21 +73,6 @@ assert not any(type(finder).__name__ == "_AfterXarray" for finder in sys.meta_pa
     assert done.returncode == 0, done.stderr
 
 
-def test_a_missing_xarray_is_missed_as_ever():
-    program = """
-import clothsim, sys
-sys.meta_path = [f for f in sys.meta_path if type(f).__name__ == "_AfterXarray"]
-try:
-    import xarray
-except ModuleNotFoundError as error:
-    assert error.name == "xarray"
-else:
-    raise AssertionError
-"""
-    done = python(program)
-    assert done.returncode == 0, done.stderr
-
-
 def test_a_dataset_of_no_sweep_says_so():
     with pytest.raises(ValueError, match="lacks the attribute 'clothsim_sweep'"):
         xarray.Dataset().clothsim.provenance

@@ -71,15 +71,6 @@ def test_a_command_of_an_earlier_version_says_the_python(capsys, name):
     assert f"there is no command {name}; in Python: {IN_PYTHON[name]}" in err
 
 
-def test_warnings_are_printed_above_the_bar(capsys, monkeypatch):
-    """tqdm clears its bars, writes the line, and draws the bars again."""
-    tqdm = pytest.importorskip("tqdm")
-    lines = []
-    monkeypatch.setattr(tqdm.tqdm, "write", lambda text, file: lines.append(text))
-    run(capsys, "run", "paper_swing", "--dt", "1.2e-3", "--duration", "0.01")
-    assert len(lines) == 1 and lines[0].startswith("clothsim run: warning: dt = 0.0012 s is above")
-
-
 def test_info(capsys):
     config = cs.build_config()
     code, out, _ = run(capsys, "info", "--json")
@@ -120,22 +111,15 @@ def test_run_prints_the_run_as_text(capsys):
 @pytest.mark.parametrize(
     "arguments, named",
     [
-        ((), "COMMAND"),
-        (("nothing",), "nothing"),
         (("run",), "SCENE"),
         (("run", "no_such_scene"), "no_such_scene"),
         (("run", "1e6 m awy"), "'1e6 m away'"),
         (("run", "paper_swing", "--set", "shape"), "--set must be NAME=VALUE"),
-        (("run", "paper_swing", "--set", "shape=4y4"), "shape must be"),
         (("run", "paper_swing", "--set", "dt=1e-3"), "--set must name an argument of the scene, got 'dt'"),
-        (("run", "paper_swing", "--set", "stifness=1"), "did you mean 'stiffness'?"),
-        (("run", "paper_swing", "--duration", "soon"), "--duration"),
         (("run", "paper_swing", "--dt", "nan"), "dt"),
-        (("run", "paper_swing", "--every", "often"), "--every"),
         (("run", "paper_swing", "--out", "no/such/folder/x.npz"), "--out"),
         (("run", "paper_swing", "--duration", "1e6", "--out", "a.h5"), "--out must end in .npz"),
         (("reproduce", "--experiment", "6"), "--experiment"),
-        (("reproduce", "--threads", "two"), "--threads"),
         (("info", "--colour"), "--colour"),
     ],
 )
@@ -144,17 +128,6 @@ def test_wrong_input_is_code_2_and_one_line(capsys, arguments, named):
     assert (code, out) == (2, "")
     assert err.startswith("clothsim") and ": error: " in err
     assert named in err and err.count("\n") == 1
-
-
-@pytest.mark.parametrize("below", ["", "made/by/it"])
-def test_a_file_in_place_of_the_folder_is_refused_before_any_measurement(capsys, monkeypatch, tmp_path, below):
-    monkeypatch.delattr(cs, "Stepper")
-    file = tmp_path / "file"
-    file.write_text("kept")
-    code, out, err = run(capsys, "reproduce", "--quick", "--out", file / below)
-    assert (code, out) == (2, "")
-    assert "out must be a folder" in err and str(file) in err and err.count("\n") == 1
-    assert file.read_text() == "kept"
 
 
 def test_unstable_run_is_code_1_and_one_line(capsys):
@@ -231,8 +204,6 @@ def test_run_checks_the_export_before_it_simulates(capsys, monkeypatch, tmp_path
     assert code == 2 and "needs a surface" in err
     code, _, err = run(capsys, "run", "paper_swing", "--film", tmp_path / "a.avi")
     assert code == 2 and "--film must end in one of .gif, .webp, .mp4" in err
-    code, _, err = run(capsys, "run", "paper_swing", "--html", tmp_path / "missing" / "a.html")
-    assert code == 2 and "--html must be in an existing folder" in err
     monkeypatch.setattr("clothsim.viewing.animation.which", lambda name: None)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     code, _, err = run(capsys, "run", "paper_swing", "--film", tmp_path / "a.mp4")

@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.viewing import exports as exporting
-from clothsim.viewing.exports import Clip, between, export, interpolation_error
+from clothsim.viewing.exports import Clip, export
 from clothsim.viewing.formats.gltf import linear
 from clothsim.viewing.raster import CLOTH_FRONT, SPHERE
 
@@ -262,19 +261,6 @@ def test_frames_between_stored_ones_of_a_cubic_motion_are_exact():
         np.testing.assert_allclose(frame.velocities[:, 1], 3 * t**2 - 4 * t + 1, atol=1e-13)
 
 
-def test_the_error_of_interpolation_is_of_fourth_order_with_the_known_constant():
-    """At the middle of a gap h, that of sin(w t) is w^4 h^4 sin / 384, as for any Hermite cubic."""
-    h, w = 0.02, 10.0
-    for gap in (h, h / 2):
-        run = moving(lambda t: np.sin(w * t), lambda t: w * np.cos(w * t), np.arange(0, 1, gap))
-        k = len(run.t) // 2
-        t = run.t[k] + gap / 2
-        x, _ = between(run, k, k + 1, t)
-        expected = (w * gap) ** 4 / 384 * np.sin(w * t)
-        assert x[0, 0, 1] - np.sin(w * t) == pytest.approx(-expected, rel=0.01)
-        assert interpolation_error(run) == pytest.approx((2 * w * gap) ** 4 / 384, rel=0.02)
-
-
 def test_frames_that_cannot_be_interpolated_are_refused_and_doubtful_ones_warned_of(tmp_path):
     ends = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3)
     with pytest.raises(ValueError, match=r"got 2 frames; simulate with every=0.0166667"):
@@ -315,27 +301,6 @@ def test_a_wrong_argument_is_refused_before_any_work(run, tmp_path, arguments, m
     with pytest.raises(ValueError, match="at least 2 x 2 mass points"):
         export(cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-2), tmp_path / "a.obj")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("suffix", exporting.FORMATS)
-def test_a_failure_half_way_leaves_the_folder_as_it_was(run, tmp_path, monkeypatch, suffix):
-    if exporting.FORMATS[suffix] == "usd":
-        pytest.importorskip("pxr")
-    earlier = tmp_path / f"a{suffix}"
-    earlier.write_text("earlier")
-    calls, get = [], Clip.__getitem__
-
-    def fail(*arguments):
-        calls.append(1)
-        if len(calls) == 3:
-            raise OSError("disk full")
-        return get(*arguments)
-
-    monkeypatch.setattr(Clip, "__getitem__", fail)
-    with pytest.raises(OSError, match="disk full"):
-        export(run, earlier)
-    assert [file.name for file in tmp_path.iterdir()] == [earlier.name]
-    assert earlier.read_text() == "earlier"
 
 
 @pytest.mark.parametrize("fps", [30, 50.0])
