@@ -260,17 +260,17 @@ def _chosen(methods: Sequence[str | Method] | None, precisions: Sequence[Precisi
 def own_method(name: str, precision: Precision = "double", threads: int | None = None) -> Method:
     """An integrator of this package; "NAME adaptive" chooses its steps by a tolerance."""
     control = "rtol" if name.endswith(" adaptive") else "dt"
-    integrator = integrator_name(name.removesuffix(" adaptive"), argument="methods")
+    label = integrator = integrator_name(name.removesuffix(" adaptive"), argument="methods")
     if control == "rtol":
         adaptive = [f"{one} adaptive" for one, about in integrators().items() if about.adaptive]
-        name = check.choice("methods", f"{integrator} adaptive", adaptive)
+        label = check.choice("methods", f"{integrator} adaptive", adaptive)
 
     def solve(scene: Scene, duration: float, setting: float) -> tuple[Floats, Floats, int, float]:
         by: dict[str, Any] = {control: setting, "integrator": integrator, "precision": precision, "threads": threads}
         run = simulate(scene, duration, **by)
         return run.x[-1], run.v[-1], run.report["solution_evaluations"], run.report["wall_time"]
 
-    return Method(name, solve, control, OWN, precision, threads)
+    return Method(label, solve, control, OWN, precision, threads)
 
 
 def _settings(method: Method, scene: Scene, duration: float, dts: Any, rtols: Any) -> list[float]:
