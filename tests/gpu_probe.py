@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from clothsim import Cloth, Scene, thread_grid
-from clothsim.gpu import parameters
-from clothsim.gpu.block import workgroups
 from clothsim.gpu.device import Device, opened, translated
 from clothsim.gpu.shader import Features, keep, shader_text, source
 
@@ -67,12 +65,10 @@ def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
     device = opened()
     plain = Features.of(Scene(Cloth((2, 2))))
     code = source(plain, "single", device.float64) + shader_text("thread_ids")
-    numbers = parameters.step_constants(0.0, np.float32)
-    integers = np.array([rows, columns, *[0] * 10], np.uint32)
-    constants = np.frombuffer(numbers.tobytes() + integers.tobytes(), np.uint32)
+    constants = np.array([*[0] * 4, rows, columns, *[0] * 10], np.uint32)
     names = ("group_x", "group_y", "thread_x", "thread_y", "dispatch_x", "dispatch_y", "index")
     size = 4 * len(names) * rows * columns
-    raw = _run(device, code, "thread_ids", [constants], size, workgroups(shape), _RESULTS)
+    raw = _run(device, code, "thread_ids", [constants], size, (-(-columns // 16), -(-rows // 16), 1), _RESULTS)
     written = np.frombuffer(raw, np.uint32).reshape(rows, columns, len(names))
     ids = np.empty((rows, columns), dtype)
     for k, name in enumerate(names):

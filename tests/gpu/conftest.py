@@ -10,33 +10,23 @@ import pytest
 os.environ.setdefault("LP_NUM_THREADS", "1")
 
 
-def _why_not():
-    from clothsim.gpu.device import opened
-
-    try:
-        opened()
-    except (ImportError, RuntimeError) as error:
-        return str(error)
-    return None
-
-
-_NEEDS_NONE = "needs_no_adapter"
-
-
 def pytest_configure(config):
-    config.addinivalue_line("markers", f"{_NEEDS_NONE}: runs without wgpu or an adapter too")
+    config.addinivalue_line("markers", "needs_no_adapter: runs without wgpu or an adapter too")
 
 
 def pytest_collection_modifyitems(items):
+    from clothsim.gpu.device import opened
+
     here = pathlib.Path(__file__).parent
-    mine = [i for i in items if here in i.path.parents and not i.get_closest_marker(_NEEDS_NONE)]
-    reason = _why_not() if mine else None
-    if reason is None:
-        return
-    if os.environ.get("CLOTHSIM_TEST_GPU") == "1":
-        raise pytest.UsageError(f"CLOTHSIM_TEST_GPU=1, but {reason}")
-    for item in mine:
-        item.add_marker(pytest.mark.skip(reason=reason))
+    mine = [i for i in items if here in i.path.parents and not i.get_closest_marker("needs_no_adapter")]
+    try:
+        if mine:
+            opened()
+    except (ImportError, RuntimeError) as error:
+        if os.environ.get("CLOTHSIM_TEST_GPU") == "1":
+            raise pytest.UsageError(f"CLOTHSIM_TEST_GPU=1, but {error}") from error
+        for item in mine:
+            item.add_marker(pytest.mark.skip(reason=str(error)))
 
 
 @pytest.fixture
@@ -47,9 +37,13 @@ def device():
 
 
 @pytest.fixture
-def needs_float64(device):
-    if not device.float64:
-        pytest.skip(f"{device.adapter.name} has no float64")
+def narrow(device, monkeypatch):
+    """The adapter without its float64, as Metal's, for all that is made in a test."""
+    from clothsim.gpu import device as devices
+
+    narrow = devices.Device(device.adapter, float64=False)
+    monkeypatch.setattr(devices, "opened", lambda: narrow)
+    return narrow
 
 
 @pytest.fixture(scope="session")
@@ -68,3 +62,9 @@ def exact(rounding):
         for operation, error in found.items()
         if operation not in ("compensation", "product and sum")  # the shader keeps these apart
     )
+
+
+@pytest.fixture
+def needs_exact(device, exact):
+    if not (exact and device.float64):
+        pytest.skip(f"{device.adapter.name} does not round as the core does")

@@ -3,44 +3,20 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.gpu import device as devices
 
 SINGLE = {"precision": "single", "kernel": "gather"}
-GPU = {**SINGLE, "backend": "gpu"}
 
 
-@pytest.fixture(autouse=True)
-def narrow(device, monkeypatch):
-    """The adapter of this machine without its float64, for all that is made in a test."""
-    narrow = devices.Device(device.adapter, float64=False)
-    monkeypatch.setattr(devices, "opened", lambda: narrow)
-    return narrow
+pytestmark = pytest.mark.usefixtures("narrow")
 
 
-def test_double_is_refused(narrow):
-    told = "^precision must be 'single' on the graphics adapter .* no float64, got 'double'$"
-    for make in (
-        lambda scene: cs.Stepper(scene, backend="gpu"),
-        lambda scene: cs.simulate(scene, 0.1, dt=1e-3, backend="gpu"),
-    ):
-        with pytest.raises(ValueError, match=told) as raised:
-            make(cs.scenes.paper_swing())
-        assert narrow.adapter.name in str(raised.value)
-
-
-def test_the_swing_has_the_bits_of_the_core(crumpled, exact, same_bits):
-    """Without spheres nothing of a step in single needs float64."""
-    scene, x, v, dt = crumpled()
-    gpu, cpu = (cs.Stepper(scene, x, v, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu"))
-    for stepper in (gpu, cpu):
-        stepper.advance(200, dt)
-    assert np.abs(gpu.positions - cpu.positions).max() < 1e-7
-    if exact:
-        assert same_bits((gpu.positions, gpu.velocities), (cpu.positions, cpu.velocities))
+def test_double_is_refused():
+    with pytest.raises(ValueError, match="^precision must be 'single' on the graphics adapter .* no float64, got 'double'$"):
+        cs.Stepper(cs.scenes.paper_swing(), backend="gpu")
 
 
 @pytest.mark.parametrize("response", ["reflect", "ray"])
-def test_a_response_errs_by_units_in_the_last_place(narrow, response):
+def test_a_response_errs_by_units_in_the_last_place(response):
     """A cloud of free points in a sphere 18 radii from the origin, one step without forces.
 
     Farther off the state would be kept relative to an origin of its own, by the sphere.
@@ -74,3 +50,19 @@ def test_a_response_errs_by_units_in_the_last_place(narrow, response):
         assert moved.sum() > 500
         # With friction a point travels on from the surface for the rest of the step.
         assert (distance - ball.contact_radius(cloth)).min() > -4 * eps * ball.radius
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
+@pytest.mark.parametrize("offset, friction", [("cell", 0.3), ("edge", 0.2), ("none", 0.0)])
+def test_continuous_contact_is_near_the_core_and_outside(offset, friction):
+    ball = cs.Sphere((0.5, -0.29, 0.5), 0.25, cs.Linear((0.1, 0.5, 0.0)), friction=friction, offset=offset)
+    scene = cs.Scene(cs.Cloth((20, 20)), ball)
+    gpu, cpu = (cs.Stepper(scene, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu"))
+    free = cs.Stepper(scene.replace(spheres=()), t=0.0)
+    for stepper in (gpu, cpu, free):
+        stepper.advance(400, 4e-4)
+    assert np.abs(free.positions - cpu.positions).max() > 1e-3
+    assert np.abs(gpu.positions - cpu.positions).max() < 5e-6
+    assert np.abs(gpu.velocities - cpu.velocities).max() < 1e-3
+    depths = cs.penetration(gpu.positions, ball, gpu.time)
+    assert depths["triangles" if offset == "cell" else "points"] == 0

@@ -5,6 +5,6 @@ needs the extra "gpu" (wgpu) and a Vulkan, Metal or Direct3D 12 adapter. Mesa's 
 is enough. The first use of an adapter imports wgpu.
 """
 
-from .device import Adapter, adapters, using
+from .device import adapters, using
 
-__all__ = ["Adapter", "adapters", "using"]
+__all__ = ["adapters", "using"]

@@ -38,8 +38,7 @@ from ..stability.limit import max_stable_dt
 from ..viewing.notebook import Frame
 from ..viewing.page import filled, json_text, page_body, page_text, web_file
 from ..viewing.picture import file_path
-from .parameters import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, rest_lengths
-from .shader import Features, SphereFeatures, check_scenes, source
+from .shader import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, Features, SphereFeatures, check_scenes, rest_lengths, source
 
 UNLIMITED_DT = 1e-3  # s, the time step of a scene that nothing limits
 STORED = 2.0  # s of the run that a browser without WebGPU plays
@@ -178,7 +177,7 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
             continue
         names.append(name)
         methods.append(method([SphereFeatures(response, as_printed, response != "continuous") for _ in scene.spheres]))
-    own = method([replace(s, rough=s.response != "continuous") for s in features.spheres])
+    own = method([s._replace(rough=s.response != "continuous") for s in features.spheres])
     if own not in methods:  # spheres of different methods
         names.append("as in the scene")
         methods.append(own)

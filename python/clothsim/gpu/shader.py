@@ -1,85 +1,57 @@
-"""The shader of a scene: its features, and pipelines that contain only these features."""
+"""The shader of a scene: its features, pipelines that contain only these, and its numbers, rounded once from double."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from .. import _core
 from ..model.as_core import in_cells
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
-from .device import Device, translated
-from .parameters import shared_numbers
+from .device import Device
 
-Neighbour = tuple[int, int, str, int]
-"""Rows and columns on, family, and the kind of spring, whose coefficients are equal."""
+FIRST_SPRING = 5
+FIRST_WEIGHT = FIRST_SPRING + 3 * len(_core.spring_kinds)
+CONTACT_SIZE = 26
 
 
-def springs(neighbours: Sequence[Neighbour] = _core.neighbours) -> str:
+def springs(neighbours: Sequence[tuple[int, int, str, int]] = _core.neighbours) -> str:
     """WGSL of the override constants of the families and of a mass point's spring forces, from cpp/model/stencil.hpp.
 
-    The forces add up in the order of `neighbours`, which is part of their bits.
+    A neighbour is rows and columns on, family, and kind of spring. The forces add up in this order, which is part of their
+    bits.
     """
-    families = dict.fromkeys(family for _, _, family, _ in neighbours)
-    return "\n".join(
-        [
-            "// From cpp/model/stencil.hpp.",
-            *(f"override {family}: bool = true;" for family in families),
-            "",
-            "fn spring_forces(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {",
-            "    let first = id.z * constants.parameter_stride + first_spring;",
-            "    let columns = constants.columns;",
-            "    let at = place(id);",
-            "    var a = vec3<real>();",
-            *_by_family(neighbours),
-            "    return a;",
-            "}",
-        ]
-    )
-
-
-def _by_family(neighbours: Iterable[Neighbour]) -> list[str]:
-    lines = []
+    lines = ["// From cpp/model/stencil.hpp."]
+    lines += [f"override {family}: bool = true;" for family in dict.fromkeys(family for _, _, family, _ in neighbours)]
+    lines += [
+        "fn spring_forces(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {",
+        "    let first = id.z * constants.parameter_stride + first_spring;",
+        "    let columns = constants.columns;",
+        "    let at = place(id);",
+        "    var a = vec3<real>();",
+    ]
     for family, group in groupby(neighbours, lambda neighbour: neighbour[2]):
         lines.append(f"    if ({family}) {{")
-        lines += [f"        {_pull(row, column, kind)}" for row, column, _, kind in group]
+        for row, column, _, kind in group:
+            axes = (("id.y", row, "constants.rows"), ("id.x", column, "columns"))
+            inside = [f"{at} + {way}u < {end}" if way > 0 else f"{at} >= {-way}u" for at, way, end in axes if way]
+            down, right = ("-" if way < 0 else "+" for way in (row, column))
+            place = f"at {down} {abs(row)}u * columns {right} {abs(column)}u"
+            lines.append(f"        if ({' && '.join(inside)}) {{ a = pulled(a, x, v, {place}, first + {3 * kind}u); }}")
         lines.append("    }")
-    return lines
+    return "\n".join([*lines, "    return a;", "}"])
 
 
-def _pull(row: int, column: int, kind: int) -> str:
-    inside = [*_inside("id.y", row, "constants.rows"), *_inside("id.x", column, "columns")]
-    place = f"at{_offset(row, 'columns')}{_offset(column)}"
-    return f"if ({' && '.join(inside)}) {{ a = pulled(a, x, v, {place}, first + {3 * kind}u); }}"
-
-
-def _inside(coordinate: str, way: int, end: str) -> list[str]:
-    """Whether the neighbour is in the cloth, along one axis."""
-    if way > 0:
-        return [f"{coordinate} + {way}u < {end}"]
-    return [f"{coordinate} >= {-way}u"] if way else []
-
-
-def _offset(way: int, stride: str = "") -> str:
-    if not way:
-        return ""
-    size = stride if stride and abs(way) == 1 else f"{abs(way)}u{f' * {stride}' if stride else ''}"
-    return f" {'+' if way > 0 else '-'} {size}"
-
-
-STAGES = (1, 2, 3, 4)
-ROUNDS = (5, 6, 7)  # stages of `raise`: from b to a, from a to b, and the last, from b to the state
-
-
-@dataclass(frozen=True)
-class SphereFeatures:
-    """Features of a sphere's response."""
-
+class SphereFeatures(NamedTuple):
     response: str
     as_printed: bool
     rough: bool
@@ -117,10 +89,9 @@ class Features:
 
     def constants(self) -> dict[str, float]:
         """Values of the shader's override constants."""
-        switches: dict[str, bool] = {family: family in self.families for family in FAMILIES}
-        for name in ("spring_damping", "drag", "mass_per_point", "pinned", "moving", "cells"):
-            switches[name] = getattr(self, name)
-        return {name: float(on) for name, on in switches.items()}
+        switches = {family: float(family in self.families) for family in FAMILIES}
+        names = ("spring_damping", "drag", "mass_per_point", "pinned", "moving", "cells")
+        return switches | {name: float(getattr(self, name)) for name in names}
 
     def after_contacts(self) -> str:
         """WGSL of the collision pass: the classic responses of spheres in their order, then the continuous one."""
@@ -155,11 +126,9 @@ def keep(word: str, name: str = "keep", zero: str = "constants.zero") -> str:
     return f"fn {name}(a: {word}) -> {word} {{ let z = {zero}; return {_KEEP[word]}; }}"
 
 
-def arithmetic_of(precision: str, float64: bool) -> str:
-    """WGSL of the types of a precision and of their products: `real` of a step, `wide` of a response. "single" is
-    compensated float32."""
-    real = "f64" if precision == "double" else "f32"
-    wide = "f64" if float64 else "f32"
+def source(features: Features, precision: str, float64: bool) -> str:
+    """The whole WGSL of a step: `real` is the type of its arithmetic, `wide` that of a response."""
+    real, wide = "f64" if precision == "double" else "f32", "f64" if float64 else "f32"
     bits, exponent = _EXPONENT[real]
     lines = [
         f"alias real = {real};",
@@ -177,14 +146,10 @@ def arithmetic_of(precision: str, float64: bool) -> str:
             f"fn {prefix}inner(a: {vector}, b: {vector}) -> {word} {{ return ({x} + {y}) + {z}; }}",
         ]
     lines.append("fn keep_all(a: vec3<real>) -> vec3<real> { return vec3<real>(keep(a.x), keep(a.y), keep(a.z)); }")
-    return "\n".join(lines)
-
-
-def source(features: Features, precision: str, float64: bool) -> str:
-    """The whole WGSL of a step."""
+    shared = {"first_spring": FIRST_SPRING, "first_weight": FIRST_WEIGHT, "contact_size": CONTACT_SIZE}
+    lines += [f"const {name} = {value}u;" for name, value in {"group_size": _core.group_size, **shared}.items()]
     names = ["layout", "contact", "wide" if float64 else "narrow", "step", "check"]
-    written = [arithmetic_of(precision, float64), shared_numbers(), springs()]
-    return "\n".join([*written, *map(shader_text, names), features.after_contacts()])
+    return "\n".join([*lines, springs(), *map(shader_text, names), features.after_contacts()])
 
 
 class Pipelines:
@@ -194,39 +159,30 @@ class Pipelines:
         handle = device.handle
         visible = device.wgpu.ShaderStage.COMPUTE
         kinds = ["uniform", *["storage"] * 5, *["read-only-storage"] * 2, "storage"]
-        with translated(device.adapter):
-            self.layout = handle.create_bind_group_layout(
-                entries=[{"binding": k, "visibility": visible, "buffer": {"type": kind}} for k, kind in enumerate(kinds)]
-            )
-            layout = handle.create_pipeline_layout(bind_group_layouts=[self.layout])
-            code = source(features, precision, device.float64)
-            module = handle.create_shader_module(code=code)
+        entries = [{"binding": k, "visibility": visible, "buffer": {"type": kind}} for k, kind in enumerate(kinds)]
+        self.layout = handle.create_bind_group_layout(entries=entries)
+        layout = handle.create_pipeline_layout(bind_group_layouts=[self.layout])
+        module = handle.create_shader_module(code=source(features, precision, device.float64))
 
-            def pipeline(entry_point: str, constants: dict[str, float]) -> Any:
-                compute = {"module": module, "entry_point": entry_point, "constants": constants}
-                return handle.create_compute_pipeline(layout=layout, compute=compute)
+        def pipeline(entry_point: str, constants: dict[str, float]) -> Any:
+            compute = {"module": module, "entry_point": entry_point, "constants": constants}
+            return handle.create_compute_pipeline(layout=layout, compute=compute)
 
-            constants = features.constants()
-            self.stages = [pipeline("advance", {**constants, "stage": k}) for k in STAGES]
-            self.rounds = [pipeline("raise", {**constants, "stage": k}) for k in ROUNDS if features.cells]
-            self.check = pipeline("check", {})
+        constants = features.constants()
+        self.stages = [pipeline("advance", {**constants, "stage": k}) for k in (1, 2, 3, 4)]
+        # From b to a, from a to b, and the last, from b to the state.
+        self.rounds = [pipeline("raise", {**constants, "stage": k}) for k in (5, 6, 7) if features.cells]
+        self.check = pipeline("check", {})
 
 
-def pipelines(device: Device, features: Features, precision: str) -> Pipelines:
-    """Pipelines of `features`, compiled at most once for a device."""
-    key = (features, precision)
-    if key not in device.pipelines:
-        device.pipelines[key] = Pipelines(device, features, precision)
-    found: Pipelines = device.pipelines[key]
-    return found
+pipelines = cache(Pipelines)  # compiling is slow
 
 
 def check_scenes(scenes: Sequence[Scene]) -> None:
     """Raise a ValueError if the shader lacks a feature of a scene, or if the features of the scenes differ."""
     first = Features.of(scenes[0])
     for member, scene in enumerate(scenes):
-        if scene.cloth.driven:
-            pin = next(iter(scene.cloth.driven))
+        for pin in scene.cloth.driven:
             raise ValueError(f"pins[{pin}] must be None with backend 'gpu', got a motion; backend='cpu' drives pins")
         if scene.force is not None:
             raise ValueError("force must be None with backend 'gpu', got an array; backend='cpu' has it")
@@ -237,10 +193,31 @@ def check_scenes(scenes: Sequence[Scene]) -> None:
                 f"spheres {continuous}; backend='cpu' has several"
             )
         own = Features.of(scene)
-        for name in first.__dataclass_fields__:
-            expected, got = getattr(first, name), getattr(own, name)
+        for name, got in vars(own).items():
+            expected = getattr(first, name)
             if got != expected:
                 raise ValueError(
                     f"{name} of all members must be equal with backend 'gpu', where a dispatch serves all members: "
                     f"member 0 has {expected}, got {got} for member {member}; step them apart, or with backend='cpu'"
                 )
+
+
+def rest_lengths(scene: Scene) -> list[float]:
+    """Rest lengths of the kinds of springs [m]."""
+    height, width = scene.cloth.spacing
+    along = [(columns * width, rows * height) for _, rows, columns in _core.spring_kinds]
+    return [math.sqrt(c * c + r * r) for c, r in along]
+
+
+def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> np.ndarray:
+    """Entry of `parameters` for one member (layout.wgsl), with the speed above which its state has run away [m/s]."""
+    cloth = scene.cloth
+    # 1/mass is folded into the coefficients where it is uniform, as in the core.
+    scale = 1 / float(cloth.mass_per_point[0, 0]) if cloth.uniform_mass else 1.0
+    numbers = [*scene.gravity, cloth.drag * scale, min(speed_limit, float(np.finfo(dtype).max))]
+    for (family, *_), rest_length in zip(_core.spring_kinds, rest_lengths(scene), strict=True):
+        stiffness, damping = (found.get(family, 0.0) for found in (cloth.family_stiffness, cloth.family_damping))
+        numbers += [stiffness * scale, rest_length, damping * scale]
+    weights = np.where(cloth.pinned, 0.0, 1 / cloth.mass_per_point)
+    with np.errstate(over="ignore", under="ignore"):
+        return np.concatenate([numbers, weights.ravel()]).astype(dtype)

@@ -1,4 +1,7 @@
-"""A simulation on the graphics adapter, with the interface of the core's (`_core.Simulation`)."""
+"""A simulation on the graphics adapter, with the interface of the core's (`_core.Simulation`).
+
+The state is six planes per member, of positions and velocities; in single each is split into two of float32.
+"""
 
 from __future__ import annotations
 
@@ -7,27 +10,34 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import _core
 from ..base.interrupts import Interrupts
+from ..engine.options import Options
+from ..engine.plan import core_plan
+from ..model.mesh import GROUP
 from ..model.scene import Scene
 from . import device as devices
-from .block import MOST_STEPS_UNCHECKED, Block
 from .device import Device, translated
-from .planes import arrays_of, far_origins, joined, planes_of, split, stop_pinned_points, vectors_of
-from .shader import check_scenes
+from .shader import CONTACT_SIZE, FIRST_WEIGHT, Features, check_scenes, pipelines, scene_parameters
 
+NONE = 0xFFFFFFFF
+# Steps between two checks of the state, at most. The exact step of a failure is then found by repeating steps.
+MOST_STEPS_UNCHECKED = 96
+# Rounds of `raise` a step, at most; each leaves at most 0.71 of the last move (cpp/contact/contact_pass.hpp).
+MOST_ROUNDS = 127
+# Runs after which a step gets fewer rounds. Half tries again more often, twice keeps rounds that nothing needs for longer.
+RUNS_WITH_EQUAL_ROUNDS = 16
+# Steps a submission: the adapter works on one while the host records the next.
+STEPS_PER_SUBMISSION = 32
 # The state is inspected after as many steps as this takes [s], or fewer.
 SECONDS_BETWEEN_CHECKS = 0.02
 
-_NOT_WATCHED = "the graphics adapter does not watch the states between frames"
 
-
-@dataclass(frozen=True)
-class Clock:
+class Clock(NamedTuple):
     """Times in s, with the core's bits: that of step k is counted from an origin, so that rounding does not add up."""
 
     origin: float
@@ -37,22 +47,12 @@ class Clock:
     def at(self, further: int) -> float:
         return self.origin + float(self.steps + further) * self.dt
 
-    def now(self) -> float:
-        return self.at(0)
-
-    def after(self, steps: int) -> Clock:
-        return replace(self, steps=self.steps + steps)
-
 
 class Simulation:
-    """One cloth, or a batch of cloths of one shape, advanced together on `device`, or on the chosen adapter.
+    """One cloth, or a batch of cloths of one shape, advanced together on the chosen adapter."""
 
-    Errors: a ValueError if the adapter has no float64 for "double", or a limit of it is exceeded; a MemoryError if its
-    memory does not suffice; a RuntimeError if there is no adapter; an ImportError if wgpu is missing.
-    """
-
-    def __init__(self, scenes: Sequence[Scene], time: float, precision: str, device: Device | None = None) -> None:
-        self.device = device or devices.opened()
+    def __init__(self, scenes: Sequence[Scene], time: float, precision: str) -> None:
+        self.device = devices.opened()
         self.adapter = self.device.adapter
         if precision == "double" and not self.device.float64:
             raise ValueError(
@@ -61,42 +61,33 @@ class Simulation:
             )
         check_scenes(scenes)
         self._scenes = list(scenes)
-        self._precision = precision
-        self._single = precision == "single"
-        self._members = len(self._scenes)
+        self._precision, self._single = precision, precision == "single"
+        self._shape = (len(scenes), *scenes[0].cloth.shape, 3)
         self._clock = Clock(time)
-        self._stable_dt = [math.inf] * self._members
-        self._frozen = [False] * self._members
-        self._contacts = [0] * self._members
-        self._origins = np.zeros((self._members, 3))
-        self._make_block()
+        self._stable_dt = [math.inf] * len(scenes)
+        self.frozen = [False] * len(scenes)
+        self.contacts = [0] * len(scenes)  # responses to mass points so far
+        self.evaluations = [0] * len(scenes)  # not counted: a step of rk4 takes four
+        self._origins = np.zeros((len(scenes), 3))
         self._busy = threading.Lock()
         self._steps_unchecked = 1
         self._parts: list[np.ndarray] = []  # the state in host memory, as `split` gives it; up to date for frozen members
+        self._block: Block | None = None
+        with self._used():
+            self._make_block(scenes)
 
-    def _make_block(self) -> None:
-        self._block: Block | None = None  # frees the memory of the one that there is
-        self._block = self._new_block(self._scenes)
+    def _make_block(self, scenes: Sequence[Scene]) -> None:
+        """Make the block of the members that are not frozen; None: all are."""
+        members = [member for member, frozen in enumerate(self.frozen) if not frozen]
+        chosen, origins = [scenes[member] for member in members], self._origins[members]
+        self._block = Block(self.device, members, chosen, origins, self._precision) if members else None
         self._step_set = 0.0
 
-    def _new_block(self, scenes: Sequence[Scene]) -> Block | None:
-        """The members that are not frozen; None: all are."""
-        members = [member for member, frozen in enumerate(self._frozen) if not frozen]
-        chosen = [scenes[member] for member in members]
-        if not members:
-            return None
-        return Block(self.device, members, chosen, self._origins[members], self._precision)
-
-    # State in and out -----------------------------------------------------------------------------
-
     def load(self, x: np.ndarray | None, v: np.ndarray | None, time: float | None = None) -> None:
-        """Set positions and velocities, shape ([B,] rows, columns, 3), and the time; None leaves a value as it is.
-        Pinned points get the velocity 0.
-        """
+        """Set positions and velocities, shape ([B,] rows, columns, 3), and the time; None leaves a value as it is."""
         with self._used():
             if x is None or v is None:
-                shape = (self._members, *self._scenes[0].cloth.shape, 3)
-                own = arrays_of(joined(self._state(), self._origins), shape)
+                own = vectors(joined(self._state(), self._origins), self._shape)
                 x, v = (one if given is None else given for one, given in zip(own, (x, v), strict=True))
             planes = planes_of(x, v, self._scenes)
             if time is not None:
@@ -105,7 +96,7 @@ class Simulation:
                 origins = far_origins(planes[:, :3])
                 if (origins != self._origins).any():
                     self._origins = origins
-                    self._make_block()
+                    self._make_block(self._scenes)
                 planes[:, :3] -= self._origins[:, :, None]
             self._take(split(planes, self._single))
 
@@ -118,74 +109,58 @@ class Simulation:
         """Replace the scenes and the guaranteed time steps [s]; the state stays, and pinned points stop."""
         with self._used():
             check_scenes(scenes)
-            parts = [np.array(part) for part in self._state()]
-            block = self._new_block(scenes)
+            parts = self._state()
+            self._make_block(scenes)
             for part in parts:
                 stop_pinned_points(part, scenes)
-            self._scenes, self._block = list(scenes), block
-            self._contacts = [0] * self._members
-            self.set_stable_dt(stable_dt)
+            self._scenes, self.contacts, self._stable_dt = list(scenes), [0] * len(scenes), list(stable_dt)
             self._take(parts)
 
-    def _take(self, parts: Sequence[np.ndarray]) -> None:
-        self._parts = [np.array(part) for part in parts]
+    def _take(self, parts: list[np.ndarray]) -> None:
+        self._parts = parts
         if self._block:
             self._block.upload(parts)
 
     def _state(self) -> list[np.ndarray]:
         if self._block:
-            self._parts = self._block.download(self._parts)
+            self._block.download(self._parts)
         return self._parts
 
     def store(self, x: np.ndarray | None, v: np.ndarray | None) -> None:
         """Write positions and velocities into arrays of the shape that `load` takes, or None."""
         with self._used():
             planes = joined(self._state(), self._origins)
-            for first, array in ((0, x), (3, v)):
+            for array, values in zip((x, v), vectors(planes, self._shape), strict=True):
                 if array is not None:
-                    array[...] = vectors_of(planes, first, array.shape)
+                    array[...] = values.reshape(array.shape)
 
     def snapshot(self) -> dict[str, Any]:
         """The clock and the whole state, with the fields of the core's; there are no impulses."""
         with self._used():
-            parts, clock = self._state(), self._clock
-            shape = (self._members, *self._scenes[0].cloth.shape, 3)
             fields: dict[str, Any] = {}
-            for name, part in zip(("", "_low"), parts):
-                arrays = arrays_of(part.astype(np.float64), shape)
-                fields["positions" + name], fields["velocities" + name] = arrays
-            return {
-                **fields,
-                "origins": self._origins.copy(),
-                "frozen": np.array(self._frozen),
-                "time": clock.now(),
-                "clock_origin": clock.origin,
-                "clock_steps": clock.steps,
-                "clock_step": clock.dt,
-            }
+            for name, part in zip(("", "_low"), self._state()):
+                fields["positions" + name], fields["velocities" + name] = vectors(part.astype(np.float64), self._shape)
+            clock = self._clock
+            fields |= {"origins": self._origins.copy(), "frozen": np.array(self.frozen), "time": clock.at(0)}
+            return fields | {"clock_origin": clock.origin, "clock_steps": clock.steps, "clock_step": clock.dt}
 
     def restore(self, fields: dict[str, Any]) -> None:
         """Return to the state of `snapshot`."""
         with self._used():
             names = ("", "_low") if self._single else ("",)
             parts = [planes_of(fields["positions" + n], fields["velocities" + n], self._scenes) for n in names]
-            self._frozen, self._origins = [bool(one) for one in fields["frozen"]], np.array(fields["origins"])
-            self._make_block()
+            self.frozen, self._origins = [bool(one) for one in fields["frozen"]], np.array(fields["origins"])
+            self._make_block(self._scenes)
             self._clock = Clock(float(fields["clock_origin"]), int(fields["clock_steps"]), float(fields["clock_step"]))
-            self._take([part.astype(self._parts[0].dtype) for part in parts])
+            self._take([part.astype(np.float32 if self._single else np.float64) for part in parts])
 
     @property
     def time(self) -> float:
-        return self._clock.now()
+        return self._clock.at(0)
 
     @time.setter
     def time(self, time: float) -> None:
-        with self._used():
-            parts = self._state()
-            self._clock = Clock(time)
-            self._take(parts)
-
-    # The rest of the core's interface -------------------------------------------------------------
+        self._clock = Clock(time)
 
     def set_sphere(self, sphere: int, centers: Any, motions: Any) -> None:
         raise ValueError("centers must be None with backend 'gpu'; backend='cpu' moves spheres by hand")
@@ -201,23 +176,9 @@ class Simulation:
         """Exclude a member from further steps, or include it again."""
         with self._used():
             parts = self._state()
-            self._frozen[member] = frozen
-            self._make_block()
+            self.frozen[member] = frozen
+            self._make_block(self._scenes)
             self._take(parts)
-
-    @property
-    def frozen(self) -> list[bool]:
-        return list(self._frozen)
-
-    @property
-    def evaluations(self) -> list[int]:
-        """Not counted: a step of rk4 takes four."""
-        return [0] * len(self._contacts)
-
-    @property
-    def contacts(self) -> list[int]:
-        """Number of responses to mass points so far."""
-        return list(self._contacts)
 
     def set_watch(self, every: int, interval: float) -> None:
         """Do nothing: the adapter watches no state between calls, and `watched` says so."""
@@ -227,79 +188,64 @@ class Simulation:
 
     @property
     def watched(self) -> list[dict[str, Any]]:
-        """Extremes per member, with the keys of the core. Each is NaN with a "reason", because the adapter does not
-        watch them.
-        """
+        """Extremes per member, with the keys of the core: NaN with a "reason"."""
         names = ("first_contact", "point_depth", "triangle_depth", "stretch", "energy_gained")
-        missing = {**dict.fromkeys(names, math.nan), "reason": _NOT_WATCHED}
-        none_inside = {"point_depth": 0.0, "triangle_depth": 0.0}
         return [
             {
-                **missing,
-                **(none_inside if not scene.spheres else {}),
+                **dict.fromkeys(names, math.nan),
+                "reason": "the graphics adapter does not watch the states between frames",
+                **({} if scene.spheres else {"point_depth": 0.0, "triangle_depth": 0.0}),
                 "in_contact": count > 0 or any(sphere.response == "continuous" for sphere in scene.spheres),
                 "impulse": [[math.nan] * 3 for _ in scene.spheres],
             }
-            for scene, count in zip(self._scenes, self._contacts, strict=True)
+            for scene, count in zip(self._scenes, self.contacts, strict=True)
         ]
-
-    # Stepping -------------------------------------------------------------------------------------
 
     def advance(self, steps: int, dt: float, threads: int) -> dict[str, Any]:
         """Take steps and return the outcome in the core's form: steps done, and the bad point if there is one."""
-        with self._used(), Interrupts() as interrupts, self._all_or_nothing():
-            self._set_step(dt)
+        with self._used(), Interrupts() as interrupts:
+            if dt != self._clock.dt:
+                self._clock = Clock(self._clock.at(0), 0, dt)
+            if dt != self._step_set and self._block:
+                self._block.set_step(dt, self._stable_dt)
+            self._step_set = dt
             self._found: dict[str, Any] = {}
-            return {**self._advance(steps, interrupts), **self._found}
+            try:
+                return {**self._advance(steps, interrupts), **self._found}
+            except Exception:
+                if self._block:
+                    self._block.take_back()
+                raise
 
     def _advance(self, steps: int, interrupts: Interrupts) -> dict[str, Any]:
-        done = 0
+        done, most = 0, MOST_STEPS_UNCHECKED
         while done < steps:
-            count = min(self._steps_unchecked, steps - done)
+            count = min(self._steps_unchecked, steps - done, most)
             start = time.monotonic()
-            if self._try(count):
-                found = self._rewind_to_last_good(count)
-                return {**found, "step": done + found["step"], "steps": done + found["step"] - 1}
-            self._accept(count)
+            if bad := self._try(count):
+                if count == 1:
+                    found = {"member": bad[0], "point": bad[1], "trapped": False, "time": self._clock.at(1)}
+                    return {**found, "step": done + 1, "steps": done}
+                most = 1  # repeated steps give the same bits, so single ones find the one that fails
+                continue
             done += count
-            seconds = time.monotonic() - start
-            wanted = int(SECONDS_BETWEEN_CHECKS * count / max(seconds, 1e-9))
+            wanted = int(SECONDS_BETWEEN_CHECKS * count / max(time.monotonic() - start, 1e-9))
             self._steps_unchecked = min(max(1, wanted), MOST_STEPS_UNCHECKED)
             interrupts.deliver()
         return {"steps": done}
 
-    def _set_step(self, dt: float) -> None:
-        if dt != self._clock.dt:
-            self._clock = Clock(self._clock.now(), 0, dt)
-        if dt != self._step_set:
-            if self._block:
-                self._block.set_step(dt, self._stable_dt)
-            self._step_set = dt
-
     def _try(self, steps: int) -> tuple[int, int] | None:
-        """Take `steps` steps that can be undone; return the first member with a bad point, and the point."""
-        return self._block.run([self._clock.at(k) for k in range(steps + 1)]) if self._block else None
-
-    def _accept(self, steps: int) -> None:
+        """Take `steps` steps. If a state is bad, undo them and return the first member with a bad point, and the point."""
         if self._block:
-            self._block.accept(self._contacts)
+            if bad := self._block.run([self._clock.at(k) for k in range(steps + 1)]):
+                self._block.take_back()
+                return bad
+            self._block.ahead = False
+            for member, count in zip(self._block.members, self._block.contacts, strict=True):
+                self.contacts[member] += int(count)
             self._found = {**self._block.found, **self._found}
-        self._clock = self._clock.after(steps)
-
-    def _take_back(self) -> None:
-        if self._block:
-            self._block.take_back()
-
-    def _rewind_to_last_good(self, steps: int) -> dict[str, Any]:
-        """Find the failing step and stop before it. Repeated steps give the same bits, so the search is exact."""
-        self._take_back()
-        for k in range(1, steps + 1):
-            bad = self._try(1)
-            if bad:
-                self._take_back()
-                return {"member": bad[0], "point": bad[1], "trapped": False, "step": k, "time": self._clock.at(1)}
-            self._accept(1)
-        raise RuntimeError(f"the graphics adapter {self.adapter.name} gave another result for the same steps")
+        self._clock = self._clock._replace(steps=self._clock.steps + steps)
+        return None
 
     @contextmanager
     def _used(self) -> Any:
@@ -313,11 +259,210 @@ class Simulation:
         finally:
             self._busy.release()
 
-    @contextmanager
-    def _all_or_nothing(self) -> Any:
-        """Undo steps that were not accepted if an error occurs."""
-        try:
-            yield
-        except Exception:
-            self._take_back()
-            raise
+
+class Block:
+    """The members of a batch with these indices on the adapter. Their scenes have one shape and equal `Features`: a dispatch
+    per stage serves all. `origins` are those of their positions [m], shape (members, 3)."""
+
+    def __init__(
+        self, device: Device, members: Sequence[int], scenes: Sequence[Scene], origins: np.ndarray, precision: str
+    ) -> None:
+        self.device, self.members = device, list(members)
+        self.single = precision == "single"
+        self.real = np.float32 if self.single else np.float64
+        self.wide = np.float64 if device.float64 else np.float32
+        shared = all(scene is scenes[0] for scene in scenes) and (origins == origins[0]).all()
+        self.scenes = [scenes[0]] if shared else list(scenes)
+        self.origins = origins[: len(self.scenes)]
+        self.plans = [core_plan(scene, Options()) for scene in self.scenes]
+        self.features = Features.of(scenes[0])
+        self.pipelines = pipelines(device, self.features, precision)
+        rows, columns = scenes[0].cloth.shape
+        self.points = rows * columns
+        self.groups = math.ceil(columns / GROUP[0]), math.ceil(rows / GROUP[1]), len(members)
+        self.ahead = False  # of the checkpoint
+        self._rounds, self._runs, self._settled = 1, 0, True
+        self._make_buffers(rows, columns, len(members))
+
+    def _make_buffers(self, rows: int, columns: int, members: int) -> None:
+        create, adapter, bytes_of_real = self.device.create_buffer, self.device.adapter, np.dtype(self.real).itemsize
+        six = 6 * self.points * members * bytes_of_real
+        for needed, most, what in (
+            (six, adapter.largest_buffer, "bytes in a buffer"),
+            (max(self.groups), self.device.groups_limit, "workgroups in a direction"),
+        ):
+            if needed > most:
+                raise ValueError(
+                    f"scene is too large for the graphics adapter: {members} of shape {rows} x {columns} take {needed:,} "
+                    f"{what}, {adapter.name} has at most {most:,}"
+                )
+        both = ("STORAGE", "COPY_SRC", "COPY_DST")
+        self.state = create(six, *both)
+        self.compensation = create(six if self.single else 16, *both)
+        working = [create(six, "STORAGE") for _ in range(3)]
+        one = FIRST_WEIGHT + self.points
+        self.parameters = create(one * len(self.scenes) * bytes_of_real, "STORAGE", "COPY_DST")
+        per_scene = len(self.features.spheres) * CONTACT_SIZE
+        per_step = per_scene * len(self.scenes)
+        tables = 1 + MOST_STEPS_UNCHECKED if self.features.moving else 1
+        self.contact_table = create((tables * per_step or 1) * np.dtype(self.wide).itemsize, "STORAGE", "COPY_DST")
+        self._results = np.zeros(2 + 4 * members, np.uint32)
+        self._results[1 : 1 + 3 * members] = NONE
+        self.results = create(self._results.nbytes, *both)
+        self.constants = create(96, "UNIFORM", "COPY_DST")
+        self.readback = create(self._results.nbytes, "MAP_READ", "COPY_DST")
+        self.kept = [self.state, self.compensation][: 1 + self.single]
+        self.checkpoint = [create(buffer.size, "COPY_SRC", "COPY_DST") for buffer in self.kept]
+        stride = (one, per_scene) if len(self.scenes) > 1 else (0, 0)
+        self._integers = np.array([rows, columns, *stride, per_step, 0, members], np.uint32)
+        bound = [self.constants, self.state, self.compensation, *working, self.parameters, self.contact_table, self.results]
+        entries = [{"binding": k, "resource": {"buffer": buffer}} for k, buffer in enumerate(bound)]
+        self.bindings = self.device.handle.create_bind_group(layout=self.pipelines.layout, entries=entries)
+
+    def upload(self, parts: Sequence[np.ndarray]) -> None:
+        """Upload the state out of that of the whole batch, in the form of `split`."""
+        for buffer, planes in zip(self.kept, parts, strict=True):
+            self._write(buffer, planes[self.members])
+
+    def download(self, parts: Sequence[np.ndarray]) -> None:
+        """Write the state into that of the whole batch; members outside the block keep their values."""
+        for part, buffer in zip(parts, self.kept, strict=True):
+            values = np.frombuffer(self.device.handle.queue.read_buffer(buffer), self.real)
+            part[self.members] = values[: 6 * len(self.members) * self.points].reshape(-1, 6, self.points)
+
+    def _write(self, buffer: Any, values: np.ndarray) -> None:
+        self.device.handle.queue.write_buffer(buffer, 0, np.ascontiguousarray(values))
+
+    def set_step(self, dt: float, stable_dt: Sequence[float]) -> None:
+        """Set the time step `dt` [s]; `stable_dt` has the guaranteed step of each member of the batch."""
+        numbers = np.array([dt / 2, dt, dt * dt / 6, dt / 6]).astype(self.real)
+        self._write(self.constants, np.frombuffer(numbers.tobytes() + self._integers.tobytes(), np.uint8))
+        limits = [plan.runaway_speed(dt, stable_dt[member]) for plan, member in zip(self.plans, self.members)]
+        pairs = zip(self.scenes, limits, strict=True)
+        self._write(self.parameters, np.concatenate([scene_parameters(scene, limit, self.real) for scene, limit in pairs]))
+        self._dt = dt
+        if self.features.spheres and not self.features.moving:
+            self._write_contacts([0.0])
+
+    def _write_contacts(self, times: Sequence[float]) -> None:
+        """Write `contacts` (contact.wgsl). `times` are before the first step and after each; one where no sphere moves."""
+        table = np.zeros((len(times), len(self.scenes), len(self.features.spheres), CONTACT_SIZE), self.wide)
+        for k, plan in enumerate(self.plans):
+            values, row = plan.contact_table(list(times), self.origins[k], self._dt, self.single), table[:, k]
+            row[..., 0:3] = values[..., :3]
+            row[..., 3:6] = values[..., :3] - row[..., 0:3]
+            row[..., 6:] = values[..., 3:]
+        self._write(self.contact_table, table)
+
+    def run(self, times: Sequence[float]) -> tuple[int, int] | None:
+        """Save a checkpoint and take the steps between `times`. `take_back` undoes them.
+
+        Return member of the batch and mass point of the first bad state, or None.
+        """
+        if self.features.moving:
+            self._write_contacts(times)
+        bad, self._runs = self._run(len(times) - 1), self._runs + 1
+        while not self._settled and self._rounds < MOST_ROUNDS:
+            self.take_back()
+            self._rounds, self._runs = 2 * self._rounds + 1, 0
+            bad = self._run(len(times) - 1)
+        if self._runs == RUNS_WITH_EQUAL_ROUNDS:
+            self._rounds, self._runs = max(1, self._rounds // 2), 0
+        return bad
+
+    def _run(self, steps: int) -> tuple[int, int] | None:
+        handle, rounds = self.device.handle, self.pipelines.rounds
+        step = [*self.pipelines.stages, *rounds[:2] * (self._rounds // 2), *rounds[2:]]
+        self._write(self.results, self._results)
+        encoder = handle.create_command_encoder()
+        for buffer, copy in zip(self.kept, self.checkpoint, strict=True):
+            encoder.copy_buffer_to_buffer(buffer, 0, copy, 0, buffer.size)
+        for first in range(0, steps, STEPS_PER_SUBMISSION):
+            count, last = min(STEPS_PER_SUBMISSION, steps - first), first + STEPS_PER_SUBMISSION >= steps
+            work = encoder.begin_compute_pass()
+            work.set_bind_group(0, self.bindings)
+            for stage in [*step * count, *[self.pipelines.check] * last]:
+                work.set_pipeline(stage)
+                work.dispatch_workgroups(*self.groups)
+            work.end()
+            if last:
+                encoder.copy_buffer_to_buffer(self.results, 0, self.readback, 0, self._results.nbytes)
+            handle.queue.submit([encoder.finish()])
+            self.ahead = True
+            encoder = handle.create_command_encoder()
+        return self._read_results()
+
+    def _read_results(self) -> tuple[int, int] | None:
+        """Read the results of the last steps: the first member with a bad point, and the point."""
+        self.readback.map_sync("READ")
+        results = np.array(np.frombuffer(self.readback.read_mapped(), np.uint32)[: len(self._results)])
+        self.readback.unmap()
+        self._settled = not results[-1]
+        *found, self.contacts = results[1:-1].reshape(4, -1)  # bad, pinned and too large points; responses
+        bad, pinned, large = (
+            next(((self.members[k], int(points[k])) for k in np.flatnonzero(points != NONE)), None) for points in found
+        )
+        self.found = {name: first for name, first in (("pinned_inside", pinned), ("large_cell", large)) if first}
+        return bad
+
+    def take_back(self) -> None:
+        """Return to the checkpoint of `run`, unless its steps are kept."""
+        if self.ahead:
+            encoder = self.device.handle.create_command_encoder()
+            for buffer, copy in zip(self.kept, self.checkpoint, strict=True):
+                encoder.copy_buffer_to_buffer(copy, 0, buffer, 0, buffer.size)
+            self.device.handle.queue.submit([encoder.finish()])
+        self.ahead = False
+
+
+def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarray:
+    """Positions [m] and velocities [m/s], shape ([B,] rows, columns, 3), as float64 planes (members, 6, points).
+
+    Pinned points rest. There is one scene for each member.
+    """
+    shape = (len(scenes), -1, 3)
+    planes = np.concatenate([x.reshape(shape), v.reshape(shape)], axis=2).transpose(0, 2, 1)
+    planes = planes.astype(np.float64, order="C")
+    stop_pinned_points(planes, scenes)
+    return planes
+
+
+def stop_pinned_points(planes: np.ndarray, scenes: Sequence[Scene]) -> None:
+    """Set the velocities of pinned points to 0."""
+    for member, scene in enumerate(scenes):
+        planes[member, 3:, scene.cloth.pinned.ravel()] = 0
+
+
+def far_origins(positions: np.ndarray) -> np.ndarray:
+    """Origins, shape (members, 3), of positions in single, shape (members, 3, points) [m].
+
+    An origin is 0, except for a cloth that is far away for its size.
+    """
+    low, high = positions.min(axis=2), positions.max(axis=2)
+    middle = low / 2 + high / 2
+    distance = np.linalg.norm(middle, axis=1)
+    far = distance > _core.extents_that_are_far * np.linalg.norm(high - low, axis=1)
+    far &= distance < np.finfo(np.float32).max
+    return np.where(far[:, None], middle, 0.0)
+
+
+def split(planes: np.ndarray, single: bool) -> list[np.ndarray]:
+    """Split float64 planes into the parts to upload: the state, and in single also its compensation."""
+    whole = planes.astype(np.float32)
+    return [whole, (planes - whole).astype(np.float32)] if single else [planes]
+
+
+def joined(parts: Sequence[np.ndarray], origins: np.ndarray) -> np.ndarray:
+    """The parts as float64 planes in the scene's coordinates, shape (members, 6, points)."""
+    whole = parts[0].astype(np.float64)
+    for part in parts[1:]:
+        whole += part
+    origins = origins[:, :, None]
+    positions = whole[:, :3]
+    np.add(positions, origins, out=positions, where=origins != 0)  # -0 stays -0
+    return whole
+
+
+def vectors(planes: np.ndarray, shape: tuple[int, ...]) -> list[np.ndarray]:
+    """Planes (members, 6, points) as positions and velocities of `shape`."""
+    return [half.swapaxes(1, 2).reshape(shape) for half in (planes[:, :3], planes[:, 3:])]

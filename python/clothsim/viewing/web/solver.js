@@ -1,10 +1,10 @@
 // The cloth on the graphics adapter: the WGSL of backend="gpu" through WebGPU, in float32 with compensation.
-// Four dispatches a step, workgroups of 16 x 16 x 1. The host's numbers are made as in gpu/parameters.py, in double.
+// Four dispatches a step, workgroups of 16 x 16 x 1. The host's numbers are made as in gpu/shader.py, in double.
 "use strict";
 
 const NONE = 0xffffffff;
 const MOST_STEPS = 512;  // a frame; the table of sphere places has one row more
-const MOST_ROUNDS = 127;  // as in gpu/block.py
+const MOST_ROUNDS = 127;  // as in gpu/simulation.py
 const RESULTS = 24;      // bytes: steps, bad, pinned and too large mass points, contacts, whether the last round moved a point
 // Centre and velocity of a sphere at a time, by the pieces of model/motion.py.
 function motionAt({ motion: m, center }, t) {
@@ -48,13 +48,10 @@ class Solver {
     this.kept = [0, 1].map(() => make(six, U.COPY_SRC | U.COPY_DST));
     this.readback = make(RESULTS + 2 * six, U.MAP_READ | U.COPY_DST);
     const kinds = ["uniform", ...Array(5).fill("storage"), "read-only-storage", "read-only-storage", "storage"];
-    this.layout = device.createBindGroupLayout({
-      entries: kinds.map((type, binding) => ({ binding, visibility: GPUShaderStage.COMPUTE, buffer: { type } })),
-    });
+    const entries = kinds.map((type, binding) => ({ binding, visibility: GPUShaderStage.COMPUTE, buffer: { type } }));
+    this.layout = device.createBindGroupLayout({ entries });
     const bound = [this.constants, this.state, this.compensation, ...working, this.parameters, this.table, this.results];
-    this.bindings = device.createBindGroup({
-      layout: this.layout, entries: bound.map((buffer, binding) => ({ binding, resource: { buffer } })),
-    });
+    this.bindings = device.createBindGroup({ layout: this.layout, entries: bound.map((buffer, binding) => ({ binding, resource: { buffer } })) });
     this.groups = [Math.ceil(columns / data.group), Math.ceil(rows / data.group)];
   }
   // Compile the shader for a collision method, whose texts differ in `after_contacts` alone, and for its features.
@@ -91,7 +88,7 @@ class Solver {
     this.write(this.constants, new Float32Array([dt / 2, dt, dt * dt / 6, dt / 6]));
     this.write(this.constants, new Uint32Array([...data.shape, 0, 0, data.spheres.length * data.contactSize, 0, 1]), 16);
   }
-  // A sphere of its contact radius after a step, as parameters.contacts writes it; `from`: its centre before.
+  // A sphere of its contact radius after a step, as Block writes it; `from`: its centre before.
   contact(s, { center, velocity, radius, restitution, friction, push, normal, spread, cells }, from) {
     const { dt, data: { epsilon, contact } } = this;
     const curvature = 1 / radius, size = Math.min(radius, spread), level = (h) => h * (2 + curvature * h);
