@@ -236,7 +236,7 @@ __attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Re
         if (xsimd::none(responded)) continue;
         responded_lanes |= std::uint64_t(responded.mask()) << l;
         const D chosen = xsimd::select(responded, D(1.0), D(0.0));
-        if (s.cells) Memory::write(a.press + index * W + l, 0, r.press, chosen);
+        if (s.cells) Memory::write(a.press + index * W + l, r.press, chosen);
         each<3>([&](auto k) __attribute__((always_inline)) {
             Memory::write(state + k * g.component, g.compensation, x[k], chosen);
             Memory::write(state + (k + 3) * g.component, g.compensation, v[k], chosen);

@@ -42,6 +42,9 @@ struct Wide {
         else return batch(load(p));
     }
     // Only where `chosen` is not 0.
+    static CLOTHSIM_INLINE void write(Real* p, const D& value, const D& chosen) {
+        store(p, narrow(doubles(chosen)) != 0 ? narrow(doubles(value)) : load(p));
+    }
     static CLOTHSIM_INLINE void write(Real* p, std::ptrdiff_t compensation, const D& value, const D& chosen) {
         const Doubles wide = doubles(value);
         const Reals rounded = narrow(wide);
