@@ -408,14 +408,17 @@ private:
             near = several ? near : (all_marks() & ContactMarks::lifted) != 0;
             report_.changed |= near;
             a_.first_round = false;
-            if (!several) want(ContactMarks::lifted);
+            want(ContactMarks::lifted);
         }
         if (several) before_ = *memory_;
     }
     // The places alone of points that lie too deep for the cells as they are now.
     bool lift_among_several() {
         bool lifted = false;
+        for (std::uint8_t& row : marks_) row &= std::uint8_t(~ContactMarks::lifted);
         each_vector(0, a_.geometry.rows, [&](int r, int j) {
+            if (!a_.first_round && !wanted_[std::size_t(r)] && !(r > 0 && wanted_[std::size_t(r) - 1]))
+                return;
             each_point(r, j, near_[index(r, j)] & free_[index(r, j)], [&](int i) {
                 if (!low(i)) return;
                 PointState end = now(i);
@@ -424,6 +427,7 @@ private:
                     ContactReport::keep_first(report_.trapped, i);
                 if (end.position == free_end) return;
                 lifted = true;
+                marks_[std::size_t(r)] |= ContactMarks::lifted;
                 sums_[0].work +=
                     mass(i) * double(press_[std::size_t(value_of(i))]) * (end.position - free_end).norm();
                 set(i, {end.position, velocity});
