@@ -34,9 +34,9 @@ class ContactCost(NamedTuple):
 
 
 CONTACT_COSTS: dict[Offset, ContactCost] = {
-    "cell": ContactCost(1.0, 1.4, 1.5, 2.7, 4.4),
-    "edge": ContactCost(1.0, 1.2, 1.6, 1.7, 2.4),
-    "none": ContactCost(1.0, 1.2, 1.6, 1.5, 2.1),
+    "cell": ContactCost(1.0, 1.4, 1.7, 6.6, 11.1),
+    "edge": ContactCost(1.0, 1.3, 1.4, 2.0, 2.7),
+    "none": ContactCost(1.0, 1.3, 1.4, 1.9, 2.8),
 }
 
 
@@ -251,7 +251,7 @@ class Sphere(Obstacle):
     offset : {"cell", "edge", "none"} or float, default "cell"
         Length that the contact radius adds to `radius`. "cell" is the length of eq 13 for the cells
         of each point as they are now, so that no triangle dips in. A step in which all points touch
-        costs 1.4 steps without spheres (single: 1.5). A cell must be smaller than the sphere, so that
+        costs 1.4 steps without spheres (single: 1.7). A cell must be smaller than the sphere, so that
         a small sphere takes a cloth of more mass points; else a `ContactWarning` says so. With "ray"
         and "reflect" the cells are those at rest.
         "edge" is the length of eq 13, which keeps the middle of an unstretched structural spring
