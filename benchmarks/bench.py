@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,8 +19,8 @@ from typing import Any
 import clothsim as cs
 import numpy as np
 from clothsim.scenes import PAPER_DT
-from common import aligned
-from peers import numba_peer
+from common import aligned, conditions
+from peers.numba_peer import NumbaPeer
 from peers.numpy_peer import NumpyPeer
 from timing import Work, measure
 
@@ -30,6 +29,7 @@ KERNELS = ("edge", "gather")
 STATE_DT = 1e-4  # s, of the steps that lead to the timed state
 HORIZON = 0.02  # s that a timed cloth may move on before it is put back
 ERROR_STEPS = 1000
+FRAMES = 5  # at which the error is taken
 LARGEST_WITH_ERROR = 65_536  # points, which the scalar reference steps too
 
 
@@ -148,11 +148,11 @@ def cores(start: Start, threads: tuple[int, ...] = (1,), kernels: tuple[str, ...
                 yield core(start, kernel=kernel, precision=precision, threads=count)
 
 
-def numba(start: Start, kind: str, threads: tuple[int, ...]) -> Iterator[Candidate]:
+def numba(start: Start, threads: tuple[int, ...]) -> Iterator[Candidate]:
     for precision, dtype in DTYPES.items():
         for count in threads:
-            make = partial(getattr(numba_peer, kind), start.scene, start.x, start.v, PAPER_DT, dtype, count)
-            yield start, {"by": f"numba, {kind[5:].lower()}", "precision": precision, "threads": count}, make
+            make = partial(NumbaPeer, start.scene, start.x, start.v, PAPER_DT, dtype, count)
+            yield start, {"by": "numba", "precision": precision, "threads": count}, make
 
 
 def steps(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
@@ -165,7 +165,7 @@ def steps(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
         for precision, dtype in DTYPES.items():
             make = partial(NumpyPeer, start.one, start.x, start.v, PAPER_DT, dtype)
             group.append((start, {"by": "numpy", "precision": precision, "threads": 1}, make))
-        yield group + [*numba(start, "NumbaGather", threads), *([] if quick else numba(start, "NumbaStrided", threads))]
+        yield group + [*([] if quick else numba(start, threads))]
     on = [contact(), contact(response="reflect"), *(contact(response="continuous", offset=o) for o in ("none", "cell"))]
     yield [one for start in on for one in cores(start)]
 
@@ -193,7 +193,7 @@ def batches(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
     """Many cloths in one call; times are for one cloth."""
     for members in (64,) if quick else (64, 500):
         start = batch(members)
-        yield [*cores(start, threads), *([] if quick else numba(start, "NumbaStrided", threads))]
+        yield [*cores(start, threads), *([] if quick else numba(start, threads))]
 
 
 def grids(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
@@ -226,27 +226,39 @@ def time_group(group: list[Candidate], windows: int, seconds: float, error_steps
         kept.append(candidate)
         works.append(work)
     rows = []
-    expected: dict[str, np.ndarray] = {}
+    expected: dict[str, list[np.ndarray]] = {}
     for (start, labels, make), timing in zip(kept, measure(works, windows, seconds), strict=True):
         cloth, members = start.one.cloth, start.x[..., 0, 0, 0].size
-        error = None
+        errors = []
         if start.exact and labels.get("call", "advance") == "advance" and labels["by"] != "reference":
             if start.name not in expected:
-                expected[start.name], _ = cs.reference_step(start.one, start.x, start.v, PAPER_DT, error_steps, start.t)
+                expected[start.name] = _frames(start, error_steps)
             work = make()
             work.prepare()
-            work.run(error_steps)
-            error = float(np.linalg.norm(work.positions - expected[start.name], axis=-1).max())
+            for exact in expected[start.name]:
+                work.run(error_steps // FRAMES)
+                errors.append(float(np.linalg.norm(work.positions - exact, axis=-1).max()))
         rows.append(
             {"work": start.name, **{key: labels.get(key) for key in LABELS}, "points": cloth.rows * cloth.columns}
             | {"springs": cloth.spring_count(), "least_us": 1e6 * timing.minimum / members}
-            | {"median_us": 1e6 * timing.median / members, "error_m": error}
+            | {"median_us": 1e6 * timing.median / members, "spread_%": 100 * timing.spread}
+            | ({"error_m": errors[-1], "frames_error_m": max(errors)} if errors else {})
         )
     return rows
 
 
+def _frames(start: Start, steps: int) -> list[np.ndarray]:
+    """Positions by the scalar reference at every FRAMES-th part of the steps."""
+    x, v, t, found = start.x, start.v, start.t, []
+    for _ in range(FRAMES):
+        x, v = cs.reference_step(start.one, x, v, PAPER_DT, steps // FRAMES, t)
+        t += steps // FRAMES * PAPER_DT
+        found.append(x)
+    return found
+
+
 LABELS = ("by", "precision", "threads", "instruction_set", "call")
-COLUMNS = ("work", *LABELS, "points", "springs", "least_us", "median_us", "error_m")
+COLUMNS = ("work", *LABELS, "points", "springs", "least_us", "median_us", "spread_%", "error_m", "frames_error_m")
 
 
 def cell(value: Any) -> str:
@@ -259,21 +271,20 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="fewer and shorter windows")
     parser.add_argument("--csv", type=Path, metavar="FILE", help="also write the figures to a CSV file")
     args = parser.parse_args(argv)
-    about = {"load_average": os.getloadavg() if hasattr(os, "getloadavg") else None, "build": cs.build_config()}
-    print(json.dumps(about))
     threads = tuple(sorted({1, min(2, os.cpu_count() or 1), os.cpu_count() or 1}))
     rows = []
     for name in args.sections or SECTIONS:
         for group in SECTIONS[name](threads, args.quick):
             found = time_group(group, *(8, 2e-3, 100) if args.quick else (40, 4e-3, ERROR_STEPS))
-            print("\n" + aligned(COLUMNS, ([cell(row[key]) for key in COLUMNS] for row in found)), flush=True)
+            print(aligned(COLUMNS, ([cell(row.get(key)) for key in COLUMNS] for row in found)))
+            print(f"{conditions(('numba',))}\n", flush=True)
             rows += found
     if args.csv:
         with args.csv.open("w", newline="") as file:
-            file.write(f"# {json.dumps(about)}\n")
+            file.write(f"# {conditions(('numba',))}\n")
             table = csv.DictWriter(file, COLUMNS)
             table.writeheader()
-            table.writerows({key: cell(row[key]) for key in COLUMNS} for row in rows)
+            table.writerows({key: cell(row.get(key)) for key in COLUMNS} for row in rows)
 
 
 if __name__ == "__main__":

@@ -1,38 +1,17 @@
-"""Helpers of several benchmarks: a line of progress, tables of text, JSON."""
+"""Helpers of several benchmarks: a stopwatch, tables of text, and what they were measured on."""
 
 from __future__ import annotations
 
-import json
-import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import os
+import platform
+import re
+from collections.abc import Collection, Iterable, Sequence
+from importlib import metadata
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
-
-class Progress:
-    """A line on stderr that says what is measured and how much is done; nothing in a pipe or a file."""
-
-    def __init__(self, unit: str) -> None:
-        self.unit, self.done, self.text = unit, 0, ""
-        self.shown = sys.stderr.isatty()
-
-    def say(self, text: str) -> None:
-        """Name the work that begins."""
-        self.text = text
-        self.advance(0)
-
-    def advance(self, count: int = 1) -> None:
-        """Count finished work."""
-        self.done += count
-        if self.shown:
-            print(f"\r\033[K{self.text}: {self.done} {self.unit}", end="", file=sys.stderr, flush=True)
-
-    def close(self) -> None:
-        """Erase the line."""
-        if self.shown:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+import clothsim as cs
 
 
 class Stopwatch:
@@ -69,18 +48,19 @@ def short(value: Any, unit: str = "") -> str:
     return f"{text} {unit}".rstrip()
 
 
-def as_json(data: Any) -> str:
-    """`data` as JSON for any reader: a number that is not finite becomes null."""
+def conditions(packages: Sequence[str] = ()) -> str:
+    """Machine, load and versions, for the line under a table."""
+    config, cpuinfo = cs.build_config(), Path("/proc/cpuinfo")
+    named = re.search(r"model name\s*: (.*)", cpuinfo.read_text() if cpuinfo.exists() else "")
+    load = f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
+    versions = [f"{name} {config[name]}" for name in ("python", "numpy")]
+    versions += [f"{one.metadata['Name']} {one.version}" for one in map(_distribution, packages) if one]
+    machine = f"{named.group(1) if named else platform.machine()}, {os.cpu_count()} cores, {platform.system()}, {load}"
+    return f"{machine}; clothsim {config['version']} ({config['instruction_set']}), {', '.join(versions)}"
 
-    def plain(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return {str(key): plain(one) for key, one in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [plain(one) for one in value]
-        if isinstance(value, (np.ndarray, np.generic)):
-            return plain(value.tolist())
-        if isinstance(value, float):
-            return value if np.isfinite(value) else None
-        return value if value is None or isinstance(value, (bool, int)) else str(value)
 
-    return json.dumps(plain(data), indent=1, allow_nan=False)
+def _distribution(name: str) -> metadata.Distribution | None:
+    try:
+        return metadata.distribution(name)
+    except metadata.PackageNotFoundError:
+        return None

@@ -12,7 +12,6 @@ negative (buckling) while damping alone is within the method's limit.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 
@@ -171,7 +170,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seed", type=int, default=1, help="0 tunes, 1 judges (default)")
     parser.add_argument("--cases", type=int, default=150)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     rows = []
     for number in range(options.cases):
@@ -198,8 +196,6 @@ def main() -> None:
     print(f"{len(rows) - len(bad)} of {len(rows)} within 0.9 to 1.0")
     for row in bad:
         print(f"  case {row[2]}: {row[1]} {row[0]:.4f}, {row[3]}")
-    if options.json:
-        print(json.dumps(rows))
 
 
 if __name__ == "__main__":

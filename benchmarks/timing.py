@@ -44,6 +44,7 @@ class Timing:
 
     minimum: float
     median: float
+    spread: float  # interquartile range over the minimum
 
 
 def _steps_that_take(work: Work, seconds: float) -> int:
@@ -83,4 +84,9 @@ def measure(works: Sequence[Work], windows: int, seconds: float = 0.0) -> list[T
             if works[k].window_steps is None:
                 works[k].run(max(1, steps[k] // 4))
             taken[k].append(_seconds(works[k], steps[k]) / steps[k])
-    return [Timing(min(row), float(np.median(row))) for row in taken]
+    return [timing_of(row) for row in taken]
+
+
+def timing_of(seconds: Sequence[float]) -> Timing:
+    lower, median, upper = np.quantile(seconds, (0.25, 0.5, 0.75)).tolist()
+    return Timing(min(seconds), median, (upper - lower) / min(seconds))

@@ -18,7 +18,7 @@ if __package__ in (None, ""):
 
 from clothsim.paper.experiments import comparison
 from clothsim.typing import Offset
-from common import Progress, aligned, as_json, short
+from common import aligned, conditions, short
 
 import contact
 
@@ -83,25 +83,17 @@ def main(argv: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python benchmarks/contact", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
     parser.add_argument("figures", nargs="*", metavar="FIGURE", help=f"some of {', '.join(FIGURES)} (default: all)")
     parser.add_argument("--full", action="store_true", help="the sizes that are claimed; many minutes")
     args = parser.parse_args(argv)
     for name in args.figures:
         if name not in FIGURES:
             parser.error(f"FIGURE must be some of {', '.join(FIGURES)}, got {name!r}")
-    functions, results, bar = _functions(), {}, Progress("figures")
+    functions = _functions()
     for name in args.figures or FIGURES:
         title, *sizes = FIGURES[name]
-        bar.say(name)
-        results[name] = functions[name](**sizes[args.full])
-        bar.close()
-        if not args.json:
-            print(f"{name}: {title}\n{_text(results[name])}", flush=True)
-        bar.advance()
-    bar.close()
-    if args.json:
-        print(as_json(results))
+        print(f"{name}: {title}\n{_text(functions[name](**sizes[args.full]))}", flush=True)
+    print(conditions())
 
 
 def _text(result: Any) -> str:

@@ -1,9 +1,11 @@
 """`cs.work_precision` with other programs beside it: numba, SciPy and diffrax, where they are installed.
 
-    python benchmarks/peers paper_swing --bend --threads 2                       # a CSV file and a picture
-    python benchmarks/peers paper_swing --bend --threads 2 --errors 1e-3,1e-9    # at each error, the fastest run
+    python benchmarks/peers --threads 2                                          # three scenes, the fastest at each error
+    python benchmarks/peers paper_swing --bend --threads 2 --errors 1e-3,1e-9    # one scene, these errors
+    python benchmarks/peers paper_swing --bend --threads 2 --out speed.png       # also a figure of speed against error
 
-docs/accuracy.md explains the figures.
+docs/accuracy.md explains the figures. A peer that its experts would write faster: please send us the code, in
+benchmarks/peers/solvers.py, as an issue or a pull request.
 """
 
 from __future__ import annotations
@@ -18,58 +20,132 @@ if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import clothsim as cs
-from common import aligned
+import numpy as np
+from common import aligned, conditions
 
-from peers.solvers import installed_peers, refused
+from peers.solvers import installed_peers
 
-SCENES = ("hanging", "oscillator", "paper_swing")
+SCENES = {
+    "oscillator": cs.scenes.oscillator,
+    "paper_swing": cs.scenes.paper_swing,
+    "paper_swing_bend": lambda: cs.scenes.paper_swing(bend=True),
+}
+PACKAGES = ("numba", "scipy", "diffrax", "jax")
+FRAMES = 5  # of the reference, at which errors are taken
+HEAD = (
+    "rms error m",
+    "library",
+    "fastest",
+    "setting",
+    "s per s",
+    "spread",
+    "error m",
+    "over frames m",
+    "evaluations",
+    "ratio",
+)
 
 
 def main(argv: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python benchmarks/peers", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("scene", nargs="?", default="paper_swing", choices=SCENES, help="default: paper_swing")
-    parser.add_argument("--bend", action="store_true", help="with bend springs (paper_swing)")
+    parser.add_argument("scenes", nargs="*", choices=[[], *SCENES], metavar="SCENE", help=f"default: {', '.join(SCENES)}")
+    parser.add_argument("--bend", action="store_true", help="paper_swing with bend springs")
     parser.add_argument("--duration", type=float, default=0.5, metavar="S", help="seconds to simulate (default 0.5)")
     parser.add_argument("--method", action="append", metavar="NAME", help="of clothsim, only this one (default: all)")
     parser.add_argument("--precision", action="append", choices=("double", "single"), help="default: both")
     parser.add_argument("--threads", type=int, metavar="N", help="threads (default: automatic, one for the peers)")
     parser.add_argument("--windows", type=int, default=5, metavar="N", help="timed runs of each (default 5)")
-    parser.add_argument("--errors", type=_numbers, metavar="E,E,...", help="rms errors [m]: print the fastest run at each")
-    parser.add_argument("--out", type=Path, default=Path("work-precision"), metavar="DIR", help="folder of the files")
+    errors = {"type": _numbers, "default": [1e-3, 1e-6, 1e-9, 1e-12], "metavar": "E,E,..."}
+    parser.add_argument("--errors", **errors, help="rms errors [m] (default 1e-3,1e-6,1e-9,1e-12)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="also draw speed against error, a panel for each scene")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="also write every run to a CSV file, one for each scene")
     args = parser.parse_args(argv)
-    scene = getattr(cs.scenes, args.scene)(**({"bend": True} if args.bend else {}))
-    if reason := refused(scene):
-        parser.error(reason)
-    peers, missing = installed_peers(scene, args.threads)
     names = args.method or [*cs.integrators(), *(f"{n} adaptive" for n, one in cs.integrators().items() if one.adaptive)]
-    options = {"precisions": args.precision or ("double", "single"), "threads": args.threads, "windows": args.windows}
-    options |= {"methods": [*names, *peers], "progress": sys.stderr.isatty()}
-    data = cs.work_precision(scene, args.duration, **options)
-    if args.errors:
-        head = "rms error m", "library", "fastest", "setting", "s per s", "evaluations"
-        print(aligned(head, fastest(data, args.errors)))
-    else:
-        args.out.mkdir(parents=True, exist_ok=True)
-        start = args.out / f"{args.scene}{'_bend' if args.bend else ''}_peers"
-        data.to_dataframe().dropna(subset=["setting"]).to_csv(f"{start}.csv")
-        data.clothsim.plot()[0].figure.savefig(f"{start}.png")
-        print(f"Written: {start}.csv, {start}.png")
+    found = {}
+    bend = "_bend" if args.bend else ""
+    for name in [f"{name}{bend * (name == 'paper_swing')}" for name in args.scenes] or SCENES:
+        scene = SCENES[name]()
+        peers, missing = installed_peers(scene, args.threads)
+        found[name] = data = cs.work_precision(
+            scene,
+            args.duration,
+            [*names, *peers],
+            precisions=args.precision or ("double", "single"),
+            threads=args.threads,
+            windows=args.windows,
+            reference=cs.reference(scene, args.duration, args.duration / FRAMES),
+            progress=sys.stderr.isatty(),
+        )
+        print(f"{name}, {args.duration:g} s\n{aligned(HEAD, fastest(data, args.errors), left=(0, 1, 2))}")
+        print(f"{conditions(PACKAGES)}\n", flush=True)
+        if args.csv:
+            table = data.to_dataframe().dropna(subset=["setting"])
+            table.to_csv(args.csv if len(args.scenes) == 1 else args.csv.with_stem(f"{args.csv.stem}_{name}"))
+    if args.out:
+        draw(found, args.out)
     for reason in missing:
         print(f"Not measured: {reason}", file=sys.stderr)
 
 
 def fastest(data: Any, errors: list[float]) -> Iterator[tuple[str, ...]]:
-    """For each error the fastest run of clothsim and of the others that reaches it, one row each."""
+    """For each error the fastest run of clothsim and of the others that reaches it, one row each.
+
+    The ratio is that of the others' time to clothsim's.
+    """
     for error in errors:
+        ours = np.nan
         for own in (True, False):
-            able = (data.rms_error <= error) & ((data.library == "clothsim") == own)
+            able = (data.rms_error <= error) & ((data.library == "clothsim") == own) & np.isfinite(data.wall_time)
             if not able.any():
                 continue
             one = data.isel(data.wall_time.where(able).argmin(...))
-            what = str(one.library.item()), str(one.solver.item())
-            yield f"{error:g}", *what, *(f"{float(one[k]):.4g}" for k in ("setting", "wall_time", "force_evaluations"))
+            time, spread = float(one.wall_time), float(one.wall_time_spread / one.wall_time)
+            ours = time if own else ours
+            reached = (f"{float(one[k]):.1e}" for k in ("rms_error", "frames_rms_error"))
+            what = f"{error:g}", str(one.library.item()), str(one.solver.item()), f"{float(one.setting):.3g}"
+            ratio = "" if own else f"{time / ours:.1f}"
+            yield *what, f"{time:.3g}", f"{spread:.0%}", *reached, f"{float(one.force_evaluations):.0f}", ratio
+
+
+def best(data: Any) -> Any:
+    """The front of clothsim's runs as one solver, and the other programs that have a run on the front of theirs."""
+    import xarray as xr
+
+    own = (data.library == "clothsim").values
+    ours, others = front(data.isel(solver=own)), front(data.isel(solver=~own))
+    flat = data.isel(solver=own).stack(run=("solver", "level")).isel(run=ours.ravel()).reset_index("run").sortby("wall_time")
+    line = flat.drop_vars(["solver", "level", "integrator", "precision", "control"]).rename(run="level")
+    line = line[["wall_time", "rms_error", "force_evaluations"]].expand_dims("solver")
+    line = line.assign_coords(level=np.arange(line.sizes["level"]), library=("solver", ["clothsim"]))
+    line = line.assign_coords(solver=["clothsim"], integrator=("solver", ["clothsim"]))
+    line = line.assign_coords(control=("solver", ["dt"]), precision=("solver", ["double"]))
+    peers = data.isel(solver=~own).isel(solver=others.any(axis=1))[["wall_time", "rms_error", "force_evaluations"]]
+    both = xr.concat([line, peers], "solver", join="outer", coords="different", compat="equals", combine_attrs="override")
+    return both.assign(pareto=both.rms_error < 0).assign_attrs(data.attrs)
+
+
+def front(data: Any) -> np.ndarray:
+    """Runs that no other run of `data` beats in both time and error."""
+    time, error = data.wall_time.values, data.rms_error.values
+    known = np.isfinite(time) & np.isfinite(error)
+    beaten = [(known & (time <= t) & (error <= e) & ((time < t) | (error < e))).any() for t, e in zip(time.flat, error.flat)]
+    return known & ~np.array(beaten, bool).reshape(time.shape)
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    """Speed against error, legible at a width of 700 pixels."""
+    from matplotlib import pyplot
+
+    pyplot.rcParams.update({"font.size": 11})
+    figure, axes = pyplot.subplots(len(found), figsize=(7, 4.4 * len(found)), squeeze=False, layout="constrained")
+    for ax, (name, data) in zip(axes.ravel(), found.items(), strict=True):
+        best(data).clothsim.plot(ax=[ax])
+        ax.set_title(f"{name.replace('_', ' ')}: lower left is better", loc="left", fontsize="medium")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=200)
+    print(f"Written: {path}")
 
 
 def _numbers(text: str) -> list[float]:

@@ -1,7 +1,4 @@
-"""Two numba kernels: a simple kernel that a user writes in an afternoon, and a strong kernel that takes a week.
-
-Imported only where numba is installed (extra "bench"). Both take uniform mass and no spheres.
-"""
+"""The numba kernel, for uniform mass and no spheres; imported only where numba is installed."""
 
 from __future__ import annotations
 
@@ -13,74 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, prange
 
-# ---- An afternoon's: a loop over mass points that gathers the springs of each. State (n, m, 3).
-
-
-def _gather_acceleration(x, v, a, offsets, spring, gravity, inverse_mass, free):
-    rows, columns, _ = x.shape
-    one = spring.dtype.type(1)
-    for r in prange(rows):
-        for c in range(columns):
-            fx = fy = fz = spring.dtype.type(0)
-            for n in range(len(offsets)):
-                rr, cc = r + offsets[n, 0], c + offsets[n, 1]
-                if 0 <= rr < rows and 0 <= cc < columns:
-                    dx = x[rr, cc, 0] - x[r, c, 0]
-                    dy = x[rr, cc, 1] - x[r, c, 1]
-                    dz = x[rr, cc, 2] - x[r, c, 2]
-                    wx = v[rr, cc, 0] - v[r, c, 0]
-                    wy = v[rr, cc, 1] - v[r, c, 1]
-                    wz = v[rr, cc, 2] - v[r, c, 2]
-                    inverse = one / math.sqrt(dx * dx + dy * dy + dz * dz)
-                    rate = (wx * dx + wy * dy + wz * dz) * inverse
-                    scale = spring[n, 0] + (spring[n, 2] * rate - spring[n, 0] * spring[n, 1]) * inverse
-                    fx += scale * dx
-                    fy += scale * dy
-                    fz += scale * dz
-            moves = free[r, c]
-            a[r, c, 0] = moves * (fx * inverse_mass + gravity[0])
-            a[r, c, 1] = moves * (fy * inverse_mass + gravity[1])
-            a[r, c, 2] = moves * (fz * inverse_mass + gravity[2])
-
-
-def _gather_combine(out_x, out_v, x, v, va, a, h):
-    rows, columns, _ = x.shape
-    for r in prange(rows):
-        for c in range(columns):
-            for j in range(3):
-                out_x[r, c, j] = x[r, c, j] + h * va[r, c, j]
-                out_v[r, c, j] = v[r, c, j] + h * a[r, c, j]
-
-
-def _gather_finish(x, v, v2, v3, v4, a1, a2, a3, a4, sixth):
-    rows, columns, _ = x.shape
-    for r in prange(rows):
-        for c in range(columns):
-            for j in range(3):
-                x[r, c, j] += sixth * (v[r, c, j] + v2[r, c, j] + v2[r, c, j] + v3[r, c, j] + v3[r, c, j] + v4[r, c, j])
-                v[r, c, j] += sixth * (a1[r, c, j] + a2[r, c, j] + a2[r, c, j] + a3[r, c, j] + a3[r, c, j] + a4[r, c, j])
-
-
-_acceleration = njit(parallel=True, cache=True)(_gather_acceleration)
-_combine = njit(parallel=True, cache=True)(_gather_combine)
-_finish = njit(parallel=True, cache=True)(_gather_finish)
-
-
-@njit(cache=True)
-def gather_steps(steps, x, v, work, offsets, spring, gravity, inverse_mass, free, h, half, sixth):
-    xs, v2, v3, v4, a1, a2, a3, a4 = work
-    for _ in range(steps):
-        _acceleration(x, v, a1, offsets, spring, gravity, inverse_mass, free)
-        _combine(xs, v2, x, v, v, a1, half)
-        _acceleration(xs, v2, a2, offsets, spring, gravity, inverse_mass, free)
-        _combine(xs, v3, x, v, v2, a2, half)
-        _acceleration(xs, v3, a3, offsets, spring, gravity, inverse_mass, free)
-        _combine(xs, v4, x, v, v3, a3, h)
-        _acceleration(xs, v4, a4, offsets, spring, gravity, inverse_mass, free)
-        _finish(x, v, v2, v3, v4, a1, a2, a3, a4, sixth)
-
-
-# ---- A week's: a plane per component with a border of points that no spring reaches, twelve
+# A plane per component with a border of points that no spring reaches, twelve
 # neighbours unrolled in one branch-free loop, RK4 in Nystroem's form
 # (x' = x + h v + h^2/6 (a1 + a2 + a3), v' = v + h/6 (a1 + 2 a2 + 2 a3 + a4)), fastmath.
 # What makes LLVM vectorise it: the shape is a constant of the compiled code, so that all of an

@@ -1,4 +1,4 @@
-"""The numba kernels as works for timing, with their arrays prepared from a scene."""
+"""The numba kernel as a work for timing, with their arrays prepared from a scene."""
 
 from __future__ import annotations
 
@@ -12,20 +12,13 @@ from timing import Work
 
 from .numpy_peer import spring_kinds
 
-# Row and column offsets of the springs that the strided kernel is written for, in its order.
+# Row and column offsets of the springs that the kernel is written for, in its order.
 _KINDS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 _FAR = 1e3  # m; where border points are, out of reach and finite when squared
 
 
 def import_kernels() -> Any:
-    """The module of kernels.
-
-    Raises
-    ------
-    ImportError
-        Without numba, naming the extra that brings it; with a numba that cannot be imported, in
-        its own words.
-    """
+    """The module of the kernel; an ImportError without numba, or with one that cannot be imported."""
     if find_spec("numba") is None:
         raise ImportError("numba is not installed: run pip install numba")
     try:
@@ -35,20 +28,6 @@ def import_kernels() -> Any:
     return numba_kernels
 
 
-def most_threads() -> int:
-    """Number of threads that numba may use: NUMBA_NUM_THREADS, or the number of processors.
-
-    Raises
-    ------
-    ImportError
-        As `import_kernels`.
-    """
-    import_kernels()
-    import numba
-
-    return int(numba.config.NUMBA_NUM_THREADS)
-
-
 def set_threads(threads: int) -> None:
     """Make numba use `threads` threads from here on."""
     import numba
@@ -56,44 +35,8 @@ def set_threads(threads: int) -> None:
     numba.set_num_threads(threads)
 
 
-class NumbaGather(Work):
-    """The simple kernel: each mass point gathers its springs, parallel over rows, fastmath off."""
-
-    def __init__(self, scene: cs.Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int) -> None:
-        self.kernels = import_kernels()
-        self.threads = threads
-        self.x: np.ndarray
-        self.v: np.ndarray
-        self.x, self.v = np.array(x, dtype, order="C"), np.array(v, dtype, order="C")
-        kinds = spring_kinds(scene)
-        offsets = [(s * r, s * c) for r, c, *_ in kinds for s in (1, -1)]
-        spring = [one[2:] for one in kinds for _ in (1, -1)]
-        cloth = scene.cloth
-        self.arguments: tuple[Any, ...] = (
-            tuple(np.empty_like(self.x) for _ in range(8)),
-            np.array(offsets, np.int64),
-            np.array(spring, dtype),
-            np.array(scene.gravity, dtype),
-            dtype(1 / cloth.mass_per_point[0, 0]),
-            (~cloth.pinned).astype(dtype),
-            dtype(dt),
-            dtype(dt / 2),
-            dtype(dt / 6),
-        )
-
-    def prepare(self) -> None:
-        set_threads(self.threads)
-
-    def run(self, steps: int) -> None:
-        self.kernels.gather_steps(steps, self.x, self.v, *self.arguments)
-
-    @property
-    def positions(self) -> np.ndarray:
-        return self.x
-
-
-class NumbaStrided(Work):
-    """The strong kernel: planes, branch-free unrolled neighbours, fastmath; a scene or a batch."""
+class NumbaPeer(Work):
+    """RK4 by numba: planes, branch-free unrolled neighbours, fastmath; a scene or a batch."""
 
     def __init__(
         self, scene: cs.Scene | Sequence[cs.Scene], x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int
@@ -156,14 +99,14 @@ class NumbaStrided(Work):
 
 
 class NumbaSlopes:
-    """The strong kernel's forces as a right-hand side dy/dt = f(t, y) for a general solver.
+    """The numba kernel's forces as a right-hand side dy/dt = f(t, y) for a general solver.
 
     y has 6 rows columns entries: the planes of x, y, z and of the three velocities.
     """
 
     def __init__(self, scene: cs.Scene, threads: int) -> None:
         x, v = scene.initial_position, scene.initial_velocity
-        peer = NumbaStrided(scene, x, v, 1.0, np.float64, threads)
+        peer = NumbaPeer(scene, x, v, 1.0, np.float64, threads)
         self.threads = threads
         self.shape = (6, *scene.cloth.shape)
         of_shape = peer.kernels.strided(scene.cloth.shape)
@@ -187,5 +130,5 @@ def _strided_springs(scene: cs.Scene, dtype: type[Any]) -> np.ndarray:
     mass = scene.cloth.mass_per_point[0, 0]
     present = {(r, c): (k, k * rest, damping) for r, c, k, rest, damping in spring_kinds(scene)}
     if unknown := sorted(set(present) - set(_KINDS)):
-        raise ValueError(f"numba's strided kernel has no springs with the offsets {unknown}")
+        raise ValueError(f"the numba kernel has no springs with the offsets {unknown}")
     return np.asarray(np.array([present.get(offset, (0, 0, 0)) for offset in _KINDS], dtype) / dtype(mass))

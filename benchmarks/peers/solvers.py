@@ -1,6 +1,6 @@
 """Solvers of other packages on the same scene: numba, SciPy, diffrax.
 
-- "rk4 (numba)": the strong, hand-strided kernel of `python benchmarks/bench.py`.
+- "rk4 (numba)": the kernel of `python benchmarks/bench.py`, written for LLVM's vectoriser.
 - "DOP853 (SciPy)", "RK45 (SciPy)": `scipy.integrate.solve_ivp` over that kernel's forces.
 - "Tsit5 (diffrax)", "Dopri8 (diffrax)": JAX on the processor, in double, compiled as a whole.
 
@@ -21,18 +21,18 @@ from clothsim.typing import Precision
 from common import Stopwatch
 from timing import measure
 
-from .numba_peer import NumbaSlopes, NumbaStrided, set_threads
+from .numba_peer import NumbaPeer, NumbaSlopes, set_threads
 from .numpy_peer import spring_ends, spring_kinds
 
 
 def numba_rk4(precision: Precision = "double", threads: int = 1) -> Method:
-    """RK4 by the strong numba kernel."""
+    """RK4 by the numba kernel."""
 
     def solve(scene: cs.Scene, duration: float, dt: float) -> Any:
         steps = max(1, int(np.ceil(duration / dt - 1e-9)))
         dtype = np.float64 if precision == "double" else np.float32
         state = scene.initial_position, scene.initial_velocity
-        peer = NumbaStrided(scene, *state, duration / steps, dtype, threads)
+        peer = NumbaPeer(scene, *state, duration / steps, dtype, threads)
         peer.prepare()
         with Stopwatch() as watch:
             peer.run(steps)
@@ -42,7 +42,7 @@ def numba_rk4(precision: Precision = "double", threads: int = 1) -> Method:
 
 
 def scipy(method: str, threads: int = 1) -> Method:
-    """A method of `solve_ivp` over the strong numba kernel's forces."""
+    """A method of `solve_ivp` over the numba kernel's forces."""
 
     def solve(scene: cs.Scene, duration: float, rtol: float) -> Any:
         from scipy.integrate import solve_ivp
@@ -131,18 +131,6 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
     return run, start
 
 
-def refused(scene: cs.Scene) -> str | None:
-    """The reason why the peers cannot solve this scene; None if they can."""
-    cloth = scene.cloth
-    if scene.spheres:
-        return "the peers know no spheres"
-    if not cloth.uniform_mass:
-        return "the peers know only uniform mass"
-    if cloth.drag:
-        return "the peers know no drag"
-    return None
-
-
 def installed_peers(scene: cs.Scene, threads: int | None = None) -> tuple[list[Method], list[str]]:
     """The peers that can be run here, and a reason for each that cannot.
 
@@ -174,7 +162,7 @@ def parallel_pays(scene: cs.Scene, threads: int) -> bool:
     """Whether numba's parallel kernel steps this scene faster than its serial one, right now."""
     state = scene.initial_position, scene.initial_velocity
     dt = 0.5 * cs.max_stable_dt(scene)
-    works = [NumbaStrided(scene, *state, dt, np.float64, n) for n in (1, threads)]
+    works = [NumbaPeer(scene, *state, dt, np.float64, n) for n in (1, threads)]
     for work in works:
         work.run(1)  # compiles
     serial, parallel = measure(works, 5, 1e-3)

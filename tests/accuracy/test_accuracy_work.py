@@ -101,6 +101,24 @@ def test_a_users_method_and_the_least_of_its_times(scene, solution, known):
     assert found["pareto"].all() and found["library"].item() == "nobody"
 
 
+def test_the_largest_error_over_the_frames_and_the_spread_of_the_times(scene):
+    solution = cs.reference(scene, DURATION, every=DURATION / 4)
+    ends, seconds = [], iter([9.0, 1.0, 1.0, 1.0, 1e-3, 2e-3, 5e-3])
+
+    def solve(scene, duration, setting):
+        ends.append(duration)
+        x = solution.x[round(4 * duration / DURATION)].copy()
+        x[2, 3, 0] += (4e-3 if duration < 0.6 * DURATION else 1e-3) * math.sqrt(math.prod(SHAPE))
+        return x, solution.v[-1], 1, next(seconds)
+
+    found = cs.work_precision(scene, DURATION, [Method("known", solve)], dts=[0.5], windows=3, reference=solution)
+    assert ends == pytest.approx([DURATION, *solution.t[1:-1], *[DURATION] * 3])
+    assert float(found["rms_error"][0, 0]) == pytest.approx(1e-3)
+    assert float(found["frames_rms_error"][0, 0]) == pytest.approx(4e-3)
+    assert float(found["wall_time"][0, 0]) == pytest.approx(1e-3 / DURATION)
+    assert float(found["wall_time_spread"][0, 0]) == pytest.approx(2e-3 / DURATION)  # of 1.5 and 3.5 ms
+
+
 @pytest.mark.parametrize("control", ["dt", "rtol"])
 def test_default_settings_of_a_users_method(scene, solution, known, control, monkeypatch):
     monkeypatch.setattr(work, "_LONGEST", math.inf)

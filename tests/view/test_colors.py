@@ -59,6 +59,9 @@ def made_up_work():
 def test_work_precision_draws_itself_on_two_axes():
     data = made_up_work()
     axes = data.clothsim.plot()
+    (alone,) = data.clothsim.plot(ax=[axes[0]])
+    assert alone is axes[0] and alone.get_xlabel().startswith("wall time")
+    axes = data.clothsim.plot()
     lines = check_lines(axes[1])
     assert {text.get_text() for text in axes[1].texts} >= {line.get_label() for line in lines}
     assert len(lines) == 20 and len(axes) == 2 and axes[0].figure.axes == list(axes)

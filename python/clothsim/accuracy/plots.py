@@ -26,12 +26,13 @@ def look_of(method: str, others: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def draw_work_precision(data: Any, ax: Any = None) -> Any:
-    """Draw on two matplotlib axes, or on those of a new figure: error against wall time, and against force evaluations.
+    """Draw error against wall time, and against force evaluations, on two matplotlib axes, given or new.
 
+    On one given axes, against wall time alone.
     A method has its colour and marker in every plot. Methods at tolerances are dash-dotted, "single" has more dots, other
     libraries are dashed. Points below the error of the reference are hollow.
     """
-    panels = shown_axes(ax, 2, 13.0, 6.4, sharey=True)
+    panels = shown_axes(ax, 1 if np.size(ax) == 1 and ax is not None else 2, 13.0, 6.4, sharey=True)
     own, precisions = integrators(), set(data["precision"].values[data["library"].values == OWN])
     methods = [str(name).removesuffix(" adaptive") for name in data["integrator"].values]
     others = list(dict.fromkeys(name for name in methods if name not in own))
@@ -52,8 +53,8 @@ def draw_work_precision(data: Any, ax: Any = None) -> Any:
     times, errors = (data[name].values[front][order] for name in ("wall_time", "rms_error"))
     wide = {"color": BLACK, "lw": 5, "alpha": 0.15, "marker": "o", "ms": 11, "zorder": 0}
     panels[0].plot(times, errors, drawstyle="steps-post", **wide)
-    texts = ("wall time per simulated second [s/s]; grey: front", "force evaluations")
-    for panel, text in zip(panels, texts, strict=True):
+    texts = (f"wall time per simulated second [s/s]{'; grey: front' if front.any() else ''}", "force evaluations")
+    for panel, text in zip(panels, texts):
         panel.set(xscale="log", yscale="log", xlabel=text)
         if floor > 0:
             panel.axhline(floor, color=GREY, lw=0.8)

@@ -46,8 +46,10 @@ _COLUMNS = {
     "setting": ("dt [s] or relative tolerance", ""),
     "rms_error": ("rms distance from the reference at the end", "m"),
     "max_error": ("largest distance from the reference", "m"),
+    "frames_rms_error": ("largest rms distance over the frames of the reference", "m"),
     "force_evaluations": ("force evaluations", "1"),
     "wall_time": ("wall time per simulated second", "s/s"),
+    "wall_time_spread": ("interquartile range of the wall times", "s/s"),
     "energy_drift": ("total energy less the reference's", "J"),
     "pareto": ("no run is both faster and more accurate", ""),
 }
@@ -117,8 +119,9 @@ def work_precision(
 ) -> xarray.Dataset:
     """Error against cost of methods over their steps or tolerances.
 
-    Errors are distances from the trusted solution at the end. The time is that of the steps alone, and the least of several
-    runs. The methods take turns, in another order each round, so a slow spell of the machine affects all of them.
+    Errors are distances from the trusted solution at the end, and over its frames. The time is that of the steps alone, and
+    the least of several runs. The methods take turns, in another order each round, so a slow spell of the machine affects
+    all of them.
 
     Parameters
     ----------
@@ -142,7 +145,8 @@ def work_precision(
     windows : int, default 5
         Timed runs of each method and setting. After a run of more than 10 s the finer settings of its method are left out.
     reference : Reference, optional
-        Default: `reference(scene, duration)`.
+        Default: `reference(scene, duration)`, which has no frame before the end. Each setting also solves up to every frame
+        of a reference with `every`.
     progress : bool, default False
         Show a progress bar (tqdm, in the extra "demo").
 
@@ -151,11 +155,12 @@ def work_precision(
     xarray.Dataset
         Dimensions "solver" and "level" (the number of the setting, the coarsest first). Coordinates of "solver": its name,
         "integrator", "precision", "library", "threads" (0: the library's choice) and "control" ("dt" or "rtol"). Variables,
-        NaN where a solver has no such level: "setting" (dt [s] or rtol), "rms_error" and "max_error" [m], infinite where
-        unstable; "force_evaluations"; "wall_time" per simulated second [s/s]; "energy_drift" [J], the total energy at the
-        end less that of the reference, which is the change of energy itself where nothing is damped; "pareto", True where
-        no run is both faster and more accurate. The attributes tell scene, duration, reference error, instruction set and
-        version.
+        NaN where a solver has no such level: "setting" (dt [s] or rtol); "rms_error" and "max_error" [m] at the end and
+        "frames_rms_error" [m], the largest over the frames, infinite where unstable; "force_evaluations"; "wall_time" per
+        simulated second, the least, and "wall_time_spread", the interquartile range of all [s/s]; "energy_drift" [J], the
+        total energy at the end less that of the reference, which is the change of energy itself where nothing is damped;
+        "pareto", True where no run is both faster and more accurate. The attributes tell scene, duration, reference error,
+        instruction set and version.
 
     Examples
     --------
@@ -173,7 +178,8 @@ def work_precision(
     levels = [_settings(one, scene, duration, dts, rtols) for one in chosen]
     shape = len(chosen), max(map(len, levels))
     table = {name: np.full(shape, np.nan) for name in _COLUMNS}
-    stable, once = [], 0.0  # places of stable runs, and the wall time of the last run
+    taken: dict[tuple[int, ...], list[float]] = {}  # times of the stable runs
+    once = 0.0  # wall time of the last run
     with ProgressBar(progress, total=sum(map(len, levels)) * (1 + windows), unit="run") as bar:
         solution = reference_for(scene, duration, reference)
         start = energy(scene, solution.x[-1], solution.v[-1])["total"]
@@ -181,24 +187,31 @@ def work_precision(
             # The first run is not timed: it compiles code and fills caches.
             if n < len(levels[m]) and not (n and once > _LONGEST):
                 table["setting"][m, n] = levels[m][n]
-                table["rms_error"][m, n] = table["max_error"][m, n] = np.inf
+                for name in ("rms_error", "max_error", "frames_rms_error"):
+                    table[name][m, n] = np.inf
                 x, v, evaluations, once = _solved(chosen[m], scene, duration, levels[m][n])
                 if np.isfinite(x).all():
                     table["rms_error"][m, n], table["max_error"][m, n] = (solution.error_of(x)[k] for k in ("rms", "max"))
                     table["force_evaluations"][m, n] = evaluations
                     table["energy_drift"][m, n] = energy(scene, x, v)["total"] - start
-                    stable.append((m, n))
+                    frames = [float(table["rms_error"][m, n])]
+                    for k, t in enumerate(solution.t[1:-1].tolist(), 1):
+                        at_frame = _solved(chosen[m], scene, t, levels[m][n])[0]
+                        frames.append(solution.error_of(at_frame, k)["rms"])
+                    table["frames_rms_error"][m, n] = np.max(frames)  # NaN if one is unstable
+                    taken[m, n] = []
                 bar.advance()
         # Another order in each round: a slow spell of the machine affects all methods, and none always follows another.
-        shuffle = Random(0).shuffle
+        shuffle, stable = Random(0).shuffle, [*taken]
         for _ in range(windows):
             shuffle(stable)
-            for at in stable:
-                if not table["wall_time"][at] > _ONCE:
-                    seconds = _solved(chosen[at[0]], scene, duration, levels[at[0]][at[1]])[3]
-                    table["wall_time"][at] = np.fmin(table["wall_time"][at], seconds)
+            for m, n in stable:
+                if not (taken[m, n] and min(taken[m, n]) > _ONCE / duration):
+                    taken[m, n].append(_solved(chosen[m], scene, duration, levels[m][n])[3] / duration)
                 bar.advance()
-    table["wall_time"] /= duration
+    for at, seconds in taken.items():
+        lower, upper = np.quantile(seconds, (0.25, 0.75))
+        table["wall_time"][at], table["wall_time_spread"][at] = min(seconds), upper - lower
     columns: dict[str, Any] = {**table, "pareto": pareto(table["rms_error"], table["wall_time"])}
     of_solver = {name: [getattr(one, name) for one in chosen] for name in ("precision", "library", "control")}
     of_solver |= {"integrator": [one.name for one in chosen], "threads": [one.threads or 0 for one in chosen]}
