@@ -112,7 +112,6 @@ def cheapest(case: Case, exact: np.ndarray, asked: list[float], most: float) -> 
 def judged_runs(stream: str, first: int, scenes: int, folder: Path, cost: bool) -> list[Judged]:
     found: list[Judged] = []
     kept = folder / "cheapest.pkl"
-    runs = folder / f"runs-{stream}.pkl"
     known_costs = pickle.loads(kept.read_bytes()) if kept.exists() else {}
     for number in range(first, first + scenes):
         case = draw(STREAMS[stream], number)
@@ -131,7 +130,6 @@ def judged_runs(stream: str, first: int, scenes: int, folder: Path, cost: bool) 
                     known_costs[key] = cheapest(case, exact, [wanted], most)[wanted]
                     kept.write_bytes(pickle.dumps(known_costs))
                 one.best = known_costs[key]
-        runs.write_bytes(pickle.dumps([vars(one) for one in found]))  # as far as it has come
     return found
 
 
@@ -178,14 +176,9 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first scene")
     parser.add_argument("--no-cost", action="store_true", help="leave the search out")
     parser.add_argument("--bad", action="store_true", help="list the runs that miss a figure")
-    parser.add_argument("--again", action="store_true", help="print the table of the last runs, which --folder keeps")
     parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "clothsim-error-control")
     chosen = parser.parse_args()
     chosen.folder.mkdir(parents=True, exist_ok=True)
-    if chosen.again:
-        kept = pickle.loads((chosen.folder / f"runs-{chosen.stream}.pkl").read_bytes())
-        print(table([Judged(**one) for one in kept]))
-        return
     found = judged_runs(chosen.stream, chosen.first, chosen.scenes, chosen.folder, not chosen.no_cost)
     print(table(found))
     for one in found if chosen.bad else []:

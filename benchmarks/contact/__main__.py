@@ -24,22 +24,9 @@ import contact
 
 SLOPE = math.tan(0.35)
 
-UNITS = {
-    "points_so_far": "m",
-    "triangles_so_far": "m",
-    "depth": "m",
-    "jitter": "m",
-    "normal_jitter": "m",
-    "slip": "m",
-    "expected": "m",
-    "spread": "m",
-    "dt": "s",
-    "time": "s",
-    "made": "J",
-    "kinetic_at_impact": "J",
-    "elastic_afterwards": "J",
-    "energy_gained": "J",
-}
+_LENGTHS = "points_so_far", "triangles_so_far", "depth", "jitter", "normal_jitter", "slip", "expected", "spread"
+_ENERGIES = "made", "kinetic_at_impact", "elastic_afterwards", "energy_gained"
+UNITS = dict.fromkeys(_LENGTHS, "m") | dict.fromkeys(("dt", "time"), "s") | dict.fromkeys(_ENERGIES, "J")
 
 # Figure: what it shows, and its arguments in short and in full.
 FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {

@@ -50,11 +50,7 @@ def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
 def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str, Any]]:
     """Least time of a step over many short windows, the variants in turn, one thread.
 
-    Returns
-    -------
-    list of dict
-        "precision", "variant", "microseconds" and "ratio" to the step without a sphere of the
-        same cloth.
+    The ratio is to the step without a sphere of the same cloth.
     """
     rows = []
     for precision in ("double", "single"):

@@ -1,12 +1,7 @@
-"""Cost of an offset over a step without spheres, on light drapes: mean and worst 50 steps.
-
-python benchmarks/contact/drape_cost.py        # offset "cell"
-python benchmarks/contact/drape_cost.py none   # another
-"""
+"""Cost of an offset over a step without spheres, on light drapes: mean and worst 50 steps."""
 
 from __future__ import annotations
 
-import sys
 import time
 
 import clothsim as cs
@@ -56,9 +51,3 @@ def drape_cost(name: str, offset: Offset = "cell") -> tuple[float, float]:
     alone = min(_per_step(free, dt) for _ in range(40))
     costs = np.array([_per_step(touched, dt) for _ in range(int(duration / dt / _WINDOW))]) / alone
     return float(costs.mean()), float(costs.max())
-
-
-if __name__ == "__main__":
-    for scene in SCENES:
-        mean, worst = drape_cost(scene, *sys.argv[1:2])  # type: ignore[arg-type]
-        print(f"{scene}: mean {mean:.1f}, worst {worst:.1f}")

@@ -34,6 +34,7 @@ def numba_rk4(precision: Precision = "double", threads: int = 1) -> Method:
         state = scene.initial_position, scene.initial_velocity
         peer = NumbaPeer(scene, *state, duration / steps, dtype, threads)
         peer.prepare()
+        peer.run(0)  # compiles
         with Stopwatch() as watch:
             peer.run(steps)
         return *(a.astype(np.float64) for a in (peer.positions, peer.velocities)), 4 * steps, watch.seconds
@@ -49,6 +50,7 @@ def scipy(method: str, threads: int = 1) -> Method:
 
         set_threads(threads)
         slopes = NumbaSlopes(scene, threads)
+        slopes(0.0, slopes.start)  # compiles
         options = {"rtol": rtol, "atol": rtol * max(scene.cloth.size), "t_eval": (duration,)}
         with Stopwatch() as watch:
             run = solve_ivp(slopes, (0.0, duration), slopes.start, method=method, **options)
@@ -134,17 +136,7 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
 def installed_peers(scene: cs.Scene, threads: int | None = None) -> tuple[list[Method], list[str]]:
     """The peers that can be run here, and a reason for each that cannot.
 
-    Parameters
-    ----------
-    scene : Scene
-    threads : int, optional
-        Most threads of numba's kernels. The parallel kernel is used where a measurement shows that it is faster.
-        Default: one.
-
-    Returns
-    -------
-    peers : list
-    missing : list of str
+    `threads` is the most of numba's kernels, by default one; the parallel kernel is used where it is measured faster.
     """
     missing = [f"{name} is not installed" for name in ("numba", "scipy", "diffrax") if find_spec(name) is None]
     peers: list[Method] = []
