@@ -1,6 +1,4 @@
 // Curves as small charts: a line per run (of one run: per kind of energy), a cursor at the clock.
-"use strict";
-
 const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
 const CURVES = [
   ["total", "energy [J]", 1], ["stretch", "largest stretch [%]", 100],

@@ -5,8 +5,6 @@
 // at the anchor and h its value there. Float32 has room for a radius of 1e5 m, since the anchor of a sphere that is larger
 // than the view is in the view, and k, g and h are computed in double. The anchor of another is its centre, where g is 0.
 // The page writes the colours and lights of raster.py into SHADING before this file.
-"use strict";
-
 const float = (number) => number.toFixed(4);
 const vec3 = (numbers) => `vec3(${numbers.map(float)})`;
 const [AMBIENT, ABOVE, FROM_KEY, FROM_EYE] = SHADING.light.map(float);
@@ -22,7 +20,6 @@ float below(vec3 q, float k, vec3 g, float h) {
   float f = dot(q, k * q + g) + h;
   return -2.0 * f / (1.0 + sqrt(max(1.0 + 4.0 * k * f, 0.0)));
 }`;
-
 const CLOTH_VERTEX = `#version 300 es
 layout(location = 0) in vec3 position; layout(location = 1) in vec3 normal;
 layout(location = 2) in vec2 cell; layout(location = 3) in float value;
@@ -32,9 +29,6 @@ void main() {
   n = normal; at = cell; amount = value; place = position;
   gl_Position = vec4(axes * (position - target) * scale, 1.0);
 }`;
-
-const DEPTH_FRAGMENT = "#version 300 es\nvoid main() {}";
-
 const clothFragment = (spheres) => `#version 300 es
 precision highp float;
 in vec3 n, place; in vec2 at; in float amount;
@@ -67,7 +61,6 @@ void main() {
   c *= 1.0 - 0.28 * fade * max(line.x, line.y);
   color = vec4(shade(c, front ? normal : -normal, eye), 1.0);
 }`;
-
 const BALL_VERTEX = `#version 300 es
 layout(location = 0) in vec4 ball;   // anchor, k
 layout(location = 1) in vec4 form;   // g, h
@@ -88,7 +81,6 @@ void main() {
   bool inside = large && dot(eye, ball.w * eye + g) + form.w < 0.0;
   gl_Position = vec4(inside ? vec2(2.0) : place * scale.xy, 0.0, 1.0);
 }`;
-
 const BALL_FRAGMENT = `#version 300 es
 precision highp float;
 in vec2 at; flat in vec4 f, l; flat in vec2 b;
@@ -115,7 +107,6 @@ void main() {
   }
   color = vec4(shown, l.a > 0.0 ? alpha : 1.0);
 }`;
-
 const stopsOf = (mode) => SHADING[mode === "depth" ? "heat" : "viridis"];
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 const rgb = (hex) => [0, 2, 4].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
@@ -134,7 +125,7 @@ class Drawing {
     const [rows, columns] = run.shape, points = rows * columns;
     Object.assign(this, { normals: new Float32Array(3 * points), values: new Float32Array(points) });
     this.cloth = this.program(CLOTH_VERTEX, clothFragment(run.compared));
-    this.clothDepth = this.program(CLOTH_VERTEX, DEPTH_FRAGMENT);
+    this.clothDepth = this.program(CLOTH_VERTEX, "#version 300 es\nvoid main() {}");
     this.balls = this.program(BALL_VERTEX, BALL_FRAGMENT);
     this.clothArray = gl.createVertexArray();
     gl.bindVertexArray(this.clothArray);

@@ -1,6 +1,4 @@
 // The live page: a scene simulated on the graphics adapter (solver.js), and recorded as a run that page.js shows.
-"use strict";
-
 const FASTEST_DRAG = 5;  // m/s; a pointer jumps, and a sphere that jumped would pass cloth within a step
 const FRAME = 1 / 60;    // s of work that a frame asks of the adapter
 const MOST_OVERHEAD = 0.1;  // s of fixed time that steps may match; more would make a slow page slower
@@ -239,14 +237,11 @@ async function packed(live) {
   await read;
   return [{ tops, names, runs: [run] }, reader.result.slice(reader.result.indexOf(",") + 1)];
 }
-
 function download(name, text) {
   const href = URL.createObjectURL(new Blob([text], { type: "text/plain" }));
   Object.assign(document.createElement("a"), { href, download: name }).click();
 }
-
 const pristine = document.documentElement.cloneNode(true);  // the page before a script has changed it
-
 async function startLive() {
   const data = JSON.parse($("scene").textContent), meta = JSON.parse($("meta").textContent), baked = meta.runs[0];
   const solver = await Solver.open(data), live = new Live(data, new Float64Array(await inflated("state")), solver, baked);
@@ -294,9 +289,9 @@ async function startLive() {
     requestAnimationFrame(() => loop(before));
   }
   function warn() {
-    $("above").hidden = !(live.dt > live.limit);
-    $("above").textContent = `above the guaranteed ${live.limit.toPrecision(3)} s`;
-    $("dt").classList.toggle("above", live.dt > live.limit);
+    const above = live.dt > live.limit, textContent = `above the guaranteed ${live.limit.toPrecision(3)} s`;
+    Object.assign($("above"), { hidden: !above, textContent });
+    $("dt").classList.toggle("above", above);
   }
   const changed = (change) => then(async () => { change(); await live.apply(); warn(); });
   const times = (k) => `x ${typed(2 ** k)}`, damps = (k) => `${typed(k)} N s/m`, families = Object.keys(data.stiffness), factors = {};
@@ -333,10 +328,8 @@ async function startLive() {
   }
   $("dt").parentElement.append($("above"));
   $("method").addEventListener("change", () => changed(() => { live.method = $("method").selectedIndex; }));
-  $("offset").addEventListener("change", () => changed(() => live.spheres.forEach((s, n) => {
-    const { side, cells, offset } = data.spheres[n];
-    Object.assign(s, data.offsets[$("offset").value] ?? { side, cells, offset });
-  })));
+  const offsetOf = ({ side, cells, offset }) => data.offsets[$("offset").value] ?? { side, cells, offset };
+  $("offset").addEventListener("change", () => changed(() => live.spheres.forEach((s, n) => Object.assign(s, offsetOf(data.spheres[n])))));
   for (const id of ["method", "offset"]) $(id).parentElement.hidden = !data.spheres.length;
   const reset = () => then(async () => {
     for (const back of Object.values(sliders)) back();
@@ -392,15 +385,8 @@ async function startLive() {
       else then(() => { live.pinned = null; solver.movePin(pin, [0, 0, 0]); });
     };
   }
-  function fail(error) {
-    live.problem ||= error.message;
-    page.pause();
-    tell(live.problem);
-  }
-  solver.lost.then((why) => {
-    live.problem = `The graphics adapter was lost (${why}). Load the page again.`;
-    fail();
-  });
+  function fail(error) { live.problem ||= error.message; page.pause(); tell(live.problem); }
+  solver.lost.then((why) => { live.problem = `The graphics adapter was lost (${why}). Load the page again.`; fail(); });
   [$("loop").parentElement.hidden, $("live").hidden] = [true, false];
   $("speed").value = "1";
   warn();

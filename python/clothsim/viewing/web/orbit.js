@@ -1,6 +1,4 @@
 // The view of a page: turned, moved and enlarged by mouse, fingers and keys.
-"use strict";
-
 // An orthographic view that turns about a target: azimuth and elevation [rad], height shown [m].
 class Orbit {
   constructor(start) { this.start = start; this.reset(); }

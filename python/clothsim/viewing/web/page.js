@@ -1,6 +1,4 @@
 // The page: runs in step, one clock, one camera, curves with a cursor. On a live page (live.js) the run grows.
-"use strict";
-
 const $ = (id) => document.getElementById(id);
 const MODES = {
   faces: {}, stretch: { unit: "%", factor: 100 }, speed: { unit: "m/s", factor: 1 },
@@ -167,9 +165,7 @@ function player(runs, meta, camera, live = null) {
   const buttons = { play: () => (state.playing ? pause() : play()), back: () => step(-1), forth: () => step(1) };
   for (const [id, act] of Object.entries(buttons)) $(id).addEventListener("click", act);
   slider.addEventListener("input", () => seek(slider.valueAsNumber));
-  for (const name of ["mode", "top"]) {
-    $(name).addEventListener("change", () => { state[name] = $(name).value; legend(); show(state.t, true); });
-  }
+  for (const name of ["mode", "top"]) $(name).addEventListener("change", () => { state[name] = $(name).value; legend(); show(state.t, true); });
   for (const name of ["row", "column"]) $(name).addEventListener("change", () => {
     const place = [$("row"), $("column")].map((field) => field.valueAsNumber);
     if (place.every((k) => Number.isInteger(k) && k >= 0)) probe(place);
@@ -213,7 +209,6 @@ async function start() {
   addEventListener("hashchange", () => { page.pause(); page.show(asked()); });
   page.ready(asked());
 }
-
 function tell(problem) { Object.assign($("problem"), { hidden: !problem, textContent: problem }); }
 
 document.documentElement.classList.toggle("framed", parent !== window);  // in a notebook all of it fits
