@@ -49,10 +49,10 @@ class Live extends PageRun {
   // Another time step: the clock counts from now on, as Python's does.
   setStep(dt) { Object.assign(this, { origin: this.time, steps: 0, dt }); }
   get time() { return this.origin + this.steps * this.dt; }
-  contactRadius(sphere, s) {
-    if (this.data.methods[this.method].responses[s] === "continuous" && sphere.cells) return sphere.radius;
+  contactOffset(sphere, s) {
+    if (this.data.methods[this.method].responses[s] === "continuous" && sphere.cells) return 0;
     const R = sphere.radius ?? Infinity, half = Math.min(sphere.side, (sphere.cells ? 2 : Infinity) * R) / 2;
-    return R + (sphere.side ? half * half / (Math.sqrt(half * half + R * R) + R) : sphere.offset);
+    return sphere.side ? half * (half / (Math.hypot(half, R) + R)) : sphere.offset;
   }
   // Spheres before the next steps and after each. A dragged sphere goes on straight to where the pointer is.
   path(steps) {
@@ -65,7 +65,7 @@ class Live extends PageRun {
     for (let n = 0; n <= steps; n++) path.push(this.spheres.map((sphere, s) => {
       const [center, velocity] = motionAt(sphere, this.origin + (this.steps + n) * this.dt), { by } = this.moved[s];
       return {
-        ...sphere, radius: this.contactRadius(sphere, s), center: center.map((k, i) => k + by[i] + ways[s][i] * (n / steps)),
+        ...sphere, radius: sphere.radius ?? Infinity, offset: this.contactOffset(sphere, s), center: center.map((k, i) => k + by[i] + ways[s][i] * (n / steps)),
         velocity: velocity.map((k, i) => k + ways[s][i] / (steps * this.dt)),
       };
     }));

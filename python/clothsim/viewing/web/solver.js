@@ -88,21 +88,21 @@ class Solver {
     this.write(this.constants, new Float32Array([dt / 2, dt, dt * dt / 6, dt / 6]));
     this.write(this.constants, new Uint32Array([...data.shape, 0, 0, data.spheres.length * data.contactSize, 0, 1]), 16);
   }
-  // A sphere of its contact radius after a step, as Block writes it; `from`: its centre before.
-  contact(s, { center, velocity, radius, restitution, friction, push, normal, spread, cells }, from) {
+  // A sphere and its offset after a step, as Block writes them; `from`: its centre before.
+  contact(s, { center, velocity, radius, offset, restitution, friction, push, normal, spread, cells }, from) {
     const { dt, data: { epsilon, contact } } = this;
     const curvature = 1 / radius, size = Math.min(radius, spread), level = (h) => h * (2 + curvature * h);
     const sum = (v) => Math.abs(v[0]) + Math.abs(v[1]) + Math.abs(v[2]), path = this.responses[s] === "continuous";
     const place = center.map((c, i) => curvature ? c + radius * normal[i] : c), gone = center.map((c, i) => c - from[i]);
-    const slop = path ? contact.slop * epsilon * (sum(place) + size) : 0, least = level(slop), inCells = path && cells;
+    const slop = path ? contact.slop * epsilon * (sum(place) + size) : 0, least = level(offset + slop), inCells = path && cells;
     const band = inCells ? 2 * contact.bandOfCells * size : contact.band * epsilon * size;
     const tolerance = contact.tolerance * epsilon * size;
     const near = least + band + tolerance + 32 * epsilon * (size + sum(place) + sum(gone));
     return [...place, ...place.map((k) => k - Math.fround(k)), ...(path ? gone.map((k) => k / dt) : velocity), ...normal,
-      curvature, least, level(-slop), band, tolerance, inCells ? radius : 0, restitution, friction, push * dt, dt,
+      curvature, least, level(offset - slop), band, tolerance, inCells ? radius : 0, restitution, friction, push * dt, dt,
       near, curvature - 64 * epsilon / size, curvature * contact.rounding, contact.excess];
   }
-  // Take the steps of a path: centre, velocity and contact radius of every sphere before the first step and after each.
+  // Take the steps of a path: centre, velocity, radius and offset of every sphere before the first step and after each.
   // Resolves to {bad, planes, low}; bad is the first mass point that is not finite or too fast, or -1.
   async run(path) {
     const { data } = this, row = data.spheres.length * data.contactSize;
