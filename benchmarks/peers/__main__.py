@@ -110,19 +110,22 @@ def fastest(data: Any, errors: list[float]) -> Iterator[tuple[str, ...]]:
 
 
 def best(data: Any) -> Any:
-    """The front of clothsim's runs as one solver, and the other programs that have a run on the front of theirs."""
+    """The front of clothsim's runs as one solver, and the fronts of other solvers that have a run on the front of theirs."""
     import xarray as xr
 
     own = (data.library == "clothsim").values
-    ours, others = front(data.isel(solver=own)), front(data.isel(solver=~own))
-    flat = data.isel(solver=own).stack(run=("solver", "level")).isel(run=ours.ravel()).reset_index("run").sortby("wall_time")
-    line = flat.drop_vars(["solver", "level", "integrator", "precision", "control"]).rename(run="level")
-    line = line[["wall_time", "rms_error", "force_evaluations"]].expand_dims("solver")
-    line = line.assign_coords(level=np.arange(line.sizes["level"]), library=("solver", ["clothsim"]))
-    line = line.assign_coords(solver=["clothsim"], integrator=("solver", ["clothsim"]))
-    line = line.assign_coords(control=("solver", ["dt"]), precision=("solver", ["double"]))
-    peers = data.isel(solver=~own).isel(solver=others.any(axis=1))[["wall_time", "rms_error", "force_evaluations"]]
-    both = xr.concat([line, peers], "solver", join="outer", coords="different", compat="equals", combine_attrs="override")
+    good = front(data.isel(solver=~own)).any(axis=1)
+    lines = []
+    for m, runs in enumerate([data.isel(solver=own), *(data.isel(solver=[k]) for k in np.flatnonzero(~own)[good])]):
+        kept = front(runs)
+        order = np.argsort(runs.wall_time.values[kept])
+        names = "wall_time", "rms_error", "force_evaluations"
+        columns = {name: (("solver", "level"), runs[name].values[kept][order][None]) for name in names}
+        of_solver = {name: runs[name].values[0] for name in ("solver", "integrator", "library", "precision", "control")}
+        of_solver |= {} if m else {"solver": "clothsim", "integrator": "clothsim", "precision": "double", "control": "dt"}
+        labels = {name: ("solver", [value]) for name, value in of_solver.items()}
+        lines.append(xr.Dataset(columns, {**labels, "level": np.arange(len(order))}))
+    both = xr.concat(lines, "solver", join="outer")
     return both.assign(pareto=both.rms_error < 0).assign_attrs(data.attrs)
 
 
