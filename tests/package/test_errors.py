@@ -117,7 +117,7 @@ def test_a_mass_whose_accelerations_overflow_is_refused():
 def test_attributes_of_a_stepper_are_not_set_in_silence():
     stepper = cs.Stepper(SCENE)
     for name in ("dt", "time", "positions"):
-        with pytest.raises(AttributeError, match=f"^{name} of a Stepper cannot be set: set_state"):
+        with pytest.raises(AttributeError, match=name):
             setattr(stepper, name, 1.0)
 
 

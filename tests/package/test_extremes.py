@@ -1,7 +1,5 @@
 """Odd uses of public objects: pickles, copies, callbacks that fail, imports without memory, odd environments."""
 
-import copy
-
 import clothsim as cs
 import numpy as np
 import pytest
@@ -40,18 +38,6 @@ print("all refused")
     assert last_line(code) == "all refused"
     kinds = [value for value in vars(_core).values() if isinstance(value, type)]
     assert len(kinds) > 5 and all("__reduce_ex__" in vars(kind) for kind in kinds)
-
-
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy])
-def test_a_copy_of_a_stepper_has_its_own_state(copied, same_bits):
-    one = cs.Stepper(SCENE, precision="single")
-    one.advance(40, 1e-4)
-    other = copied(one)
-    assert other.time == one.time and same_bits([other.positions], [one.positions])
-    one.advance(40, 1e-4)
-    assert other.time == pytest.approx(4e-3)
-    other.advance(40, 1e-4)
-    assert same_bits([other.positions, other.velocities], [one.positions, one.velocities])
 
 
 # Callbacks

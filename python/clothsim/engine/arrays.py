@@ -39,17 +39,11 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
     number, else B is free.
     """
     shape = (*scenes[0].cloth.shape, 3)
-    if batched:
-        shapes = f"({len(scenes)}, {shape[0]}, {shape[1]}, 3)"
-    else:
-        shapes = f"{shape} or (B, {shape[0]}, {shape[1]}, 3)"
+    shapes = f"({len(scenes)}, {shape[0]}, {shape[1]}, 3)" if batched else f"{shape} or (B, {shape[0]}, {shape[1]}, 3)"
     accepted = f"an array of shape {shapes} of finite numbers"
     given = check.as_array(name, value, accepted)
-    fits = given.shape[-3:] == shape and (
-        given.ndim == 4 and given.shape[0] == len(scenes)
-        if batched
-        else given.ndim == 3 or (given.ndim == 4 and given.shape[0] > 0)
-    )
+    members = given.shape[0] if given.ndim == 4 else 0
+    fits = given.shape[-3:] == shape and (members == len(scenes) if batched else given.ndim == 3 or members > 0)
     if not fits:
         raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
     dtype = np.float32 if given.dtype == np.float32 else np.float64
@@ -76,7 +70,7 @@ def state_arrays(x: Any, v: Any, scenes: list[Scene], batched: bool) -> tuple[Fl
 
 
 def checked_state(x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str) -> tuple[FloatArray, FloatArray]:
-    """As `state_arrays`; the numbers are also checked to fit the precision."""
+    """As `state_arrays`, of numbers that fit the precision."""
     x, v = state_arrays(x, v, scenes, batched)
     if precision == "single":
         largest = float(np.finfo(np.float32).max)
@@ -109,14 +103,9 @@ def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any
         raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
     if array.dtype != dtype or array.shape != shape:
         raise ValueError(f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}")
-    if not array.flags.carray:
-        flags = {
-            "writeable": array.flags.writeable,
-            "C-contiguous": array.flags.c_contiguous,
-            "aligned": array.flags.aligned,
-        }
-        lacks = " and ".join(f"not {flag}" for flag, has in flags.items() if not has)
-        raise ValueError(f"{name} must be {accepted}, got an array that is {lacks}")
+    flags = array.flags
+    found = f"writeable {flags.writeable}, C-contiguous {flags.c_contiguous}, aligned {flags.aligned}"
+    raise ValueError(f"{name} must be {accepted}, got {found}")
 
 
 def start_time(t: Any, scenes: Sequence[Scene]) -> float:
@@ -143,9 +132,9 @@ _PLACE_ROUNDING = 1e-6
 
 def check_driven_pins(scenes: Sequence[Scene], x: FloatArray, t: float, frozen: Sequence[bool] = ()) -> None:
     """Refuse positions in which a driven pin, of no frozen member, is not where its motion has it at the time `t`."""
-    for member, scene in _in_motion(scenes, frozen):
+    for member, scene in enumerate(scenes):
         one = x[member] if x.ndim == 4 else x
-        for pins in scene.driven_pins:
+        for pins in () if frozen and frozen[member] else scene.driven_pins:
             places = pins.places_at(t)
             off = np.abs(one[pins.rows, pins.columns] - places).max(axis=1)
             bad = off > _PLACE_ROUNDING * (max(scene.cloth.size) + np.abs(places).max(axis=1))
@@ -158,14 +147,10 @@ def check_driven_pins(scenes: Sequence[Scene], x: FloatArray, t: float, frozen: 
                 )
 
 
-def _in_motion(scenes: Sequence[Scene], frozen: Sequence[bool]) -> list[tuple[int, Scene]]:
-    return [(k, scene) for k, scene in enumerate(scenes) if not (frozen and frozen[k])]
-
-
 def put_driven_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, t: float, frozen: Sequence[bool] = ()) -> None:
     """Write places and velocities of driven pins at the time `t` into a state, but for frozen members."""
-    for member, scene in _in_motion(scenes, frozen):
-        for pins in scene.driven_pins:
+    for member, scene in enumerate(scenes):
+        for pins in () if frozen and frozen[member] else scene.driven_pins:
             at = (pins.rows, pins.columns) if x.ndim == 3 else (member, pins.rows, pins.columns)
             x[at] = pins.places_at(t)
             v[at] = pins.motion._velocity(np.array(t))

@@ -139,7 +139,7 @@ class State:
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any
     ) -> tuple[FloatArray, FloatArray]:
         """A call of `step`, with float arrays of the shape and type of this state."""
-        self.judge.forget_warnings()
+        self.judge.given.clear()
         if t is not None or self._moves:
             t = start_time(t, self.scenes)
         time = t or 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any, NoReturn, cast
+from typing import NoReturn, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +45,7 @@ class Stepper:
 
     Notes
     -----
-    Wrong arguments of a method change nothing. One thread at a time may use a stepper: others get a RuntimeError.
+    One thread at a time may use a stepper: others get a RuntimeError.
 
     Examples
     --------
@@ -56,6 +56,7 @@ class Stepper:
     (0.005, (32, 32, 3))
     """
 
+    __slots__ = ("_options", "_scene", "_state")  # a new attribute, such as `dt`, would change nothing
     _announces = True  # gives warnings of the order
 
     def __init__(
@@ -93,8 +94,7 @@ class Stepper:
         steps : int
             Number of steps, >= 0.
         dt : float
-            Time step [s], > 0. `steps` comes before `dt` here, but after it in `step`; give both by name if in doubt.
-            Swapped numbers are refused, because `steps` is an int.
+            Time step [s], > 0. `steps` comes before `dt` here, but after it in `step`.
         centers : mapping of int to 3 floats, optional
             Spheres moved by hand, by their indices. In this call each moves straight from its place to this centre [m], at
             constant speed. Contacts have its velocity. After the call it rests there, its own motion has ended, and
@@ -114,10 +114,10 @@ class Stepper:
         Warns
         -----
         StabilityWarning
-            Once per stepper if `dt` is above `max_stable_dt`. Also once if more than half of the
-            kinetic and elastic energy comes out of nothing (docs/stability.md).
+            Once if `dt` is above `max_stable_dt`, and once if more than half of the kinetic and elastic energy comes out of
+            nothing.
         ContactWarning
-            Once if a continuous sphere runs into a pinned point, or is smaller than a cell that it touches.
+            As `step`, each once.
 
         Examples
         --------
@@ -137,7 +137,6 @@ class Stepper:
             self._take_scenes()
 
     def _take_scenes(self) -> None:
-        """Let `scene` be what the state steps now."""
         state = self._state
         self._scene = state.scenes[0] if isinstance(self._scene, Scene) and not state.batched else state.scenes
 
@@ -184,8 +183,6 @@ class Stepper:
 
         Examples
         --------
-        Stop all motion:
-
         >>> import clothsim as cs
         >>> stepper = cs.Stepper(cs.scenes.paper_swing())
         >>> stepper.advance(100, 1e-4)
@@ -209,8 +206,6 @@ class Stepper:
 
         Examples
         --------
-        Make the cloth softer on the way:
-
         >>> import clothsim as cs
         >>> scene = cs.scenes.paper_swing()
         >>> stepper = cs.Stepper(scene)
@@ -245,8 +240,6 @@ class Stepper:
 
         Examples
         --------
-        Lift a cloth without gravity by 2 N at each point of 0.5 kg:
-
         >>> import clothsim as cs
         >>> scene = cs.Scene(cs.Cloth(pins=()), gravity=(0, 0, 0))
         >>> stepper = cs.Stepper(scene)
@@ -263,9 +256,7 @@ class Stepper:
         self._take_scenes()
 
     def snapshot(self) -> Snapshot:
-        """The whole state, to be continued bit for bit by `restore`.
-
-        ``snapshot.save(path)`` writes it to a file, and ``Snapshot.load(path)`` reads it.
+        """The whole state, to be continued bit for bit by `restore`; see `Snapshot`.
 
         Examples
         --------
@@ -280,15 +271,9 @@ class Stepper:
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         raise TypeError(
-            "a Stepper cannot be pickled, as its state lies in the core: pickle stepper.snapshot() and call Stepper.restore"
+            "a Stepper cannot be pickled or copied, as its state lies in the core: pickle stepper.snapshot() and call "
+            "Stepper.restore"
         )
-
-    def __copy__(self) -> Stepper:
-        """A stepper with an own copy of the state; it continues with the same bits."""
-        return self.restore(self.snapshot())
-
-    def __deepcopy__(self, memo: object) -> Stepper:
-        return self.__copy__()
 
     @classmethod
     def restore(cls, snapshot: Snapshot) -> Stepper:
@@ -328,25 +313,16 @@ class Stepper:
         """True for members that take no further steps, shape (B,); see `freeze`."""
         return np.array(self._state.core.frozen)
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        # A new attribute such as `dt` would change nothing, in silence.
-        if not name.startswith("_"):
-            raise AttributeError(
-                f"{name} of a Stepper cannot be set: set_state changes positions, velocities and the time, "
-                "set_scene changes the scene, and advance takes the time step"
-            )
-        super().__setattr__(name, value)
-
     @property
     def x(self) -> FloatArray:
-        """Positions [m], a read-only copy, of the shape and dtype that the state was given in; `set_state` changes them."""
+        """Positions [m], a read-only copy; `set_state` changes them."""
         x = np.empty(self._state.shape, self._state.dtype)
         self._state.core.store(x, None)
         return frozen(x)
 
     @property
     def v(self) -> FloatArray:
-        """Velocities [m/s], a read-only copy, of the shape and dtype of the state."""
+        """Velocities [m/s], a read-only copy."""
         v = np.empty(self._state.shape, self._state.dtype)
         self._state.core.store(None, v)
         return frozen(v)
@@ -360,7 +336,7 @@ class Stepper:
 
     @property
     def scene(self) -> Scene | Sequence[Scene]:
-        """The scene, or the scenes of a batch; `set_scene` changes it."""
+        """The scene, or the scenes of a batch."""
         return self._scene
 
     @property
@@ -377,11 +353,6 @@ class Stepper:
     def instruction_set(self) -> str:
         """Instruction set of the kernels used, or the graphics adapter."""
         return str(self._state.instruction_set)
-
-    @property
-    def backend(self) -> str:
-        """Backend used, "cpu" or "gpu"."""
-        return self._options.backend
 
     @property
     def impulses(self) -> npt.NDArray[np.float64]:
@@ -415,7 +386,6 @@ class Stepper:
         return impulses
 
     def __repr__(self) -> str:
-        """The scene, the time, and how steps are computed."""
         scenes, shape = self._state.scenes, self._state.shape
         batch = f"a batch of {shape[0]}, each " if len(shape) == 4 else ""
         how = f"{self._state.integrator} in {self._options.precision}, kernel {self.kernel}"

@@ -210,7 +210,7 @@ class _Relaxation:
 
     def _stepper_of(self, scene: Scene, x: Floats) -> SilentStepper:
         stepper = SilentStepper(scene, x, np.zeros_like(x), t=0.0, integrator=_INTEGRATOR, threads=self._options.threads)
-        stepper._state.judge.warned_of_dt = stepper._state.judge.warned_of_growth = True
+        stepper._state.judge.given |= {"dt", "grown"}
         return stepper
 
     def _residual(self, x: Floats) -> float:

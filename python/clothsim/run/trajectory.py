@@ -262,7 +262,8 @@ class Recorder:
         self._force = _Forcing(job.force, job.scene.force, self.state) if job.force else None
         self._path = self._new_path() if job.dt is None else None
         if job.dt is not None:
-            self.state.judge.warned_of_dt = self.state.judge.warned_of_growth = job.own_step
+            if job.own_step:
+                self.state.judge.given |= {"dt", "grown"}
             every = min(_MOST_STEPS_BETWEEN_SAMPLES, job.duration / job.dt // _SAMPLES)
             self.state.core.set_watch(int(max(1, every)), 0.0)
         self._chunk, self._pause = 1, PAUSE.get()
@@ -390,7 +391,7 @@ class Recorder:
         else:
             tolerance, rate, controller = before.control
         self._control_values = tolerance, rate
-        state.judge.warned_of_growth = True  # the steps are the method's own
+        state.judge.given.add("grown")  # the steps are the method's own
         state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, job.duration / _SAMPLES)
         (_, begin), *inner, (_, end) = self.moments
         stops = {*job.scene.stops(begin, end), end}

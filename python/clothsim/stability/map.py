@@ -47,7 +47,7 @@ def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **optio
     size = (cloth.mass_per_point[..., None] * noise**2).sum() / 2
     start = energy(scene, x, v + noise)
     stepper = SilentStepper(scene, x, v + noise, **{"threads": 1, **options})
-    stepper._state.judge.warned_of_dt = True
+    stepper._state.judge.given.add("dt")
     for done in range(0, steps, _CHECKED):
         try:
             stepper.advance(min(_CHECKED, steps - done), dt)
