@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,7 @@ class Judge:
 
     def outcome(self, outcome: dict[str, Any], dt: float) -> None:
         """Give a warning for each finding of the core, and raise an error for a failed step."""
-        contacts = {
+        contacts: dict[str, Callable[[Any], str]] = {
             "pinned_inside": self._pins_text,
             "large_cell": self._cells_text,
             "start": self._start_text,

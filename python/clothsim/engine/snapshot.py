@@ -26,9 +26,8 @@ _OPTIONS = tuple(field.name for field in fields(Options))
 class Snapshot:
     """A simulation at one moment, to be continued bit for bit.
 
-    It holds the scene, the options, the clock and the whole state of the core, the compensation of
-    "single" included. `Stepper.restore` continues it; `save` and `load` keep it in a file without
-    pickle. It also pickles. Two snapshots are equal only if they are the same object.
+    It has the scene, the options and the whole state, the compensation of "single" included. `Stepper.restore` continues
+    it. Two snapshots are equal only if they are the same object.
 
     Examples
     --------
@@ -56,12 +55,11 @@ class Snapshot:
 
     @property
     def options(self) -> Options:
-        """The options of the steps."""
         return Options(**{name: self.arguments[name] for name in _OPTIONS})
 
     @property
     def time(self) -> float:
-        """Time of the state [s]."""
+        """[s]"""
         return float(self.core["time"])
 
     def __repr__(self) -> str:
@@ -127,11 +125,8 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
     header = json.loads(str(arrays["snapshot"]))
     if header["schema"] != SCHEMA:
         raise ValueError(f"its schema must be {SCHEMA}, got {header['schema']!r}")
-    scene: Any = header["scene"]
-    if isinstance(scene, list):
-        scene = [Scene.from_dict(one) for one in scene]
-    else:
-        scene = Scene.from_dict(scene)
+    given = header["scene"]
+    scene = list(map(Scene.from_dict, given)) if isinstance(given, list) else Scene.from_dict(given)
     core = {name.removeprefix(_FIELD): value for name, value in arrays.items() if name.startswith(_FIELD)}
     if "time" not in core:
         raise ValueError("it lacks the fields of the state")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -36,25 +35,11 @@ from .plan import kept_plan
 _ROUNDING = 2.0**-53  # of a float64, as part of it
 
 
-@dataclass(frozen=True)
-class _Compiled:
-    """Plans for the core, or scenes for the adapter, and the guaranteed time step [s] of each member."""
-
-    plans: list[Any]
-    stable_dt: list[float]
-
-
-def _own(scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
+def own_arrays(scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
     """The scenes' own states."""
     if not batched:
         return scenes[0].initial_position, scenes[0].initial_velocity
     return np.array([one.initial_position for one in scenes]), np.array([one.initial_velocity for one in scenes])
-
-
-def inspect(scenes: list[Scene], batched: bool, precision: str) -> None:
-    """Check the numbers of the scenes' own states."""
-    if precision == "single":
-        checked_state(*_own(scenes, batched), scenes, batched, precision)
 
 
 class State:
@@ -67,7 +52,7 @@ class State:
         self.batched, self.options, self.integrator = batched, options, options.integrator
         self.shape, self.dtype = shape, np.dtype(dtype)
         self.threads = 1
-        compiled = self._compiled(scenes)
+        plans, stable_dt = self._compiled(scenes)
         if options.backend == "gpu":
             Simulation = later("gpu.simulation").Simulation
 
@@ -75,11 +60,11 @@ class State:
             self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
         else:
             self.threads = _core.granted_threads(options.threads_for(scenes[0].cloth.shape, len(scenes)))
-            self.core = _core.Simulation(compiled.plans, t, self.threads)
-        self.core.set_stable_dt(compiled.stable_dt)
+            self.core = _core.Simulation(plans, t, self.threads)
+        self.core.set_stable_dt(stable_dt)
         method = integrators()[self.integrator]
         self._may_lose_order = method.order_damped < method.order
-        self._adopt(scenes, compiled)
+        self._adopt(scenes, plans, stable_dt)
 
     @classmethod
     def checked(cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, options: Options) -> State:
@@ -89,7 +74,7 @@ class State:
         """
         scenes, batched, own = scenes_of(scene), not isinstance(scene, Scene), x is None
         time = 0.0 if t is None and own else start_time(t, scenes)
-        own_x, own_v = _own(scenes, batched)
+        own_x, own_v = own_arrays(scenes, batched)
         x = own_x if own else x
         v = np.broadcast_to(own_v, np.shape(x)) if v is None else v
         x, v = checked_state(x, v, scenes, batched, options.precision)
@@ -104,7 +89,7 @@ class State:
     @classmethod
     def own(cls, scenes: list[Scene], batched: bool, t: float, options: Options) -> State:
         """The scenes' own states at a time [s], which nobody checks."""
-        x, v = _own(scenes, batched)
+        x, v = own_arrays(scenes, batched)
         state = cls(scenes, batched, x.shape, x.dtype, t, options)
         state.core.load(x, v)
         return state
@@ -112,24 +97,21 @@ class State:
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
         """Replace the scenes, and keep the state. An error leaves everything as it was."""
         scenes = scenes_of(scene) * (len(self.scenes) if isinstance(scene, Scene) else 1)
-        compiled = self._compiled(scenes)
-        self.core.set_scene(compiled.plans, compiled.stable_dt)
-        self._adopt(scenes, compiled)
+        plans, stable_dt = self._compiled(scenes)
+        self.core.set_scene(plans, stable_dt)
+        self._adopt(scenes, plans, stable_dt)
 
-    def _compiled(self, scenes: list[Scene]) -> _Compiled:
-        """Compile the scenes."""
-        found, on_gpu = _Compiled([], []), self.options.backend == "gpu"
-        for scene in scenes:
-            found.plans.append(scene if on_gpu else kept_plan(scene, self.options))
-            found.stable_dt.append(guaranteed_dt(core_cloth(scene.cloth), self.integrator))
-        return found
+    def _compiled(self, scenes: list[Scene]) -> tuple[list[Any], list[float]]:
+        """Plans for the core, or scenes for the adapter, and the guaranteed time step [s] of each member."""
+        plans = scenes if self.options.backend == "gpu" else [kept_plan(scene, self.options) for scene in scenes]
+        return plans, [guaranteed_dt(core_cloth(scene.cloth), self.integrator) for scene in scenes]
 
-    def _adopt(self, scenes: list[Scene], compiled: _Compiled) -> None:
-        self.scenes, self.max_stable_dt = scenes, compiled.stable_dt
+    def _adopt(self, scenes: list[Scene], plans: list[Any], stable_dt: list[float]) -> None:
+        self.scenes, self.max_stable_dt = scenes, stable_dt
         on_gpu = self.options.backend == "gpu"
         self.kernel = "gather" if on_gpu else self.options.chosen_kernel
-        self.instruction_set = str(cast("Any", self.core).adapter if on_gpu else compiled.plans[0].instruction_set)
-        self.judge = Judge(self.core, scenes, self.batched, self.integrator, compiled.stable_dt)
+        self.instruction_set = str(cast("Any", self.core).adapter if on_gpu else plans[0].instruction_set)
+        self.judge = Judge(self.core, scenes, self.batched, self.integrator, stable_dt)
         self._driven = self._moves = False
         for scene in scenes:
             self._driven |= bool(scene.cloth.driven)
@@ -208,7 +190,6 @@ class State:
         return steps, dt
 
     def _go_on(self, outcome: dict[str, Any] | None, steps: int, dt: float) -> None:
-        """Give the warnings and errors of an outcome, then do the remaining steps."""
         done = 0
         while outcome:
             if "point" in outcome:
@@ -224,8 +205,8 @@ class State:
         if self._may_lose_order:
             any(warn_of_order(self.integrator, scene) for scene in self.scenes)
 
-    def replace_state(self, x: Any = None, v: Any = None, t: Any = None, pins_stay: bool = True) -> None:
-        """See `Stepper.set_state`. `pins_stay`: refuse another place or velocity of a pin."""
+    def replace_state(self, x: Any = None, v: Any = None, t: Any = None) -> None:
+        """See `Stepper.set_state`."""
         time = None if t is None else check.number("t", t)
         own_x, own_v = np.empty(self.shape), np.empty(self.shape)
         self.core.store(own_x, own_v)
@@ -235,8 +216,7 @@ class State:
         new_x, new_v = checked_state(given_x, given_v, self.scenes, self.batched, self.options.precision)
         if new_x.shape != self.shape:
             raise ValueError(f"x and v must have shape {self.shape}, got {new_x.shape}")
-        if pins_stay:
-            check_pins(self.scenes, new_x, new_v, own_x, own_v)
+        check_pins(self.scenes, new_x, new_v, own_x, own_v)
         self.core.load(None if x is None else new_x, None if v is None else new_v, time)
 
     def advance_spheres(self, steps: Any, dt: Any, targets: dict[int, npt.NDArray[np.float64]]) -> None:

@@ -65,14 +65,12 @@ def _engine(
 
 
 def _keep(kept: dict[Any, list[State]], key: Any, state: State) -> None:
-    """Keep an engine for the next call of its kind. Callers do not keep it after an error."""
+    """Keep an engine for the next call of its kind, but after an error."""
     if key is None:
         return
-    waiting = kept.get(key)
-    if waiting is None:
-        if len(kept) >= _MOST_KINDS:
-            kept.pop(next(iter(kept)), None)
-        waiting = kept[key] = []
+    if key not in kept and len(kept) >= _MOST_KINDS:
+        kept.pop(next(iter(kept)), None)
+    waiting = kept.setdefault(key, [])
     if len(waiting) < _MOST_WAITING:
         waiting.append(state)
 
@@ -95,8 +93,7 @@ def step(
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
-    The integrator takes each step (default: classic Runge-Kutta of order 4 on (x, v) together). One collision pass per
-    sphere follows. Pinned points do not move; velocities given for them are taken as 0.
+    One collision pass per sphere follows each step of the integrator. Velocities given for pinned points are taken as 0.
 
     Parameters
     ----------
@@ -115,8 +112,7 @@ def step(
     integrator : str, default "rk4"
         A name of `integrators`. Adaptive methods also run at the fixed step `dt`.
     precision : {"double", "single"}, default "double"
-        Arithmetic. "single" computes in float32. A second float32 of each number keeps the rounding
-        of x and v (compensated summation), so small steps do not stall.
+        "single" computes in float32, and compensates the sums of x and v, so small steps do not stall.
     threads : int, optional
         Number of threads, 1 to 256. Default: one for a cloth of fewer than 16,384 mass points; else the processors that
         the process may use, at most `OMP_NUM_THREADS`. A batch takes one a member. The bits are the same for any number.
@@ -132,9 +128,8 @@ def step(
     Returns
     -------
     x, v : numpy.ndarray
-        The new state, of the shape and dtype of the input (float64 if either is). Arrays of float64
-        hold the whole compensated state of "single". Arrays of float32 drop the compensation at
-        each call; a `Stepper` keeps it.
+        The new state, of the shape and dtype of the input (float64 if either is). Arrays of float32 drop the compensation
+        of "single" at each call; a `Stepper` keeps it.
 
     Raises
     ------
@@ -189,7 +184,7 @@ def acceleration(
     scene, x, v, precision, threads, kernel
         As for `step`.
     t : float, default 0.0
-        Time of the state [s]. No result depends on it, as spheres exert no force.
+        Time of the state [s]; a driven pin must be at its place.
     out : numpy.ndarray, optional
         float64 array of the shape of `x` to write to.
 
@@ -226,11 +221,9 @@ def reference_step(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Step by the scalar reference: spring by spring, in double, not optimised.
 
-    The code (cpp/reference) is written to be read beside the paper; the kernels are tested
-    against it. A step in which a continuous sphere touches a point is taken in 64 substeps, with
-    impacts found by bisection in time. There velocities of `step` differ by the order of a dt,
-    and positions by that of a dt^2, where a is the largest acceleration. Spheres keep mass points
-    out, not faces: continuous spheres with ``offset="cell"`` are refused.
+    The code (cpp/reference) is written to be read beside the paper. A step in which a continuous sphere touches a point is
+    taken in 64 substeps, with impacts found by bisection in time. There velocities of `step` differ by the order of a dt,
+    and positions by that of a dt^2, where a is the largest acceleration.
 
     Parameters
     ----------
@@ -251,8 +244,8 @@ def reference_step(
 
     Raises
     ------
-    ValueError, TypeError
-        If an argument is not as above, or a continuous sphere has ``offset="cell"``.
+    ValueError
+        If a continuous sphere has ``offset="cell"``: the reference keeps mass points out of spheres, not faces.
 
     Examples
     --------

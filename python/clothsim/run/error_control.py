@@ -17,8 +17,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -85,8 +85,7 @@ def rms(difference: Floats) -> float:
     return float(np.sqrt((difference**2).sum(axis=-1).mean()))
 
 
-@dataclass
-class Estimate:
+class Estimate(NamedTuple):
     """An error of the last positions [m], over the mass points; NaN if it is unknown.
 
     `reason`: why it is unknown, or why it is larger than what was asked for.
@@ -102,12 +101,8 @@ class Estimate:
         distances = factor * np.linalg.norm(x - better, axis=-1) + np.spacing(np.abs(x).max()) / 2
         return cls(float(distances.max()), float(np.sqrt((distances**2).mean())))
 
-    def because(self, reason: str) -> Estimate:
-        return Estimate(self.max, self.rms, reason)
 
-
-@dataclass
-class Controlled:
+class Controlled(NamedTuple):
     """A trajectory, its error, and what the runs that are not returned have cost."""
 
     trajectory: Trajectory
@@ -135,7 +130,6 @@ def estimate_of(job: Job, run: Trajectory) -> Controlled:
 
 
 def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled:
-    """Run the jobs of a search, and note their trajectories."""
     finished = recorder = watch.recorder
     go_on: Callable[[Any], Job] = search.send
     answer: Any = None
@@ -225,12 +219,12 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: RunOptions | 
     most = MOST * finer.evaluations_of_finest
     for number in range(1, RUNS):
         if _evaluations(done) + finer.evaluations > most:
-            return best, error.because(LEAST)
+            return best, error._replace(reason=LEAST)
         try:
             after = yield from finer.run()
         except UnstableError:
             if finer.is_finest or number == RUNS - 1:
-                return best, error.because(UNSTABLE)
+                return best, error._replace(reason=UNSTABLE)
             finer.refine(finer.fall * _FALL)
             continue
         if after.contacts:
@@ -248,10 +242,10 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: RunOptions | 
             # The least of several distances may be small by chance.
             error = max(error, Estimate.of(best.x[-1], after.x[-1], MARGIN), key=lambda one: one.rms)
         if finer.is_finest or hopeless:
-            return best, error.because(LEAST)
+            return best, error._replace(reason=LEAST)
         finer.choose(pair, asked, SMALL**2 if stalled else _FALL)
         before = after
-    return best, error.because(NOT_REACHED)
+    return best, error._replace(reason=NOT_REACHED)
 
 
 def _first_tolerance(job: Job, asked: float) -> Generator[Job, Trajectory, float]:
@@ -297,7 +291,6 @@ class _Finer:
 
     @property
     def evaluations(self) -> float:
-        """Force evaluations that the run should take."""
         return float(self._first.evaluations * self.fall ** (-1 / ORDER))
 
     @property
@@ -306,7 +299,6 @@ class _Finer:
 
     @property
     def is_finest(self) -> bool:
-        """Whether no run is finer."""
         return self.fall <= self._finest
 
     def run(self) -> Step:
@@ -345,7 +337,10 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
     best_setting, stalls = setting, 0
     for number in range(RUNS):
         try:
-            run = yield from _at_tolerance(job, setting) if method.adaptive else _one(_fixed(job, setting))
+            if method.adaptive:
+                run = yield from _at_tolerance(job, setting)
+            else:
+                run = yield _fixed(job, setting)
             if best is None:
                 best = run
             if contact := (yield from better.contact(run)):
@@ -357,7 +352,7 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
             if setting <= least or number == RUNS - 1:
                 if best is None:
                     raise
-                return best, error.because(UNSTABLE)
+                return best, error._replace(reason=UNSTABLE)
             setting = max(setting / 2, least)
             continue
         stalls = stalls + 1 if found.rms > error.rms / 2 else 0
@@ -372,21 +367,17 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
         if found.rms <= asked:
             return run, found
         if hopeless and not known:
-            return best, error.because(LEAST)
+            return best, error._replace(reason=LEAST)
         if setting <= least:
-            return best, error.because(NO_FINER)
+            return best, error._replace(reason=NO_FINER)
         # The order predicts an error only where the phase of the motion is not lost.
         wanted = max((asked / (MARGIN * found.rms)) ** (1 / order), SMALL if lost else SMALL**4)
         finer = max(setting * min(wanted, 1 - SMALL), least)
         if stalls >= 2 and not known and _evaluations(done) + run.evaluations * setting / finer > better.most:
-            return best, error.because(LEAST)
+            return best, error._replace(reason=LEAST)
         setting = finer
     assert best is not None
-    return best, error.because(NOT_REACHED)
-
-
-def _one(job: Job) -> Step:
-    return (yield job)
+    return best, error._replace(reason=NOT_REACHED)
 
 
 def _estimated(job: Job, run: Trajectory) -> Search:

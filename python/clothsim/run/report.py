@@ -12,7 +12,7 @@ from ..measure.measures import energy
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from ..typing import Report
-from .error_control import NOT_ASKED, Controlled
+from .error_control import NOT_ASKED, Controlled, Estimate
 from .trajectory import Trajectory
 
 _VERSION = _core.build_facts()["version"]
@@ -37,9 +37,7 @@ def report(
     """
     scene, options, state, watched = run.scene, run.options, run.state, run.watched
     reason = f"the run ended early: {stopped}" if stopped else unknown
-    estimate: dict[str, Any] = (
-        vars(controlled.error).copy() if controlled else {"max": math.nan, "rms": math.nan, "reason": reason}
-    )
+    estimate = (controlled.error if controlled else Estimate(reason=reason))._asdict()
     others = controlled.evaluations if controlled else 0
     missing, time = watched.get("reason", ""), watched["first_contact"]
     untouched = "" if watched["in_contact"] else "no sphere responded"
@@ -103,9 +101,8 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     return {"gained": gained, "reason": reason}
 
 
-def joined(a: Report, b: Report) -> Report:
+def joined(one: Any, two: Any) -> Report:
     """The report of a run and of the run that continues it."""
-    one, two = cast("dict[str, Any]", a), cast("dict[str, Any]", b)
     sums = {name: value + two[name] for name, value in one.items() if name in _SUMS}
     energies = {**two["energy"], "start": one["energy"]["start"]}
     highest = two["energy"]["start"]["total"] + two["energy"]["gained"] - energies["start"]["total"]

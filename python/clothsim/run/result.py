@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,8 +34,7 @@ class Run:
     """Frames, report and final state of a run; `simulate` returns it.
 
     ``print(run)`` gives six lines, ``len(run)`` the number of frames, ``run[10:20]`` a run of these frames, and
-    ``run + run.resume(1.0)`` one run of both. Two runs are equal if their scenes, times and frames are equal bit for bit;
-    the report, which has measured times, does not count. The hash agrees with that as long as the arrays are unchanged.
+    ``run + run.resume(1.0)`` one run of both. Two runs are equal if their scenes, times and frames are equal bit for bit.
 
     Attributes
     ----------
@@ -104,22 +102,9 @@ class Run:
     t: Floats
     x: Floats
     v: Floats
-    report: Report
+    report: Report | dict[str, Any]  # empty for frames of a user's own
     snapshot: Snapshot | None = None
     continuation: Continuation | None = None
-
-    if TYPE_CHECKING:  # frames of a user's own have an empty report
-
-        def __init__(
-            self,
-            scene: Scene,
-            t: Floats,
-            x: Floats,
-            v: Floats,
-            report: Report | dict[str, Any],
-            snapshot: Snapshot | None = None,
-            continuation: Continuation | None = None,
-        ) -> None: ...
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Run):
@@ -133,14 +118,12 @@ class Run:
         return hash((self.x.shape, self.t.tobytes()))
 
     def __len__(self) -> int:
-        """Number of stored frames."""
         return len(self.t)
 
     def __getitem__(self, frames: slice) -> Run:
         """A run of the frames in a slice, as ``run[10:20]`` or ``run[::2]``.
 
-        The arrays are views of those of this run. The report stays that of the whole run. The part can be resumed if it
-        has the last frame.
+        The arrays are views, and the report stays that of the whole run.
         """
         if not isinstance(frames, slice):
             raise TypeError(f"frames must be a slice, as in run[10:20], got {check.shown(frames)}")
@@ -151,10 +134,7 @@ class Run:
         return replace(self, t=self.t[frames], x=self.x[frames], v=self.v[frames], **final)
 
     def __add__(self, more: Run) -> Run:
-        """This run and its continuation, `more`, which begins with the last frame of this one.
-
-        The report counts both. The error at the end is not known.
-        """
+        """This run and its continuation, `more`, which begins with the last frame of this one."""
         if not isinstance(more, Run):
             return NotImplemented
         ends = ((self.t[-1:], more.t[:1]), (self.x[-1:], more.x[:1]), (self.v[-1:], more.v[:1]))
@@ -181,14 +161,9 @@ class Run:
     ) -> Run:
         """Continue from the end of this run, with its settings.
 
-        With a time step that divides the first duration, the result has the bits of one run of both durations. Else the
-        last step of the first run is shorter. The result continues the compensation of "single". `save`
-        and `load_run` keep all that is needed.
-
-        With error control, the method, the tolerance of a step and the step size continue. If a callback or Ctrl-C
-        ended the run at a step, the result has the bits of the uninterrupted run to that end. A whole run shortens its
-        last steps to end at its duration, so one run of both durations has other steps. The error at the new end is not
-        estimated.
+        With a time step that divides the first duration, the result has the bits of one run of both durations. With error
+        control, the method, the tolerance of a step and the step size continue. The bits are those of one run where a
+        callback or Ctrl-C ended the first at a step; a whole run shortens its last steps to end at its duration.
 
         Parameters
         ----------
@@ -212,10 +187,7 @@ class Run:
         >>> both = run + run.resume(0.03)
         >>> both.t.tolist(), both.report["steps"]
         ([0.0, 0.02, 0.05], 500)
-        >>> bool((both.x[-1] == cs.simulate(scene, 0.05, dt=1e-4).x[-1]).all())
-        True
         """
-
         made: Run = later("run.simulate").resume(self, duration, every, times, fps, force, callback, progress)
         return made
 
@@ -283,9 +255,8 @@ class Run:
         Returns
         -------
         dict
-            "points" and "triangles": depths [m] below the true radius, >= 0, arrays of shape
-            (frames,); 0 without spheres. See `clothsim.penetration`. ``report["penetration"]`` is
-            that of the whole run, not only of the frames.
+            "points" and "triangles": depths [m] below the true radius, >= 0, arrays of shape (frames,); 0 without spheres.
+            See `clothsim.penetration`.
 
         Examples
         --------
@@ -344,7 +315,7 @@ class Run:
         texts = {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)}
         if self.snapshot is not None and self.continuation is not None:
             texts |= snapshot.to_arrays(self.snapshot)
-            texts["continuation"] = json.dumps(self.continuation.to_dict())
+            texts["continuation"] = json.dumps(asdict(self.continuation))
         return _files.write_npz(path, {"t": self.t, "x": self.x, "v": self.v, **texts})
 
     def to_xarray(self) -> xarray.Dataset:
@@ -393,14 +364,12 @@ class Run:
         >>> run.picture(t=0.01, width=200)
         <Picture of 200 x 129 pixels>
         """
-
         return later("viewing.picture").picture_of_run(self, frame, t, path, **style)
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
 
-        Penetration and contacts are drawn where the scene has a sphere. A contact is a mass point
-        closer to a sphere than the contact radius and 1/32 of the spacing.
+        A contact is a mass point closer to a sphere than the contact radius and 1/32 of the spacing.
 
         Parameters
         ----------
@@ -419,14 +388,12 @@ class Run:
         >>> [axes.get_ylabel() for axes in run.plot().axes]
         ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
         """
-
         return later("viewing.plots").plot_run(self, path)
 
     def animate(self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, **style: Any) -> Path:
         """Write a film of the run.
 
-        Each picture shows the stored frame that is nearest in time. Run `simulate` with ``every=speed / fps`` to store
-        the frames that a smooth film needs.
+        Each picture shows the stored frame that is nearest in time: a smooth film needs ``every=speed / fps``.
 
         Parameters
         ----------
@@ -448,16 +415,14 @@ class Run:
         ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
         'swing.gif'
         """
-
         made: Path = later("viewing.animation").animate(self, path, fps, speed, **style)
         return made
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the run in a browser; `clothsim.compare` plays several side by side.
 
-        The page makes no request. It plays, seeks, turns by mouse, and colours by stretch, speed or
-        depth below a sphere. Curves show energy, stretch, penetration and contacts. Positions are
-        rounded to 1/65535 of the run's extent on each axis. 300 frames of 32 x 32 take 1.1 MB.
+        The page makes no request. Positions are rounded to 1/65535 of the run's extent on each axis. 300 frames of 32 x 32
+        take 1.1 MB.
 
         Parameters
         ----------
@@ -476,14 +441,11 @@ class Run:
         ...     path.name, path.stat().st_size < 500_000
         ('run.html', True)
         """
-
         made: Path = later("viewing.page").alone(self, title).to_html(path)
         return made
 
     def show(self, *, height: int = 760) -> Any:
         """Play the run in a notebook: the page of `to_html` in a frame of the cell.
-
-        The notebook keeps the frames when it is saved, and plays them where it is trusted.
 
         Parameters
         ----------
@@ -496,12 +458,10 @@ class Run:
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
-
         return later("viewing.page").alone(self).show(height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """The lines of `print`, and a picture of the last frame, for a notebook."""
-
         made: dict[str, Any] = later("viewing.notebook").run_bundle(self)
         return made
 
@@ -519,16 +479,13 @@ class Run:
         .pc2                 A point cache, and the mesh of the first frame as .obj beside it
         ===================  ====================================================================
 
-        Vertices of the cloth are the mass points in the order of the array index, ``row * columns + column``.
-        Triangles are those of `triangles`: normals of the flat sheet point up. Texture coordinates
-        run from 0 to 1: u along the columns, v from the last row to the first. Lengths are in
-        metres. The how-to docs/export.md shows how to open the files.
+        Vertices of the cloth are the mass points in the order of the array index. Texture coordinates run from 0 to 1: u
+        along the columns, v from the last row to the first. docs/export.md shows how to open the files.
 
         Parameters
         ----------
         path : path-like
-            File to write, in a folder that exists. New files replace files of the same names once
-            all are complete. A failed export changes nothing.
+            File to write, in a folder that exists. A failed export changes nothing.
         fps : float, optional
             Frames a second [1/s], > 0, at most 1e5. The first frame is the start of the run. Cubic Hermite
             interpolation of positions and velocities gives frames between stored frames.
@@ -555,7 +512,6 @@ class Run:
         ...     [file.name for file in run.export(folder + "/cloth.pc2")]
         ['cloth.pc2', 'cloth.obj']
         """
-
         made: list[Path] = later("viewing.exports").export(self, path, fps, z_up)
         return made
 
@@ -602,49 +558,38 @@ def _check_arrays(run: Run) -> None:
     if not isinstance(run.report, dict):
         raise ValueError(f"report must be a mapping, got {check.shown(run.report)}")
     missing = Report.__annotations__.keys() - run.report.keys()
-    if missing and run.continuation is not None:  # a run made by hand knows less
+    if missing and run.report:
         raise ValueError(f"report lacks {', '.join(sorted(missing))}")
     if run.snapshot is not None and run.snapshot.scene != run.scene:
         raise ValueError("its final state is of another scene")
 
 
 def _lines(run: Run) -> list[str]:
-    """Six lines: the scene, frames, steps, energy, penetration, and speed; a report made by hand may lack any entry."""
-    scene, t, report = run.scene, run.t, dict[str, Any](run.report)
-    frames = "1 frame" if len(t) == 1 else f"{len(t):,} frames"
-    stopped = f", stopped early ({report['stopped']})" if report.get("stopped") else ""
-    steps = counted(report["steps"], "step") if "steps" in report else "steps"
-    about = "about " if run.continuation is not None and run.continuation.dt is None else ""
-    step = f" of {about}{quantity(report['dt'], 's')}" if "dt" in report else ""
-    how = " in ".join(str(report[k]) for k in ("integrator", "precision") if k in report)
-    speed = "speed not known"
-    if "wall_time" in report and "steps_per_second" in report:
-        on = f" on {counted(report['threads'], 'thread')}" if report.get("threads") else ""
-        speed = f"{report['wall_time']:.3g} s of computing{on}, {report['steps_per_second']:,.0f} steps/s"
-    return [
+    """The scene, frames, steps, energy, penetration, and speed; an empty report gives the first two lines."""
+    scene, t, report = run.scene, run.t, run.report
+    stopped = f", stopped early ({report['stopped']})" if report and report["stopped"] else ""
+    lines = [
         f"Run of {cloth_text(scene)}, {spheres_text([scene])}",
-        f"{frames} from t = {t[0]:.6g} to {t[-1]:.6g} s{stopped}",
-        f"{steps}{step}{f' by {how}' if how else ''}",
-        _energy_line(report.get("energy", {})),
-        _penetration_line(scene, report.get("penetration", {})),
-        speed,
+        f"{counted(len(t), 'frame')} from t = {t[0]:.6g} to {t[-1]:.6g} s{stopped}",
+    ]
+    if not report:
+        return lines
+    about = "about " if run.continuation is not None and run.continuation.dt is None else ""
+    totals = [report["energy"][moment]["total"] for moment in ("start", "end")]
+    start, end, change = joules([*totals, totals[1] - totals[0]])
+    return [
+        *lines,
+        f"{counted(report['steps'], 'step')} of {about}{quantity(report['dt'], 's')} by {report['integrator']} in "
+        f"{report['precision']}",
+        f"energy {start} at the start, {end} at the end (change, by damping and contact, {change})",
+        _penetration_line(scene, report["penetration"]),
+        f"{report['wall_time']:.3g} s of computing on {counted(report['threads'], 'thread')}, "
+        f"{report['steps_per_second']:,.0f} steps/s",
     ]
 
 
-def _energy_line(energy: Mapping[str, Any]) -> str:
-    try:
-        start, end = energy["start"]["total"], energy["end"]["total"]
-    except (KeyError, TypeError):
-        return "energy not known"
-    start, end, change = joules([start, end, end - start])
-    return f"energy {start} at the start, {end} at the end (change, by damping and contact, {change})"
-
-
-def _penetration_line(scene: Scene, depths: Mapping[str, Any]) -> str:
+def _penetration_line(scene: Scene, depths: Any) -> str:
     if not scene.spheres:
         return "penetration: no sphere"
-    known = {name: depths.get(name, math.nan) for name in ("points", "triangles")}
-    if all(map(math.isnan, known.values())):
-        return f"deepest penetration not known: {depths.get('reason') or 'not measured'}"
-    parts = [f"{name} {quantity(depth, 'm')}" for name, depth in known.items() if depth == depth]
-    return f"deepest penetration: {', '.join(parts)}"
+    parts = [f"{name} {quantity(depths[name], 'm')}" for name in ("points", "triangles") if depths[name] == depths[name]]
+    return f"deepest penetration{': ' + ', '.join(parts) if parts else ' not known: ' + depths['reason']}"

@@ -103,8 +103,8 @@ def settle(
 ) -> Run | list[Run]:
     """Find the rest state of a scene, from its initial state, with contact and friction.
 
-    Dynamic relaxation with adaptive viscous damping finds a state in which every force is balanced. The velocities of the
-    initial state are left out. Where friction holds the cloth, many rest states exist, and the way to them decides.
+    Dynamic relaxation finds a state in which every force is balanced. The initial velocities are left out. Where friction
+    holds the cloth, many rest states exist, and the way to them decides.
 
     Parameters
     ----------
@@ -182,15 +182,12 @@ class _Relaxation:
         self._mass = scene.cloth.mass_per_point[..., None]
         self._free = ~scene.cloth.pinned
         self._scale = self._force_scale()
-        size = max(scene.cloth.size)
-        pull = self._scale / float(self._mass.max())  # [m/s^2]
-        self._slow = math.sqrt(pull / size)
+        self._slow = math.sqrt(self._scale / float(self._mass.max()) / max(scene.cloth.size))
         self._start = scene.initial_position
-        self._damped = self._with_drag(self._slow)
-        self._dt = _STEP * stable_dt(self._damped, _INTEGRATOR)
-        if not math.isfinite(self._dt):
-            self._dt = 0.1 / self._slow
-        self._stepper = self._stepper_of(self._damped, self._start)
+        damped = self._with_drag(self._slow)
+        stable = _STEP * stable_dt(damped, _INTEGRATOR)
+        self._dt = stable if math.isfinite(stable) else 0.1 / self._slow
+        self._stepper = self._stepper_of(damped, self._start)
         self.best = _Best(self._start, self._residual(self._start))
         self._steps, self._seconds = 0, 0.0
 

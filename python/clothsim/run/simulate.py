@@ -14,9 +14,9 @@ import numpy.typing as npt
 from ..base import check
 from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
-from ..engine.arrays import scenes_of
+from ..engine.arrays import checked_state, scenes_of
 from ..engine.snapshot import take
-from ..engine.state import inspect
+from ..engine.state import own_arrays
 from ..errors import ContactError, RunInterrupted, UnstableError
 from ..methods.data import integrator_name
 from ..methods.integration import warn_of_order
@@ -144,9 +144,9 @@ def simulate(
     batched = not isinstance(scene, Scene)
     scenes = scenes_of(scene)
     if batched and (dt is None or callback is not None or force is not None or estimate_error or backend == "gpu"):
-        first = (duration, dt, integrator, precision, rtol, atol, every, threads, progress)
-        more = {"t": t, "times": times, "fps": fps, "force": force, "callback": callback, "estimate_error": estimate_error}
-        return _one_by_one(scenes, *first, **more, kernel=kernel, backend=backend)
+        given = (duration, dt, integrator, precision, rtol, atol, every, threads, progress)
+        named = {"t": t, "times": times, "fps": fps, "force": force, "callback": callback, "kernel": kernel}
+        return _one_by_one(scenes, *given, **named, backend=backend, estimate_error=estimate_error)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     t = check.number("t", t)
     _check_end(t, duration)
@@ -156,16 +156,14 @@ def simulate(
     if integrator is None:
         integrator = "auto" if asked is not None or plain else "rk4"
     integrator = integrator_name(integrator, "auto")
-    named = "rk4" if integrator == "auto" else integrator
-    options = RunOptions(named, precision, threads, kernel, backend, t)
+    method = "rk4" if integrator == "auto" else integrator
+    options = RunOptions(method, precision, threads, kernel, backend, t)
     if options.backend == "gpu" and (asked is not None or integrator == "auto"):
         raise ValueError(
             "rtol and atol must be None and integrator must be 'rk4' with backend 'gpu', which takes fixed steps: "
             "give dt, or leave it out for a step of half the guaranteed stable one"
         )
-    for one in scenes:
-        if warn_of_order(named, one):
-            break
+    any(warn_of_order(method, one) for one in scenes)
     if dt is not None:
         if integrator == "auto":
             raise ValueError("integrator must be a name with dt, got 'auto': it chooses the step")
@@ -174,8 +172,7 @@ def simulate(
     frames.check_memory(duration, dt, len(scenes) * scenes[0].cloth.rows * scenes[0].cloth.columns)
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
-    _check_callable("callback", callback)
-    _check_callable("force", force)
+    _check_callables(callback=callback, force=force)
     if force is not None and (options.backend == "gpu" or (dt is None and frames.steps)):
         raise ValueError(
             "force must be None with backend 'gpu', and with error control and frames that are counted in steps: give every "
@@ -183,7 +180,8 @@ def simulate(
         )
     if integrator == "auto":
         options = options.replace(integrator="dop853", precision="double")
-    inspect(scenes, batched, options.precision)
+    if options.precision == "single":
+        checked_state(*own_arrays(scenes, batched), scenes, batched, "single")
     job = Job(scenes, batched, duration, options, frames, force, dt)
     error = _DEFAULT_RTOL * size_of(scenes[0]) if asked is None else asked
 
@@ -197,21 +195,14 @@ def simulate(
         run = Recorder(job, watch).run().trajectory()
         return _run(run, controlled=estimate_of(job, run) if estimate_error else None)
 
-    with progress_bar(progress, duration) as bar:
-        return _followed(compute, Watch(callback, bar.bar), job)
+    return _followed(compute, job, callback, progress)
 
 
 Runs = TypeVar("Runs", bound=Run | list[Run])
 
 
-def progress_bar(shown: bool, duration: float) -> ProgressBar:
-    """A progress bar of simulated seconds."""
-    form = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
-    return ProgressBar(shown, total=duration, bar_format=form)
-
-
 def run_batch(job: Job, watch: Watch | None = None) -> tuple[list[Run], dict[int, Failure]]:
-    """Runs side by side, at a fixed step; and by member, errors of those whose run ends early."""
+    """Runs side by side, at a fixed step, and errors of those that end early, by member."""
     recorder = Recorder(job, watch or Watch()).run()
     return _runs(recorder), {k: error for k, (error, _) in recorder.failed.items()}
 
@@ -233,7 +224,6 @@ def _one_by_one(scenes: list[Scene], *arguments: Any, **options: Any) -> list[Ru
 
 
 def _raise_first(errors: list[Failure], runs: list[Run]) -> list[Run]:
-    """Raise the first error, with the runs, or return the runs."""
     if not errors:
         return runs
     errors[0].runs = runs
@@ -259,8 +249,11 @@ def _reason(error: Failure) -> str:
     return "unstable" if isinstance(error, UnstableError) else "contact"
 
 
-def _followed(compute: Callable[[Watch], Runs], watch: Watch, job: Job) -> Runs:
+def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progress: bool) -> Runs:
     """What `compute` finds, or the part of the runs before an early end: after Ctrl-C at least their first frames."""
+    form = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
+    bar = ProgressBar(progress, total=job.duration, bar_format=form)
+    watch = Watch(callback, bar.bar)
 
     def so_far(reason: str) -> Any:
         recorder = watch.recorder
@@ -269,15 +262,13 @@ def _followed(compute: Callable[[Watch], Runs], watch: Watch, job: Job) -> Runs:
                 recorder = Recorder(job, Watch())
         if recorder is None:
             return None
-        if reason == "callback":
-            recorder.end_at_frame()
-        else:
-            recorder.end_here()
+        (recorder.end_at_frame if reason == "callback" else recorder.end_here)()
         runs = _runs(recorder, reason)
         return runs if recorder.state.batched else runs[0]
 
     try:
-        return compute(watch)
+        with bar:
+            return compute(watch)
     except StopRun:
         return cast(Runs, so_far("callback"))  # the callback was called for a frame of it
     except (UnstableError, ContactError) as error:
@@ -319,8 +310,7 @@ def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, force: A
     if not (every is None and times is None and fps is None):
         frames = schedule(every, times, fps, before.start + before.seconds, duration)
     frames.check_memory(duration, before.dt, scene.cloth.rows * scene.cloth.columns)
-    _check_callable("callback", callback)
-    _check_callable("force", force)
+    _check_callables(callback=callback, force=force)
     if before.forced and force is None:
         raise ValueError("force must be given: this run had one, and functions are not kept")
     options = RunOptions(**vars(snapshot.options), start=before.start)
@@ -329,8 +319,7 @@ def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, force: A
     def compute(watch: Watch) -> Run:
         return _run(Recorder(job, watch).run().trajectory(), unknown=RESUMED)
 
-    with progress_bar(progress, duration) as bar:
-        return _followed(compute, Watch(callback, bar.bar), job)
+    return _followed(compute, job, callback, progress)
 
 
 def _check_end(t: float, duration: float) -> None:
@@ -344,9 +333,10 @@ def _check_end(t: float, duration: float) -> None:
         )
 
 
-def _check_callable(name: str, value: Any) -> None:
-    if value is not None and not callable(value):
-        raise TypeError(f"{name} must be callable, got {check.shown(value)}")
+def _check_callables(**given: Any) -> None:
+    for name, value in given.items():
+        if value is not None and not callable(value):
+            raise TypeError(f"{name} must be callable, got {check.shown(value)}")
 
 
 def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:

@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -75,9 +75,6 @@ class Continuation:
     control: ControlValues | None = None  # with error control
     forced: bool = False  # by a function, which is no data
 
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Continuation:
         """Of plain data, whose values are converted: a file may hold any."""
@@ -113,7 +110,6 @@ class Job:
 
     @property
     def scene(self) -> Scene:
-        """The only scene."""
         return self.scenes[0]
 
 
@@ -143,7 +139,6 @@ class Trajectory:
 
     @property
     def contacts(self) -> bool:
-        """Whether a sphere has responded."""
         return bool(self.watched["in_contact"])
 
     def refined(self, ratio: float) -> tuple[float, ...]:
@@ -181,13 +176,11 @@ class Watch:
             self.bar.reset()
 
     def passed(self, seconds: float) -> None:
-        """Show the first `seconds` of the run as done."""
         if self.bar is not None:
             self.bar.update(seconds - self._here)
             self._here = seconds
 
     def frame(self, t: float, x: Floats, v: Floats) -> None:
-        """Call the callback; StopRun if it returns True."""
         if self._callback is None:
             return
         self.failed = True
@@ -214,7 +207,6 @@ class _Frames:
         self.v: Floats = np.empty((count, *shape))
 
     def put(self, seconds: float, t: float, x: Floats, v: Floats) -> None:
-        """Add a frame."""
         k = len(self.t)
         if k == min(len(self.x), len(self.v)):
             self.resize(k + 1 + k // 8)
@@ -223,14 +215,12 @@ class _Frames:
         self.t.append(t)  # last: a frame counts from here on
 
     def resize(self, count: int) -> None:
-        """Make room for so many frames."""
         for stack in (self.x, self.v):
             if count != len(stack):
                 stack.resize((count, *stack.shape[1:]), refcheck=False)
 
 
 def _begun(job: Job) -> State:
-    """A new state at the start of a run."""
     state = State.own(job.scenes, job.batched, job.options.start, job.options)
     if job.resumed:
         core = job.resumed[0].core
@@ -270,7 +260,6 @@ class Recorder:
         self.store(*self.moments[0])
 
     def run(self) -> Recorder:
-        """Take the steps, and store the frames."""
         if self._path:
             self._control(self._path)
         elif self.job.dt is not None:
@@ -293,7 +282,6 @@ class Recorder:
         done = 0
 
         def advance(steps: int) -> None:
-            """To the end of so many steps."""
             nonlocal done
             if min(steps, whole) > done:
                 self.advance(min(steps, whole) - done, dt)
@@ -325,7 +313,6 @@ class Recorder:
             self._passed(self.state.core.time)
 
     def _advance(self, steps: int, dt: float) -> int:
-        """Take at most so many steps; the number taken."""
         core = self.state.core
         before, begin = core.time, time.perf_counter()
         self.state.judge.steps_before = self.steps
@@ -402,7 +389,6 @@ class Recorder:
         return _core.AdaptiveRun(unit, unit * rate, near, sorted(stops), list(job.grid), controller)
 
     def _advance_path(self, path: _core.AdaptiveRun, until: float, steps: int) -> None:
-        """Steps of error control towards a time, at most so many."""
         core, end = self.state.core, path.steps + steps
         while core.time < until and path.steps < end:
             before, begin = path.steps, time.perf_counter()
@@ -445,7 +431,6 @@ class Recorder:
         self._chunk = int(min(max(1.0, wanted), 2.0 * self._chunk))
 
     def arrays(self) -> Pair:
-        """Positions and velocities of the present state."""
         x, v = np.empty(self.state.shape), np.empty(self.state.shape)
         self.state.core.store(x, v)
         return x, v
@@ -487,7 +472,6 @@ class Recorder:
             self.state.core.time = frames.t[-1]
 
     def trajectory(self) -> Trajectory:
-        """The run of the only scene so far."""
         return self._trajectories([0])[0]
 
     def trajectories(self) -> list[Trajectory]:
