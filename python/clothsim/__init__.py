@@ -86,7 +86,6 @@ from typing import TYPE_CHECKING
 from . import errors as errors
 from . import scenes
 from . import typing as typing
-from .sweeps import register as _register_accessor
 from .base.on_demand import on_demand as _on_demand
 from .base.build import build_config
 from .model.cloth import Cloth
@@ -122,7 +121,6 @@ if TYPE_CHECKING:
 
 __version__ = build_config()["version"]
 
-_register_accessor()
 
 __all__ = [
     "Camera",

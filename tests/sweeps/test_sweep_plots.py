@@ -78,7 +78,7 @@ def test_the_convergence_fan(swept):
 
 
 def test_the_stability_map(swept):
-    axes = swept.clothsim.plot.stability()
+    axes = swept.clothsim.plot("stability")
     (mesh,) = axes.collections
     assert np.array_equal(mesh.get_array(), swept.status.values.T)
     line = axes.get_lines()[0]
@@ -87,16 +87,20 @@ def test_the_stability_map(swept):
 
 
 def test_heat_maps(swept):
-    axes = swept.clothsim.plot.heatmap("largest_stretch", x="dt", y="stiffness")
+    axes = swept.clothsim.plot("heatmap", variable="largest_stretch", x="dt", y="stiffness")
     mesh = axes.collections[0]
     assert np.array_equal(np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True)
-    scaled = swept.assign(largest_stretch=swept.largest_stretch**8).clothsim.plot.heatmap("largest_stretch").collections[0]
+    scaled = (
+        swept.assign(largest_stretch=swept.largest_stretch**8)
+        .clothsim.plot("heatmap", variable="largest_stretch")
+        .collections[0]
+    )
     assert isinstance(scaled.norm, plt.matplotlib.colors.LogNorm)  # more than two decades
-    line = swept.isel(dt=0).clothsim.plot.heatmap().get_lines()[0]
+    line = swept.isel(dt=0).clothsim.plot("heatmap").get_lines()[0]
     assert np.array_equal(line.get_ydata(), swept.error.isel(dt=0))
     corners = {"corners": lambda run: run.x[-1, 0], "height": lambda run: run.x[-1, ..., 1].mean()}
     framed = cs.sweep(cs.scenes.hanging(), {"dt": [1e-3, 2e-3]}, duration=0.01, metrics=corners, frames=True, progress=False)
-    axes = framed.clothsim.plot.heatmap()  # of a metric with one number a member, not of frames
+    axes = framed.clothsim.plot("heatmap")  # of a metric with one number a member, not of frames
     assert np.array_equal(axes.get_lines()[0].get_ydata(), framed.height)
     assert plots.suggested(swept.drop_vars("error")) == "stability"
     assert plots.suggested(swept.isel(dt=[0]).drop_vars("error")) == "heatmap"
@@ -112,12 +116,12 @@ def test_heat_maps(swept):
 
 def test_a_heat_map_marks_errors_below_the_reference(swept):
     swept = swept.assign(reference_error=swept.reference_error * 0 + float(swept.error.median()))
-    axes = swept.clothsim.plot.heatmap("error", x="dt", y="stiffness")
+    axes = swept.clothsim.plot("heatmap", variable="error", x="dt", y="stiffness")
     (mesh,) = axes.collections
     unsure = (swept.error < swept.reference_error).transpose("stiffness", "dt").values
     drawn = ~np.ma.getmaskarray(np.ma.masked_invalid(mesh.get_array()))
     assert unsure.any() and not drawn[unsure].any() and drawn.sum() == np.isfinite(swept.error).sum() - unsure.sum()
-    for shown in (axes, swept.isel(stiffness=0).clothsim.plot.heatmap("error")):
+    for shown in (axes, swept.isel(stiffness=0).clothsim.plot("heatmap", variable="error")):
         (hollow,) = (line for line in shown.get_lines() if line.get_label() == plots.UNSURE)
         expected = unsure if shown is axes else unsure[0]
         assert len(hollow.get_xdata()) == expected.sum() and hollow.get_markerfacecolor() == "white"

@@ -6,6 +6,8 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
+from .on_demand import later
+
 
 def how_to_install(extra: str) -> str:
     """The command that installs an extra into the environment in which clothsim is installed already."""
@@ -15,9 +17,12 @@ def how_to_install(extra: str) -> str:
 def needed(name: str, what: str, extra: str = "sweep") -> Any:
     """The module of that name, or an ImportError: which extra brings it, or why it cannot be loaded."""
     try:
-        return import_module(name)
+        module = import_module(name)
     except ImportError as error:
         raise ImportError(reason_of(error, name, what, extra)) from error
+    if name == "xarray":
+        later("sweeps.accessor")  # registers `Dataset.clothsim`
+    return module
 
 
 def reason_of(error: ImportError | None, name: str, what: str, extra: str) -> str:

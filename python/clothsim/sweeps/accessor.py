@@ -22,41 +22,20 @@ from .member import Maker, SweepOptions
 from .results import ATTRIBUTE
 
 
-class Plots:
-    """`Dataset.clothsim.plot`: call it, or call one of its kinds, which return matplotlib axes."""
+@xarray.register_dataset_accessor("clothsim")
+class ClothsimAccessor:
+    """Methods of a sweep's Dataset."""
 
     def __init__(self, dataset: Any) -> None:
         self._dataset = dataset
 
-    def __call__(self, kind: str | None = None, **options: Any) -> Any:
+    def plot(self, kind: str | None = None, **options: Any) -> Any:
         """Draw the plot that suits the sweep best, or the named kind: "convergence", "stability" or "heatmap".
 
         A Dataset of `stability_map` or `work_precision` has one plot, that of the command. `ax` may be given: axes of
         matplotlib, one or two of them for `work_precision`. The axes are returned.
         """
-
         return later("viewing.plots").plot(self._dataset, kind, **options)
-
-    def convergence(self, **options: Any) -> Any:
-        """Error over dt, rtol or atol, a line for each value of another dimension."""
-        return self("convergence", **options)
-
-    def stability(self, **options: Any) -> Any:
-        """Members that reached their end, with the guaranteed stable time step."""
-        return self("stability", **options)
-
-    def heatmap(self, variable: str | None = None, **options: Any) -> Any:
-        """A metric over two dimensions."""
-        return self("heatmap", variable=variable, **options)
-
-
-@xarray.register_dataset_accessor("clothsim")
-class ClothsimAccessor:
-    """Methods of a sweep's Dataset; ``plot`` has its pictures."""
-
-    def __init__(self, dataset: Any) -> None:
-        self._dataset = dataset
-        self.plot = Plots(dataset)
 
     @property
     def provenance(self) -> dict[str, Any]:

@@ -8,9 +8,9 @@ numerics share it, and each process keeps the last references.
 
 from __future__ import annotations
 
+import functools
 import math
 import threading
-from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -24,7 +24,7 @@ from ..run.result import Run
 from ..run.settle import settle
 from .grid import digest
 
-_BYTES_KEPT = 1 << 27
+_lock = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -60,31 +60,19 @@ def solve(scene: Scene, duration: float, threads: int | None = 1) -> Reference:
     return Reference(x, float(2 * found.change[-1] + np.spacing(np.abs(x).max())), found.ended.contact)
 
 
-class References:
-    """The references that this process has, the last used last; thread-safe."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._making: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
-        self._references: dict[str, Reference] = {}
-
-    def of(self, scene: Scene, duration: float, threads: int | None = 1) -> Reference:
-        """The reference of a scene."""
-        key = digest([scene, duration])
-        with self._lock:
-            making = self._making[key]
-        with making:  # the second thread waits for the first, which does the same work
-            reference = self._references.get(key) or solve(scene, duration, threads)
-            with self._lock:
-                self._references.pop(key, None)
-                self._references[key] = reference
-                while len(kept := self._references) > 1 and sum(one.x.nbytes for one in kept.values()) > _BYTES_KEPT:
-                    self._making.pop(oldest := next(iter(kept)), None)
-                    del kept[oldest]
-            return reference
+@functools.lru_cache(maxsize=64)
+def _slot(key: str) -> tuple[threading.Lock, list[Reference]]:
+    return threading.Lock(), []
 
 
-references = References()
+def reference_of(scene: Scene, duration: float, threads: int | None = 1) -> Reference:
+    """The reference of a scene, which this process computes once: a second thread waits for the first."""
+    with _lock:
+        making, found = _slot(digest([scene, duration]))
+    with making:
+        if not found:
+            found.append(solve(scene, duration, threads))
+    return found[0]
 
 
 @dataclass(frozen=True)

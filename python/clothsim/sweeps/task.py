@@ -18,7 +18,7 @@ from ..run.result import Run
 from ..run.simulate import run_batch, simulate
 from ..run.trajectory import PAUSE, Failure, Job, RunOptions
 from .member import DONE, FAILED, UNSTABLE, Maker, Member, Record, SweepOptions
-from .metrics import incomparable, references
+from .metrics import incomparable, reference_of
 
 LARGEST_BATCH = 64
 """Members of a call; more save nothing, and all of their states are held at once."""
@@ -113,7 +113,7 @@ def _record(member: Member, run: Run, error: Failure | None, task: Task, compare
         return record
     if member.settings.controlled:
         record.max_stable_dt = stable_dt(member.scene, run.report["integrator"])
-    reference = references.of(member.scene, member.settings.duration, task.threads) if compared else None
+    reference = reference_of(member.scene, member.settings.duration, task.threads) if compared else None
     for metric in options.metrics:
         try:
             record.values |= metric.compute(run, reference)
