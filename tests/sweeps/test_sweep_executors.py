@@ -12,12 +12,11 @@ from concurrent.futures.process import BrokenProcessPool
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps import results, store, workers
+from clothsim.sweeps import store, workers
 from clothsim.sweeps.grid import make_grid, physics
 from clothsim.sweeps.member import Maker, SweepOptions
 from clothsim.sweeps.metrics import choose_metrics
-from clothsim.sweeps.task import Stopped, Task, run_task
-from clothsim.sweeps.workers import Workers, tasks
+from clothsim.sweeps.workers import Stopped, Task, Workers, run_task, tasks
 
 pytest.importorskip("xarray")
 
@@ -44,13 +43,13 @@ def small_tasks(monkeypatch):
 @pytest.fixture
 def recorded(monkeypatch):
     """Indices of the members whose results came in, in order."""
-    record, indices = results.Results.record, []
+    record, indices = store.Results.record, []
 
     def recording(self, records):
         indices.extend(one.index for one in records)
         record(self, records)
 
-    monkeypatch.setattr(results.Results, "record", recording)
+    monkeypatch.setattr(store.Results, "record", recording)
     return indices
 
 
@@ -118,7 +117,7 @@ def test_a_dask_cluster_that_loses_a_worker_half_way(expected, small_tasks, reco
                 killed.append(pids[0])
                 os.kill(pids[0], signal.SIGKILL)
 
-        monkeypatch.setattr(results.Results, "flush", killing)
+        monkeypatch.setattr(store.Results, "flush", killing)
         result = sweep(executor=client)
         assert killed and client.status == "running"  # it is not ours to close
     check(result, expected, recorded)
@@ -133,9 +132,9 @@ def test_an_interrupt_keeps_what_is_finished(small_tasks, recorded, monkeypatch)
             raised.append(True)
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(results.Results, "flush", interrupting)
-    close = results.Results.close
-    monkeypatch.setattr(results.Results, "close", lambda self: gathered.append(self.pending) or close(self))
+    monkeypatch.setattr(store.Results, "flush", interrupting)
+    close = store.Results.close
+    monkeypatch.setattr(store.Results, "close", lambda self: gathered.append(self.pending) or close(self))
     with pytest.raises(KeyboardInterrupt):
         sweep(threads=2)
     (pending,) = gathered
@@ -161,7 +160,7 @@ def test_running_members_are_kept_at_an_interrupt(small_tasks, recorded, monkeyp
             raise KeyboardInterrupt
 
     monkeypatch.setattr(workers, "run_task", gated)
-    monkeypatch.setattr(results.Results, "flush", interrupting)
+    monkeypatch.setattr(store.Results, "flush", interrupting)
     with pytest.raises(KeyboardInterrupt, match=" of 24 members were done; give a store to keep them"):
         sweep(threads=2)
     assert sorted(recorded) == sorted(started) and 2 <= len(started) < 24

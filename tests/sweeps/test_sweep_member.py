@@ -58,11 +58,3 @@ def test_a_selection_of_several_members_is_refused_by_name():
     large = sweep({"position": [BALL.initial_position, 2 * BALL.initial_position]}, dt=1e-3, metrics="stable")
     with pytest.raises(ValueError, match="position is swept over arrays, which a Dataset does not keep"):
         large.isel(position=0).clothsim.member()
-
-
-def test_a_wrong_label_is_an_error_that_lists_the_labels_of_the_sweep():
-    ds = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 4.0]}, duration=0.1, dt=0.01, progress=False)
-    with pytest.raises(KeyError, match="stiffness must be one of its 2 labels, from 1.0 to 4.0, got 3.0; .*nearest"):
-        ds.clothsim.member(stiffness=3.0)
-    with pytest.raises(KeyError, match="this sweep has the dimensions stiffness, got 'mass'"):
-        ds.clothsim.member(mass=1.0)

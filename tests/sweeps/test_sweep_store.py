@@ -56,7 +56,7 @@ def test_a_store_holds_the_results_of_memory(tmp_path):
     stored = sweep(tmp_path / "s.zarr", **options)
     same(stored, cs.sweep(SCENE, OVER, duration=0.3, progress=False, **options))
     same(stored, cs.open_sweep(tmp_path / "s.zarr"))
-    alone = xarray.open_zarr(tmp_path / "s.zarr", chunks=None)
+    alone = xarray.open_zarr(tmp_path / "s.zarr", chunks=None, consolidated=False)
     assert np.array_equal(alone.error, stored.error, equal_nan=True) and alone.stiffness.attrs["units"] == "N/m"
     assert stored.position.dims[-4:] == ("time", "row", "column", "component")
     assert np.isnan(stored.position.sel(dt=2e-2)).all()
@@ -77,7 +77,7 @@ def test_provenance(tmp_path):
         sweep(tmp_path / "s.zarr", resume=False)
 
 
-@pytest.mark.parametrize("stop_after", [1, 4, 11])
+@pytest.mark.parametrize("stop_after", [1, 11])
 def test_missing_members_are_computed_once(tmp_path, counted, monkeypatch, stop_after):
     path = tmp_path / "s.zarr"
     record = store.Store.record
@@ -228,9 +228,9 @@ def test_a_second_ctrl_c_waits_until_the_store_is_written(tmp_path, counted, mon
 @pytest.mark.parametrize(
     ("change", "names"),
     [
-        ({"scene": SCENE.replace(gravity=(0, -1.62, 0))}, ["scene.gravity[1]", "-9.80665", "-1.62"]),
-        ({"over": {**OVER, "dt": [1e-3, 3e-2]}}, ["over[1].values.dt[1]", "0.02", "0.03"]),
-        ({"over": {**OVER, "dt": [1e-3]}}, ["over[1].values.dt"]),
+        ({"scene": SCENE.replace(gravity=(0, -1.62, 0))}, ["scene.gravity.1", "-9.80665", "-1.62"]),
+        ({"over": {**OVER, "dt": [1e-3, 3e-2]}}, ["over.1.values.dt.1", "0.02", "0.03"]),
+        ({"over": {**OVER, "dt": [1e-3]}}, ["over.1.values.dt"]),
         ({"over": {"dt": OVER["dt"]}}, ["over"]),
         ({"duration": 0.2}, ["settings.duration"]),
         ({"metrics": ["stable"]}, ["settings.metrics"]),
@@ -324,7 +324,7 @@ def test_members_that_failed_are_tried_again(tmp_path, counted):
         return run.x[-1].mean(axis=(0, 1))
 
     over = {"mass": [1.0, 2.0, 3.0]}
-    with pytest.warns(RuntimeWarning, match="once"):
+    with pytest.warns(RuntimeWarning, match="1 of 3 members failed.*once"):
         first = sweep(tmp_path / "s.zarr", over, dt=1e-3, metrics=delicate)
     assert first.status.values.tolist() == [1, 3, 1]
     failing[0] = False

@@ -19,7 +19,7 @@ from ..run.simulate import simulate
 from ..typing import Every
 from .grid import Axis, Grid
 from .member import Maker, SweepOptions
-from .results import ATTRIBUTE
+from .store import ATTRIBUTE
 
 
 @xarray.register_dataset_accessor("clothsim")
@@ -48,28 +48,16 @@ class ClothsimAccessor:
         return dict(json.loads(text))
 
     def member(self, *, every: Every | None = None, **selection: Any) -> Run:
-        """The `Run` of one member, to show, play and export.
+        """The `Run` of one member, to show, play and export, computed again with equal bits.
 
-        The member is computed again from the scene and the settings of the sweep, and has equal bits. For an unstable
-        member the result is the run up to the last good state.
-
-        Parameters
-        ----------
-        every : int, float or "step", optional
-            Frames, as for `simulate`. Default: `every` of the sweep.
-        **selection
-            Labels as for ``Dataset.sel``, one for each remaining dimension.
-
-        Raises
-        ------
-        KeyError, ValueError
-            If there is no such label, more than one member is left, or a swept array is too large for the Dataset to keep.
+        `every` is as for `simulate`; default: that of the sweep. `selection` has labels as for ``Dataset.sel``, one for
+        each remaining dimension. The run of an unstable member ends at the last good state. A ValueError says if more than
+        one member is left, or a swept array is too large for the Dataset to keep.
 
         Examples
         --------
         >>> import clothsim as cs
-        >>> ds = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 4.0]}, duration=0.1,
-        ...               dt=0.01, metrics="stable", progress=False)
+        >>> ds = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 4.0]}, duration=0.1, dt=0.01, progress=False)
         >>> run = ds.clothsim.member(stiffness=4.0, every=0.05)
         >>> run.scene.cloth.family_stiffness["structural"], run.t.tolist()
         (4.0, [0.0, 0.05, 0.1])
@@ -79,7 +67,7 @@ class ClothsimAccessor:
         every = as_every(given["every"]) if every is None else every
         options = SweepOptions(**{**given, "metrics": (), "every": every})
         grid = Grid([_axis(entry) for entry in identity["over"]])
-        index = _index(grid, _selected(self._dataset, selection))
+        index = _index(grid, self._dataset.sel(selection))
         member = Maker(Scene.from_dict(identity["scene"]), options)(index, grid.members([index])[index])
         try:
             return simulate(member.scene, member.settings.duration, every=every, **member.arguments)
@@ -92,20 +80,6 @@ class ClothsimAccessor:
     def scene(self) -> Scene:
         """The scene that the members are variations of."""
         return Scene.from_dict(self.provenance["identity"]["scene"])
-
-
-def _selected(dataset: xarray.Dataset, selection: Mapping[str, Any]) -> xarray.Dataset:
-    """The part of `dataset` with these labels; a KeyError names a wrong dimension or label, and the accepted ones."""
-    for name, label in selection.items():
-        if name not in dataset.dims:
-            raise KeyError(f"this sweep has the dimensions {', '.join(map(str, dataset.dims)) or 'none'}, got {name!r}")
-        labels = dataset[name].values
-        if np.ndim(label) == 0 and not isinstance(label, slice) and label not in labels.tolist():
-            raise KeyError(
-                f"{name} must be one of its {len(labels)} labels, from {labels[0]!s} to {labels[-1]!s}, got {label!r}; "
-                f'ds.sel({name}=..., method="nearest").clothsim.member() takes the nearest'
-            )
-    return dataset.sel(dict(selection))
 
 
 def _axis(entry: Mapping[str, Any]) -> Axis:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -19,11 +18,9 @@ from ..model.scene import Scene
 from ..typing import Every, Integrator, Kernel, Precision
 from .grid import Grid, make_grid, plain
 from .member import FAILED, PENDING, Member, SweepOptions
-from .metrics import DEFAULT_METRICS, choose_metrics, describe, listing
-from .results import SCHEMA, Results
-from .store import Store, open_sweep
-from .task import TaskResult
-from .workers import Workers, checked_members, tasks
+from .metrics import DEFAULT_METRICS, choose_metrics, describe
+from .store import SCHEMA, Results, Store, open_sweep
+from .workers import TaskResult, Workers, checked_members, tasks
 
 if TYPE_CHECKING:
     import xarray
@@ -52,44 +49,34 @@ def sweep(
 ) -> xarray.Dataset:
     """Run a scene once for every combination of values, and label the results.
 
-    A member's result has the same bits as `simulate` gives for it alone. A member that diverges is marked and harms no
-    other.
+    A member's result has the same bits as `simulate` gives for it alone. docs/sweeps.md describes names and metrics.
 
     Parameters
     ----------
     scene : Scene
         Values that are not swept.
     over : mapping, or sequence of mappings
-        ``{name: values}`` is a grid: one dimension per name, every combination a member.
+        ``{name: values}`` is a grid: one dimension per name, every combination a member; `sweepable` lists the names.
         ``{(name, name): [(value, value), ...]}`` are zipped lists, one dimension for both.
         ``{name: {label: value}}`` labels values that are no numbers. A sequence of mappings (or a
         table with ``to_dict("records")``) are given samples, with the dimension "sample".
-
-        `sweepable` lists the names: arguments of `Cloth`, `Scene` and the run, and of `Sphere` and its motion. These two
-        have `sphere_` in front (of every sphere) or `sphere1_` (of the sphere with index 1). Parts have names too, such as
-        "stiffness_shear", "gravity_y", "sphere_center_x" and "sphere_period" [s].
     duration : float, default 1.0
         Simulated time [s], > 0.
     metrics : sequence, mapping, name or function
-        {metrics}.
-        docs/sweeps.md describes them. A function takes a `Run`, with the frames of `every`, and returns a number, an
-        array, or a mapping of them. It must pickle to run in another process.
-    dt : float, optional
-        Time step [s], where it is not swept. Default: half of `max_stable_dt`, of each member.
-    integrator, precision, kernel
-        As for `step`, where they are not swept. The default of `integrator` is "rk4"; "auto", the
-        default with `rtol` or `atol`, chooses as `simulate` does.
-    rtol, atol : float, optional
-        Error control in place of `dt`, as for `simulate`, where it is not swept. Where a tolerance is swept beside dt
-        (zipped, or as samples), None marks the value that a member does without.
+        Names: "error" (and error_rms, reference_error), "energy_drift", "energy_gained", "largest_stretch",
+        "penetration" (and penetration_points), "stable", "steps_per_second", "sag", "first_contact",
+        "impulse" (and impulse_x, impulse_y, impulse_z). A function takes a `Run`, with the frames of `every`, and
+        returns a number, an array, or a mapping of them. It must pickle to run in another process.
+    dt, rtol, atol, integrator, precision, kernel
+        As for `simulate`, where they are not swept. Default: "rk4" with half of each member's `max_stable_dt`. Where
+        a tolerance is swept beside dt, None marks the value that a member does without.
     every : int, float or "step", optional
         Frames, as for `simulate`; seconds if they are stored and dt is swept.
     frames : bool, default False
         True stores the frames too: position and velocity, shape (..., time, row, column, 3).
         Smaller cloths are filled up with NaN.
     store : path-like, optional
-        Folder of a zarr store. Results are written to it as they come. If a sweep is interrupted, repeat the call: it
-        computes the missing members.
+        Folder of a zarr store, written as results come. Repeat an interrupted call: it computes the missing members.
     resume : bool, default True
         False refuses a store that exists.
     executor : concurrent.futures.Executor or dask.distributed.Client, optional
@@ -105,15 +92,13 @@ def sweep(
         One dimension per swept name, with coordinates that have units. Beside the metrics: "status" (0 pending, 1 done,
         2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step", "unstable_time" [s] and "message". Of a member that
         diverged or failed, metrics are NaN ("stable" False). After a contact "error" is NaN too, and the message says
-        why. ``ds.clothsim.provenance`` has the provenance of the results. Frames in a `store` are read at their use.
+        why. ``ds.clothsim`` plots, and has the provenance. Frames in a `store` are read at their use.
 
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above, a member cannot be made, or the store is of another sweep or damaged.
-        The message names the difference, or the damaged chunk. Nothing has been run or written then.
-    ImportError
-        Without xarray, zarr (for `store`) or tqdm (for `progress`): the extra "sweep".
+        Before anything has been run or written: an argument is not as above, a member cannot be made, or the store is
+        of another sweep (with the differences) or damaged.
     KeyboardInterrupt
         On Ctrl-C; the store then has all finished members.
 
@@ -126,8 +111,7 @@ def sweep(
     --------
     >>> import clothsim as cs
     >>> scene = cs.scenes.hanging(shape=(4, 4))
-    >>> result = cs.sweep(scene, {"stiffness": [1e3, 1e5], "dt": [1e-3, 1e-1]}, duration=0.2,
-    ...                   progress=False)
+    >>> result = cs.sweep(scene, {"stiffness": [1e3, 1e5], "dt": [1e-3, 1e-1]}, duration=0.2, progress=False)
     >>> result.stable.values.tolist()
     [[True, False], [True, False]]
     >>> result.stiffness.attrs["units"], result.sizes["dt"]
@@ -156,7 +140,10 @@ def sweep(
         _run(workers, made, results, session, progress)
     finally:
         workers.close()
-    _warn_of_failures(results)
+    failed = results.variables["status"].values == FAILED
+    if failed.any():
+        first = results.variables["message"].values[failed][0]
+        warn_caller(f"{int(failed.sum())} of {failed.size} members failed; the first: {first}", RuntimeWarning)
     if store is not None and frames:
         return open_sweep(store)
     sessions = results.sessions if isinstance(results, Store) else [session]
@@ -218,26 +205,10 @@ def _run(workers: Workers, made: dict[int, Member], results: Results, session: d
         finally:
             results.close()
         if isinstance(error, KeyboardInterrupt):
-            raise KeyboardInterrupt(_so_far(results)) from None
+            status = results.variables["status"].values
+            kept = "were done; give a store to keep them"
+            if isinstance(results, Store):
+                kept = f"are in {results.path}; repeat the sweep to compute the rest"
+            raise KeyboardInterrupt(f"{int((status != PENDING).sum())} of {status.size} members {kept}") from None
         if error is not None:
             raise error
-
-
-def _so_far(results: Results) -> str:
-    status = results.variables["status"].values
-    done = f"{int((status != PENDING).sum())} of {status.size} members"
-    if isinstance(results, Store):
-        return f"{done} are in {results.path}; repeat the sweep to compute the rest"
-    return f"{done} were done; give a store to keep them"
-
-
-def _warn_of_failures(results: Results) -> None:
-    failed = results.variables["status"].values == FAILED
-    if failed.any():
-        first = results.variables["message"].values[failed][0]
-        warn_caller(f"{int(failed.sum())} of {failed.size} members failed; the first: {first}", RuntimeWarning)
-
-
-_INDENT = " " * 8
-_LISTED = textwrap.fill(f"Names: {listing()}.", 96, initial_indent=_INDENT, subsequent_indent=_INDENT)
-sweep.__doc__ = (sweep.__doc__ or "").replace(f"{_INDENT}{{metrics}}.", _LISTED)

@@ -32,7 +32,7 @@ def plain(value: Any) -> Any:
         return {
             "shape": list(value.shape),
             "dtype": value.dtype.str,
-            "sha256": sha256(np.ascontiguousarray(value).tobytes()),
+            "sha256": hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest(),
         }
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
@@ -43,16 +43,12 @@ def plain(value: Any) -> Any:
 
 def digest(value: Any) -> str:
     """A short text that is equal for equal values alone."""
-    return sha256(json.dumps(plain(value), sort_keys=True).encode())
+    return hashlib.sha256(json.dumps(plain(value), sort_keys=True).encode()).hexdigest()
 
 
 def physics(values: Mapping[str, Any]) -> str:
     """A text that is equal for swept values that differ only in numerics."""
     return digest({name: value for name, value in values.items() if name not in NUMERICS})
-
-
-def sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
 
 
 def label(value: Any) -> str:
@@ -179,27 +175,20 @@ def make_grid(over: Any) -> Grid:
 
 
 def _axis(key: Any, values: Any) -> Axis:
-    if isinstance(key, tuple):
-        return _zipped(key, values)
-    name = check_name(key)
-    labels = None
-    if isinstance(values, Mapping):
-        labels, values = tuple(map(str, values)), list(values.values())
-    places = tuple([{name: value} for value in _values(f"over[{name!r}]", values)])
-    places = tuple(map(_place, places)) if name == "integrator" else places
-    return Axis(name, places, labels)
-
-
-def _zipped(names: tuple[Any, ...], rows: Any) -> Axis:
-    names = tuple(map(check_name, names))
+    """The axis of a name, or of names with zipped values."""
+    zipped, labels = isinstance(key, tuple), None
+    names = tuple(map(check_name, key if zipped else (key,)))
     if len(set(names)) < len(names):
         raise ValueError(f"over must name each thing once, got the zipped names {names!r}")
-    given = _values(f"over[{names!r}]", rows)
-    for k, row in enumerate(given):
+    if isinstance(values, Mapping) and not zipped:
+        labels, values = tuple(map(str, values)), list(values.values())
+    rows = [row if zipped else (row,) for row in _values(f"over[{key!r}]", values)]
+    for k, row in enumerate(rows):
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
             wanted = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
-            raise ValueError(f"over[{names!r}] must have {wanted}, got {check.shown(row)} at index {k}")
-    return Axis("_".join(names), tuple(_place(dict(zip(names, row, strict=True))) for row in given))
+            raise ValueError(f"over[{key!r}] must have {wanted}, got {check.shown(row)} at index {k}")
+    places = [dict(zip(names, row, strict=True)) for row in rows]
+    return Axis("_".join(names), tuple(map(_place, places) if "integrator" in names else places), labels)
 
 
 def _samples(over: Any) -> Axis:

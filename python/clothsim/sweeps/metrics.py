@@ -182,12 +182,6 @@ METRICS = {metric.name: metric for metric in _ALL}
 """The metrics that have a name."""
 
 
-def listing() -> str:
-    """Every metric with its further variables, for documentation."""
-    more = {name: ", ".join(one for one in metric.variables if one != name) for name, metric in METRICS.items()}
-    return ", ".join(f'"{name}"' + (f" (and {others})" if others else "") for name, others in more.items())
-
-
 def named(name: str) -> Metric:
     """The metric of that name, also used to unpickle a metric."""
     return METRICS[name]
@@ -232,10 +226,8 @@ def _function_name(name: Any, function: Any) -> str:
     """`name` if a function may give its variable that name."""
     if not isinstance(name, str) or not name.isidentifier():
         raise ValueError(f"metrics: {function!r} needs a name, as in metrics={{'name': function}}, got {name!r}")
-    if name in METRICS or any(name in metric.variables for metric in _ALL):
-        raise ValueError(f"metrics: a function must not be named {name!r}, a metric has that name")
-    if name in RESERVED:
-        raise ValueError(f"metrics: a function must not be named {name!r}, every sweep has a variable of that name")
+    if name in RESERVED or any(name in (metric.name, *metric.variables) for metric in _ALL):
+        raise ValueError(f"metrics: a function must not be named {name!r}, which is a variable of sweeps")
     return name
 
 

@@ -1,6 +1,6 @@
-"""A sweep on disk: a zarr group that xarray opens, written by one process as members finish.
+"""Results of a sweep: arrays over the grid in memory, or on disk as a zarr group, which is written as members finish.
 
-Variables are arrays over the grid, in chunks that end in their checksum (zarr's codec crc32c). zarr writes a new file for a
+On disk, variables are arrays in chunks that end in their checksum (zarr's codec crc32c). zarr writes a new file for a
 chunk and renames it, and `status` is written after everything else of its members: a process that is killed at any moment
 leaves members that are whole or pending. From the start every chunk is there, so a missing one is not taken for an empty
 one. Chunks of frames come with their members.
@@ -9,25 +9,167 @@ one. Chunks of frames come with their members.
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
-import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base import check
+from ..base import Floats, check
 from ..base.extras import needed
-from .member import DONE, PENDING, Record
-from .results import ATTRIBUTE, FRAMES, SCHEMA, Results, Variable
+from ..model.scene import Scene
+from ..run.frames import Schedule
+from .grid import Coordinate, Grid
+from .member import DONE, FAILED, PENDING, STATUS, Record, SweepOptions
 
 if TYPE_CHECKING:
     import xarray
 
 _CHUNK = 16_384  # members
 _SECONDS_BETWEEN_WRITES = 1.0
+
+FRAMES = ("position", "velocity")
+"""The variables that have the frames of every member."""
+
+ATTRIBUTE = "clothsim_sweep"
+"""The attribute of Datasets and stores that identifies their sweep, as JSON text. Not "clothsim": that is the accessor,
+which xarray would hide behind it."""
+
+SCHEMA = 4
+"""Version of the layout of a store, and of the attribute."""
+
+
+@dataclass
+class Variable:
+    """A variable of the result over the grid, with further dimensions of its own at the end."""
+
+    name: str
+    values: np.ndarray
+    attrs: dict[str, Any]
+    more: tuple[str, ...] = ()
+    fill: Any = np.nan  # of members that have no value
+
+
+class Results:
+    """The variables of a sweep.
+
+    The status of a member is set last, so a member that is marked as done is always complete.
+    """
+
+    def __init__(self, grid: Grid, options: SweepOptions, scene: Scene) -> None:
+        self.grid, self.options, self.scene = grid, options, scene
+        self.variables: dict[str, Variable] = {}
+        self.coordinates: list[Coordinate] = grid.coordinates()
+        self._open_variables()
+        if options.frames:
+            self._open_frames()
+
+    def _open_variables(self) -> None:
+        flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
+        self._add("status", np.int8, PENDING, {"long_name": "what became of the member", **flags})
+        self._add("max_stable_dt", float, np.nan, {"long_name": "guaranteed stable time step", "units": "s"})
+        self._add("unstable_step", np.int64, -1, {"long_name": "step at which it diverged, -1: never", "units": "1"})
+        self._add("unstable_time", float, np.nan, {"long_name": "time at which it diverged", "units": "s"})
+        self._add("message", object, "", {"long_name": "why a member did not come to its end, or has no error"})
+        for metric in self.options.metrics:
+            for name, attrs in metric.variables.items():
+                self._add(name, *((np.bool_, False) if name == "stable" else (float, np.nan)), attrs)
+
+    def _open_frames(self) -> None:
+        options = self.options
+        frames = Schedule.of_every(options.every).in_seconds(options.dt or math.inf)
+        times = np.array([t for _, t in frames.moments(0.0, options.duration)])
+        more = dict(zip(("time", "row", "column", "component"), (len(times), *self._largest_shape(), 3), strict=True))
+        for name, unit in zip(FRAMES, ("m", "m/s"), strict=True):
+            self._add(name, float, np.nan, {"long_name": f"{name} of the mass points", "units": unit}, more)
+        self.coordinates.append(Coordinate("time", "time", times, {"units": "s"}))
+        self.coordinates.append(Coordinate("component", "component", np.array(["x", "y", "z"])))
+
+    def _largest_shape(self) -> tuple[int, int]:
+        swept = [(name, value) for axis in self.grid.axes for place in axis.places for name, value in place.items()]
+        shapes = [value for name, value in swept if name == "shape"]
+        shapes += [value.cloth.shape for name, value in swept if name == "scene"]
+        rows, columns = zip(*(shapes or [self.scene.cloth.shape]), strict=True)
+        return max(rows), max(columns)
+
+    def _add(
+        self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], more: Mapping[str, int] = MappingProxyType({})
+    ) -> None:
+        """Add a variable; `more` has its own dimensions and their lengths."""
+        if name in {*self.grid.dimensions, *(c.name for c in self.coordinates)}:
+            raise ValueError(f"metrics: a function must not be named {name!r}, a coordinate of this sweep is")
+        values = self._allocate(name, (*self.grid.shape, *more.values()), dtype, fill)
+        self.variables[name] = Variable(name, values, dict(attrs), tuple(more), fill)
+
+    def _allocate(self, name: str, shape: tuple[int, ...], dtype: Any, fill: Any) -> np.ndarray:
+        return np.full(shape, fill, dtype)
+
+    @property
+    def pending(self) -> np.ndarray:
+        """Indices of the members to run: pending members and failed members."""
+        status = self.variables["status"].values.ravel()
+        return np.flatnonzero((status == PENDING) | (status == FAILED))
+
+    def record(self, records: Iterable[Record]) -> None:
+        """Store the results of members."""
+        found = dict[str, tuple[list[int], list[Any]]]()
+        for one in records:
+            for name, value in one.values.items():
+                places, values = found.setdefault(name, ([], []))
+                places.append(one.index)
+                values.append(value)
+            if one.frames is not None:
+                self._put_frames(one.index, one.frames)
+        for name, (places, values) in found.items():
+            self._put(name, places, values)
+        for name in ("max_stable_dt", "unstable_step", "unstable_time", "message", "status"):
+            flat = self.variables[name].values.reshape(-1)
+            for one in records:
+                flat[one.index] = getattr(one, name)
+
+    def _put(self, name: str, places: list[int], values: list[Any]) -> None:
+        if name not in self.variables:
+            self._add_function(name, np.asarray(values[0]))
+        array, own = self.variables[name].values, len(self.grid.shape)
+        shapes = {getattr(value, "shape", ()) for value in values} - {array.shape[own:]}
+        if shapes:
+            raise ValueError(
+                f"metric {name!r} must give every member an array of one shape, got {shapes.pop()} and {array.shape[own:]}"
+            )
+        array.reshape(-1, *array.shape[own:])[places] = values
+
+    def _put_frames(self, index: int, frames: tuple[Floats, Floats]) -> None:
+        place = tuple(map(int, np.unravel_index(index, self.grid.shape)))
+        for name, given in zip(FRAMES, frames, strict=True):
+            values = self.variables[name].values
+            whole = np.full(values.shape[len(place) :], np.nan)
+            whole[:, : given.shape[1], : given.shape[2]] = given
+            values[place] = whole
+
+    def _add_function(self, name: str, value: np.ndarray) -> None:
+        more = {f"{name}_{k}": length for k, length in enumerate(value.shape)}
+        self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, more)
+
+    def flush(self, final: bool = False) -> None:
+        """Write pending results. In memory there is nothing to do."""
+
+    def close(self) -> None:
+        """End writing."""
+
+    def dataset(self, attrs: Mapping[str, Any]) -> xarray.Dataset:
+        """The results as a Dataset, with `attrs` as its identity."""
+        dims = self.grid.dimensions
+        found: xarray.Dataset = needed("xarray", "sweep").Dataset(
+            {v.name: ((*dims, *v.more), v.values, v.attrs) for v in self.variables.values()},
+            {c.name: (c.dimension, c.values, c.attrs) for c in self.coordinates},
+            {ATTRIBUTE: json.dumps(attrs)},
+        )
+        return found
 
 
 class Store(Results):
@@ -95,9 +237,8 @@ class Store(Results):
             self._create(label.name, label.values, (label.dimension,), label.attrs, chunks=label.values.shape)
         # As xarray reads it: the coordinates that are not named after their dimension.
         self.group.attrs["coordinates"] = " ".join(c.name for c in self.coordinates if c.name != c.dimension)
-        for variable in sorted(self.variables.values(), key=_status_last):
+        for variable in self._status_last():
             self._create_variable(variable)
-        self._consolidate()
 
     def _allocate(self, name: str, shape: tuple[int, ...], dtype: Any, fill: Any) -> np.ndarray:
         if name in FRAMES:  # they stay on disk; this takes no memory
@@ -130,16 +271,9 @@ class Store(Results):
         if name in FRAMES:
             variable.values = self._arrays[name]
 
-    def _consolidate(self) -> None:
-        """Write all metadata in one place, for fast readers."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # zarr calls it not yet standard
-            self.group = self.zarr.consolidate_metadata(self.path)
-
     def _add_function(self, name: str, value: np.ndarray) -> None:
         super()._add_function(name, value)
         self._create_variable(self.variables[name])
-        self._consolidate()
 
     def record(self, records: Iterable[Record]) -> None:
         """Store the results of members."""
@@ -152,7 +286,7 @@ class Store(Results):
         """Write the chunks that have changed, at most once a second unless `final`."""
         if not final and time.monotonic() - self._last_write < _SECONDS_BETWEEN_WRITES:
             return
-        for variable in sorted(self.variables.values(), key=_status_last):
+        for variable in self._status_last():
             if variable.name not in FRAMES:
                 self._write(variable)
         self._touched.clear()
@@ -162,16 +296,15 @@ class Store(Results):
 
     def _write(self, variable: Variable) -> None:
         for place in self._touched:
-            part = _part(place, self._chunks)
+            part = tuple(slice(k * n, (k + 1) * n) for k, n in zip(place, self._chunks, strict=True))
             self._arrays[variable.name][part] = variable.values[part] if part else variable.values
+
+    def _status_last(self) -> list[Variable]:
+        return sorted(self.variables.values(), key=lambda variable: variable.name == "status")
 
     def close(self) -> None:
         """Release the store."""
         release(self._lock)
-
-
-def _status_last(variable: Variable) -> bool:
-    return variable.name == "status"
 
 
 def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -182,11 +315,6 @@ def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
         chunks.append(max(1, min(length, room)))
         room //= max(length, 1)
     return tuple(reversed(chunks))
-
-
-def _part(place: tuple[int, ...], chunks: tuple[int, ...]) -> tuple[slice, ...]:
-    """The members of a chunk."""
-    return tuple(slice(k * n, (k + 1) * n) for k, n in zip(place, chunks, strict=True))
 
 
 def read_attrs(path: Path) -> dict[str, Any]:
@@ -224,32 +352,15 @@ def read(path: Path, group: Any, names: Iterable[str] = ()) -> tuple[dict[str, A
     return {name: one for name, one in arrays.items() if name not in labels}, values
 
 
-def differences(theirs: Any, mine: Any) -> list[str]:
+def differences(theirs: Any, mine: Any, path: str = "") -> list[str]:
     """The differences of two plain values, as "path (theirs in the store, mine given)" texts."""
-    there, here = dict(_leaves(theirs)), dict(_leaves(mine))
-    found = []
-    for path in dict.fromkeys([*there, *here]):
-        if path not in here or path not in there:
-            found.append(f"{path} (only in the {'store' if path in there else 'call'})")
-        elif there[path] != here[path] or isinstance(there[path], bool) != isinstance(here[path], bool):
-            found.append(f"{path} ({_short(there[path])} in the store, {_short(here[path])} given)")
-    return found
-
-
-def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Numbers and texts of a plain value, each with its path."""
-    inner = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else None
-    if inner is None:
-        yield path, value
-    else:
-        for key, entry in inner:
-            step = f"[{key}]" if isinstance(value, list) else f".{key}" if path else str(key)
-            yield from _leaves(entry, path + step)
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    if isinstance(theirs, list) and isinstance(mine, list):
+        theirs, mine = dict(enumerate(theirs)), dict(enumerate(mine))
+    if isinstance(theirs, dict) and isinstance(mine, dict):
+        both = [(theirs.get(key), mine.get(key), f"{path}.{key}".lstrip(".")) for key in {**theirs, **mine}]
+        return [text for pair in both for text in differences(*pair)]
+    there, here = json.dumps(theirs), json.dumps(mine)
+    return [] if there == here else [f"{path} ({there:.60} in the store, {here:.60} given)"]
 
 
 _held: set[int] = set()  # descriptors of locks
@@ -308,8 +419,6 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     ValueError
         If `path` is no store of a sweep, or a chunk is damaged or missing, which the message names. Frames are checked
         when they are read.
-    ImportError
-        Without xarray and zarr (the extra "sweep").
 
     Examples
     --------
