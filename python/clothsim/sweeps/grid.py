@@ -118,11 +118,6 @@ class Grid:
             found[index] = values
         return found
 
-    def along(self) -> list[np.ndarray]:
-        """Indices of the members along each axis, at the first place of all others."""
-        steps = [math.prod(self.shape[k + 1 :]) for k in range(len(self.shape))]
-        return [step * np.arange(length) for step, length in zip(steps, self.shape, strict=True)]
-
     def coordinates(self) -> list[Coordinate]:
         """Labels of the dimensions, one per swept name and two more for a swept shape."""
         result = []

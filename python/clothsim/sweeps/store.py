@@ -15,7 +15,6 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,22 +83,16 @@ class Results:
         options = self.options
         frames = Schedule.of_every(options.every).in_seconds(options.dt or math.inf)
         times = np.array([t for _, t in frames.moments(0.0, options.duration)])
-        more = dict(zip(("time", "row", "column", "component"), (len(times), *self._largest_shape(), 3), strict=True))
+        swept = {name: axis.column(name) for axis in self.grid.axes for name in axis.names}
+        shapes = swept.get("shape", []) + [scene.cloth.shape for scene in swept.get("scene", [])] or [self.scene.cloth.shape]
+        rows, columns = map(max, zip(*shapes, strict=True))
+        more = {"time": len(times), "row": rows, "column": columns, "component": 3}
         for name, unit in zip(FRAMES, ("m", "m/s"), strict=True):
-            self._add(name, float, np.nan, {"long_name": f"{name} of the mass points", "units": unit}, more)
+            self._add(name, float, np.nan, {"long_name": f"{name} of the mass points", "units": unit}, **more)
         self.coordinates.append(Coordinate("time", "time", times, {"units": "s"}))
         self.coordinates.append(Coordinate("component", "component", np.array(["x", "y", "z"])))
 
-    def _largest_shape(self) -> tuple[int, int]:
-        swept = [(name, value) for axis in self.grid.axes for place in axis.places for name, value in place.items()]
-        shapes = [value for name, value in swept if name == "shape"]
-        shapes += [value.cloth.shape for name, value in swept if name == "scene"]
-        rows, columns = zip(*(shapes or [self.scene.cloth.shape]), strict=True)
-        return max(rows), max(columns)
-
-    def _add(
-        self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], more: Mapping[str, int] = MappingProxyType({})
-    ) -> None:
+    def _add(self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], **more: int) -> None:
         """Add a variable; `more` has its own dimensions and their lengths."""
         if name in {*self.grid.dimensions, *(c.name for c in self.coordinates)}:
             raise ValueError(f"metrics: a function must not be named {name!r}, a coordinate of this sweep is")
@@ -153,7 +146,7 @@ class Results:
 
     def _add_function(self, name: str, value: np.ndarray) -> None:
         more = {f"{name}_{k}": length for k, length in enumerate(value.shape)}
-        self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, more)
+        self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, **more)
 
     def flush(self, final: bool = False) -> None:
         """Write pending results. In memory there is nothing to do."""

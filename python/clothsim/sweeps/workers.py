@@ -6,6 +6,7 @@ Members of a task run side by side where they share a call, else alone.
 from __future__ import annotations
 
 import dataclasses
+import math
 import platform
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -156,7 +157,8 @@ def checked_members(scene: Scene, grid: Grid, options: SweepOptions) -> dict[int
     chosen = np.arange(grid.size)
     if grid.size > _CHECKED:
         most = _CHECKED // len(grid.axes)
-        along = (indices[np.linspace(0, len(indices) - 1, min(len(indices), most)).astype(int)] for indices in grid.along())
+        steps = [math.prod(grid.shape[k + 1 :]) for k in range(len(grid.shape))]  # between members along each axis
+        along = [step * np.linspace(0, n - 1, min(n, most)).astype(int) for step, n in zip(steps, grid.shape, strict=True)]
         chosen = np.unique(np.concatenate([[0], *along]))
     make, made = Maker(scene, options), dict[int, Member]()
     for index, values in grid.members(chosen.tolist()).items():
