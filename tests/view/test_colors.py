@@ -10,6 +10,7 @@ from clothsim.viewing.page import SHADING
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("xarray")
+pytest.importorskip("clothsim.sweeps.accessor")  # registers Dataset.clothsim
 
 import xarray
 from colors import LEAST, check_lines, distance
