@@ -558,7 +558,7 @@ def _check_arrays(run: Run) -> None:
     if not isinstance(run.report, dict):
         raise ValueError(f"report must be a mapping, got {check.shown(run.report)}")
     missing = Report.__annotations__.keys() - run.report.keys()
-    if missing and run.report:
+    if missing and (run.report or run.continuation is not None):
         raise ValueError(f"report lacks {', '.join(sorted(missing))}")
     if run.snapshot is not None and run.snapshot.scene != run.scene:
         raise ValueError("its final state is of another scene")
