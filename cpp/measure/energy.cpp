@@ -94,7 +94,7 @@ void each_kind(const Cloth& cloth, const double* planes, Visit visit) {
 Energy energy(const Scene& scene, const PointsView& x, const PointsView& v) {
     const Cloth& cloth = scene.cloth;
     const std::ptrdiff_t points = cloth.points(), row = 3 * std::ptrdiff_t(cloth.columns);
-    const auto buffer = std::make_unique_for_overwrite<double[]>(std::size_t(3 * points + 3 * row));
+    const auto buffer = std::unique_ptr<double[]>(new double[std::size_t(3 * points + 3 * row)]);
     double* const planes = buffer.get();
     double* const mass = planes + 3 * points;
     double* const squares = mass + row;
@@ -122,7 +122,7 @@ Energy energy(const Scene& scene, const PointsView& x, const PointsView& v) {
 // A length is a monotonic function of its square, so the root of the largest square suffices for each kind.
 double largest_stretch(const Cloth& cloth, const PointsView& x) {
     const std::ptrdiff_t points = cloth.points();
-    const auto planes = std::make_unique_for_overwrite<double[]>(std::size_t(3 * points));
+    const auto planes = std::unique_ptr<double[]>(new double[std::size_t(3 * points)]);
     take_apart(x.data(), points, planes.get(), planes.get() + points, planes.get() + 2 * points);
     double largest = -std::numeric_limits<double>::infinity();
     each_kind(cloth, planes.get(), [&](const Neighbour&, const Springs& springs, const double* first) {
