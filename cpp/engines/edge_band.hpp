@@ -9,6 +9,8 @@
 //     neighbour: wait for the stage, sum springs
 #pragma once
 
+#include <limits>
+
 #include "engines/edge_engine.hpp"
 #include "memory/band_exchange.hpp"
 
@@ -62,7 +64,7 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
         rows;  // in the order of the sweep, and the two of the neighbour behind them
     int lag, several;  // rows between two stages, and of one at a time; all rows: stage by stage
     EdgeArguments<Real> stages[4];
-    double stages_dt = 0;  // that of `stages`
+    double stages_dt = std::numeric_limits<double>::quiet_NaN();  // that of `stages`
     std::int64_t step = 0;  // to which the state belongs
     Clock clock;  // of the call
     // The number of a step's stage, counted over all steps.
