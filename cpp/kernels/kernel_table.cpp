@@ -4,9 +4,9 @@
 #include "kernels/contact/contact_kernels.hpp"
 #include "kernels/edge/edge_general.hpp"
 #include "kernels/gather/gather_impl.hpp"
+#include "kernels/lanes.hpp"
 #include "kernels/row_impl.hpp"
 #include "kernels/state_rows_impl.hpp"
-#include "kernels/lanes.hpp"
 
 namespace clothsim {
 namespace {

@@ -64,7 +64,7 @@ def test_pages_get_the_camera_of_the_cloth(runs, radius, tmp_path):
     (sphere,) = given[0]["runs"][0]["spheres"]
     assert sphere["centers"] == [list(run.scene.spheres[0].center)]
     live = [meta(one.scene.to_live_html(tmp_path / "a.html"))["camera"] for one in (run, bare)]
-    assert live[0] == live[1]
+    assert live[0]["width"] <= live[1]["width"]  # it frames the motion, which ends on the floor, but not the floor
 
 
 def test_a_small_sphere_is_framed_while_it_is_near():
