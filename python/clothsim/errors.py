@@ -165,7 +165,7 @@ class _StepError(ArithmeticError):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class ContactError(_StepError):
-    """Spheres with response "continuous" have closed on a mass point and left it no place.
+    """Spheres with response "continuous" have trapped a mass point between them.
 
     Parameters
     ----------

@@ -125,5 +125,5 @@ def _plain(value: Any) -> Any:
 
 
 def as_json(data: Any) -> str:
-    """`data` as indented JSON that every reader takes: a number that is not finite becomes null, an object its text."""
+    """`data` as indented standard JSON: a number that is not finite becomes null, an object becomes its `str`."""
     return json.dumps(_plain(data), indent=1, allow_nan=False)

@@ -112,7 +112,7 @@ def step(
     integrator : str, default "rk4"
         A name of `integrators`. Adaptive methods also run at the fixed step `dt`.
     precision : {"double", "single"}, default "double"
-        "single" computes in float32, and compensates the sums of x and v, so small steps do not stall.
+        "single" computes in float32 with compensated sums of x and v, so that small increments are not lost.
     threads : int, optional
         Number of threads, 1 to 256. Default: one for a cloth of fewer than 16,384 mass points; else the processors that
         the process may use, at most `OMP_NUM_THREADS`. A batch takes one a member. The bits are the same for any number.

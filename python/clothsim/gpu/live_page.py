@@ -79,7 +79,7 @@ def view(scene: Scene, **unknown: Any) -> Path | Frame:
     Raises
     ------
     ValueError, TypeError
-        If `scene` is no Scene, or one that `Scene.to_live_html` refuses.
+        If `scene` is not a Scene, or `Scene.to_live_html` refuses it.
     RuntimeError
         If there is no browser.
 

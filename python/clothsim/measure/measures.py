@@ -105,7 +105,7 @@ def penetration(x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | Non
     Returns
     -------
     dict
-        "points" and "triangles": depths [m], >= 0, floats, or arrays of shape (B,) for a batch.
+        "points" and "triangles": depths [m], >= 0; floats, or arrays of shape (B,) for a batch.
 
     Examples
     --------

@@ -60,10 +60,10 @@ def _rates(name: str, value: npt.ArrayLike) -> Floats:
 
 
 def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any) -> tuple[Any, Any, list[Any]]:
-    """A step of a method of the family "splitting" from positions x and dt times the velocities, w.
+    """One step of a splitting method from positions x and w, dt times the velocities.
 
-    `acceleration` gives dt^2 times the acceleration, of (x, w). The result is x and w at the end of the step, and the
-    accelerations evaluated, in order.
+    `acceleration(x, w)` returns dt^2 times the acceleration. The result is x and w at the end of the step, and the
+    accelerations in the order of their evaluation.
     """
     method = METHODS[integrator]
     stages: list[Any] = []

@@ -23,15 +23,15 @@ def checked_shape(value: Any, least: int = 1) -> tuple[int, int]:
 
 
 def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> npt.NDArray[np.void]:
-    """The thread of the compute shader for each mass point (Kim et al., section 3.1).
+    """The compute shader's thread for each mass point (Kim et al., section 3.1).
 
     One thread per mass point, groups of 16 x 16 x 1 threads::
 
         dispatch (x, y) = group (x, y) * 16 + thread (x, y)
         index           = dispatch y * width + dispatch x,    width = columns
 
-    The gather kernel of the core uses this mapping. Where a side is no multiple of 16, whole groups cover it, and their
-    surplus threads do nothing.
+    The gather kernel of the core uses this mapping. If rows or columns are not a multiple of 16, the number of groups
+    is rounded up, and the surplus threads do nothing.
 
     Parameters
     ----------

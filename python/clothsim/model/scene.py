@@ -162,7 +162,7 @@ class Scene(Record):
         return groups
 
     def stops(self, begin: float, end: float) -> list[float]:
-        """Times at which steps of error control end: where a piece of a pin's or sphere's motion ends.
+        """Times at which pieces of the motions of pins and spheres end. Steps of error control end there.
 
         These are the turning points of `Reciprocate` and `Sinusoid` and the times of `Keyframes`. Between two of them every
         motion is smooth, and a step sees all of it.

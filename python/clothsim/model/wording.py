@@ -29,9 +29,7 @@ def spheres_text(scenes: Sequence[Scene]) -> str:
 
 
 def joules(energies: Sequence[float], negligible: float = 0.0) -> list[str]:
-    """Energies with their unit. Values that are rounding beside the largest value, or below `negligible`, print as
-    0.
-    """
+    """Energies with their unit. Rounding errors of the largest value, and values below `negligible`, print as 0."""
     negligible = max(negligible, 1e-15 * max(map(abs, energies)))
     return [quantity(0.0 if abs(one) < negligible else one, "J") for one in energies]
 

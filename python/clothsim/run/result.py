@@ -52,19 +52,19 @@ class Run:
 
     Notes
     -----
-    Every report has the same keys. A number that cannot be told is NaN, and the "reason" beside it says why. With the
+    Every report has the same keys. A number that is not known is NaN, and its "reason" says why. With the
     backend "gpu" all extremes are NaN.
 
     =========================  =========================================================================================
     "steps", "rejected_steps"  accepted and rejected steps
     "dt"                       the time step, the mean one of an adaptive method [s]
-    "force_evaluations"        of everything; "solution_evaluations": of the run alone, "estimate_evaluations": of all
-                               others, which are better runs, and runs that were too coarse
+    "force_evaluations"        in total; "solution_evaluations": of this run, "estimate_evaluations": of the others,
+                               which are more accurate runs, and runs that were too coarse
     "wall_time"                of the run alone [s], as "steps_per_second"; "estimate_wall_time": of the others
     "stopped"                  "" for a whole run, else "callback", "interrupted", "unstable" or "contact"
     "error_estimate"           "max" and "rms" [m] of the last positions over the mass points: the distance from a better
                                run (docs/integrators.md). If it is larger than asked for, "reason" says why error control
-                               could not reduce it. After a contact, nearby states part, and no error is known
+                               could not reduce it. After a contact it is NaN: nearby states diverge
     "tolerance"                "asked" [m, rms], NaN without error control, and "reached": whether the estimate is at most
                                that
     "energy"                   "start" and "end", see `energy`; "gained" [J]: the largest excess of the total over its
@@ -73,8 +73,8 @@ class Run:
                                afterwards it is NaN
     "force_work"               work of the argument `force` of `simulate` on the cloth [J], with the positions of frames
     "penetration"              "points" and "triangles" [m]: greatest depths over all spheres; see `penetration`. Mass
-                               points are measured at every state, triangles sampled. The depth of triangles is at least
-                               that of points
+                               points are measured at every state, triangles at sampled ones. "triangles" is never less
+                               than "points"
     "stretch"                  "largest": see `largest_stretch`; sampled
     "first_contact"            "time" [s]: end of the first step in which a response changed the cloth
     "impulse"                  one (x, y, z) per sphere [N s]: minus the momentum that its responses gave to the cloth;

@@ -142,7 +142,7 @@ class Trajectory:
         return bool(self.watched["in_contact"])
 
     def refined(self, ratio: float) -> tuple[float, ...]:
-        """Ends of a grid with `ratio` times as many steps between two kinks. Time is interpolated over the step number."""
+        """Ends of a grid with `ratio` times as many steps between two kinks, with times interpolated linearly."""
         ends, finer = [self.options.start, *self.ends], []
         for first, last in pairwise([0, *self.kinks, len(self.ends)]):
             count = last - first
@@ -170,7 +170,7 @@ class Watch:
         self.failed = False
 
     def begin(self, recorder: Recorder, seconds: float) -> None:
-        """Follow a run from `seconds` after its start."""
+        """Start to follow a run whose first state is `seconds` after its start."""
         self.recorder, self._here = recorder, seconds
         if self.bar is not None:
             self.bar.reset()
@@ -307,7 +307,7 @@ class Recorder:
         self.store(*moments[-1])
 
     def advance(self, steps: int, dt: float) -> None:
-        """Take `steps` steps of `dt`. A member of a batch that fails is left behind."""
+        """Take `steps` steps of `dt`. Members of a batch that fail stop; the others go on."""
         while steps > 0 and self.live:
             steps -= self._advance(min(steps, self._limit), dt)
             self._passed(self.state.core.time)
@@ -530,8 +530,8 @@ def interpolated(t: float, scenes: Sequence[Scene], begin: float, h: float, befo
     """The state of a cloth or a batch at a time `t` within a step.
 
     Positions are the cubic Hermite polynomial of positions and velocities, of order 4 in the time step where no sphere
-    responds. Velocities are its derivative, of order 3. Driven pins are where their motion has them. Points go no deeper
-    into a sphere than the states at both ends do.
+    responds. Velocities are its derivative, of order 3. Driven pins are where their motion has them. Points are no deeper
+    in a sphere than in the deeper of the two states.
     """
     (x0, v0), (x1, v1) = before, after
     s = (t - begin) / h

@@ -288,7 +288,7 @@ def modes(k: Floats, c: Floats) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
 
 
 def limiting_modes(integrator: str, k: Floats, c: Floats) -> tuple[Floats, npt.NDArray[Any], npt.NDArray[Any]]:
-    """Step limits, eigenvalues and eigenvectors (in rows) of projected modes, the most limiting first."""
+    """Step limits, eigenvalues and eigenvectors (in rows) of the modes of (K, C), the smallest limit first."""
     mu, z = modes(k, c)
     wave = np.abs(mu.imag) > 1e-9 * np.abs(mu)
     # A wave has omega^2 = |mu|^2 and delta = -2 Re mu. A mode that decays without waves has its own damping. Growth of the

@@ -32,11 +32,11 @@ _ENERGY_ERROR = 0.01  # of kinetic and elastic energy, that an honest run may be
 
 
 def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **options: Any) -> bool:
-    """Whether the total energy does not rise in `steps` steps of `dt` from a disturbed (x, v), measured by a real run.
+    """Whether a run of `steps` steps of `dt` from a slightly disturbed (x, v) gains no energy.
 
-    Physics adds no energy to a cloth without moving spheres. If the energy of a run rises, the time step has made it. The
+    The equations of motion add no energy to a cloth without moving spheres, so a rise comes from the time step. The
     free points get random velocities, which contain every mode and are far too slow to matter for the motion. Above the
-    limit some modes grow by a part of themselves each step. Spheres are left out, because they can do work on the cloth.
+    limit some modes grow exponentially. Spheres are left out, because they can do work on the cloth.
     `options` are options of `Stepper`.
     """
     cloth = scene.cloth

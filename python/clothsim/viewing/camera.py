@@ -189,7 +189,7 @@ def reach(scene: Any, x: Floats, t: npt.ArrayLike, target: Floats) -> float:
 def camera_for(value: Any, scene: Any, x: Floats, t: npt.ArrayLike) -> Camera:
     """The camera for the argument `camera` and states x, shape (frames, rows, columns, 3).
 
-    A direction becomes a view in perspective that contains the cloth and the spheres near it at all times `t`.
+    A direction gives a perspective view of the cloth and the spheres near it at all times `t`.
     """
     if isinstance(value, Camera):
         return value

@@ -135,7 +135,7 @@ class Clip:
         return np.stack([vectors[..., 0], -vectors[..., 2], vectors[..., 1]], -1) if self.z_up else vectors
 
     def normals(self, positions: Floats) -> Floats:
-        """Unit normals of the mass points: the mean over their triangles by area; where that is 0, along y."""
+        """Unit normals of the mass points: the area-weighted mean of their triangles' normals, or y where it is 0."""
         a, b, c = (positions[self.triangles[:, k]] for k in range(3))
         weights, corners = np.repeat(np.cross(b - a, c - a), 3, axis=0), self.triangles.ravel()
         normals = np.stack([np.bincount(corners, weights[:, k], len(positions)) for k in range(3)], -1)
@@ -152,8 +152,8 @@ def between(run: Any, before: int, after: int, t: float) -> tuple[Floats, Floats
 def interpolation_error(run: Any) -> float:
     """Largest error of interpolating each inner stored frame from its two neighbours [m].
 
-    The gap between the neighbours is about twice that between stored frames. Where the motion is smooth, errors between
-    stored frames are a sixteenth of it; at a bounce, half of it.
+    The neighbours are about twice as far apart as stored frames. The error between stored frames is therefore a sixteenth of
+    this value where the motion is smooth, and half of it at a bounce.
     """
     inner = range(1, len(run.t) - 1)
     found = (between(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k] for k in inner)

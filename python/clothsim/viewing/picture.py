@@ -221,7 +221,7 @@ def picture(
 ) -> Picture:
     """Draw a cloth and its spheres, with shadows and a ground. Cloth inside a sphere is red.
 
-    The cloth's upper face, as it starts, is blue, its lower face sand, a sphere grey. Where cloth lies under the
+    The initially upper face of the cloth is blue, the lower one sand-coloured; spheres are grey. Where cloth lies under the
     surface of a sphere by more than 1e-5 of the picture's width, the surface is red, and stronger with depth up to 10 mm.
     Dark dots are pins.
 
@@ -249,12 +249,12 @@ def picture(
         l/L - 1 of the most stretched spring at a point, "depth" that of each place of the cloth below a sphere's surface.
         An array has shape (rows, columns).
     limits : (float, float), optional
-        Ends of the colour scale, in SI units. Default: 0 and the value that 99 % of the points do not exceed; of
-        "depth" the greatest; of an array, its least and greatest number.
+        Ends of the colour scale, in SI units. Default: 0 and the 99th percentile; for "depth", 0 and the
+        greatest depth; for an array, its least and greatest number.
     label : bool, default False
-        Add a strip below the picture: the time, a length, and the colour scale (Pillow, extra "plot"). ``>`` at its end says
-        that a value is above. A line above it says "as printed" where a sphere responds so. In perspective the length holds
-        in the plane through the view's target. `width` is at least 320 then.
+        Add a strip below the picture: the time, a length, and the colour scale (Pillow, extra "plot"). ``>`` at the end of
+        the scale means that some values are greater. A line above the scale says "as printed" if a sphere has that
+        response. In perspective the length holds in the plane through the view's target. Requires `width` >= 320.
     ground : bool or float, default True
         Soft shadows, and a horizontal plane: True below all that the view frames, if no sphere is as wide as the cloth; a
         number at that height [m]. False: neither.

@@ -63,9 +63,9 @@ def render(
 ) -> npt.NDArray[np.uint8]:
     """Draw the cloth with mass points at `positions` [m], shape (rows, columns, 3), balls and planes.
 
-    The picture, shape (height, width, 3), has `width` pixels along; its height follows from the camera. `colors` of the
+    The picture has shape (height, width, 3); its height follows from the camera. `colors` of the
     mass points, shape (rows, columns, 3), are 0 to 1; without them each face has its own. `depth`, a `legend.Scale`, colours
-    each place of the cloth by its depth in a solid. `shadow`: the light from the side throws shadows.
+    each place of the cloth by its depth in a solid. With `shadow`, the light from the side casts shadows.
     """
     height = max(1, round(width * camera.height / camera.width))
     axes, scale = camera.axes(), SAMPLES * width / camera.width
