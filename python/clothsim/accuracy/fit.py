@@ -213,9 +213,9 @@ def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray
     -------
     xarray.Dataset
         "dx", derivatives of the positions at (parameter, time, row, column, component) in metres per unit of the parameter;
-        "error", their error at (parameter, time), the largest over the points: that of a difference of lower order, which
-        is usually far above the true error; "x", the positions [m]; "value", "unit", and until when the derivatives have a
-        meaning, "known_until" [s]. Later ones, as after a contact, are NaN with a "reason".
+        "error", their error at (parameter, time), the largest over the points: estimated by a difference of lower order, and
+        usually far above the true error; "x", the positions [m]; "value" and "unit" of the parameters; "known_until" [s],
+        after which derivatives are NaN, for example because of a contact, with the "reason".
 
     Examples
     --------
@@ -396,9 +396,9 @@ def fit(
     Parameters
     ----------
     scene : Scene
-        The motion begins in its initial state, and the fit in its parameters, which may be off by a factor of ten.
+        The motion starts from its initial state, and the fit from its parameters, which may be off by a factor of ten.
     times : array_like
-        Times of the measurement [s], increasing, >= 0; the scene's state is that of time 0.
+        Times of the measurement [s], increasing, >= 0; the scene's initial state is at time 0.
     positions : array_like
         Measured positions [m], shape (times, rows, columns, 3), or (times, points, 3) with `points`; NaN where nothing was
         measured. Pinned points do not count, unless the place of a pin is fitted.
@@ -414,8 +414,8 @@ def fit(
     Returns
     -------
     Fit
-        A parameter that the data does not determine is NaN, with a reason. All are after a contact. Where the residuals are
-        no noise, which says that a cloth like this did not make the motion, errors are NaN.
+        A parameter that the data does not determine is NaN, with a reason. After a contact all are NaN. Errors are NaN if the
+        residuals are not noise: then the model does not describe the measured motion.
 
     Examples
     --------

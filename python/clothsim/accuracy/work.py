@@ -138,8 +138,8 @@ def work_precision(
         guaranteed stable step (of RK4 for a method of your own; 8 times that for an implicit method), and at most a quarter
         of the duration.
     rtols : sequence of float, optional
-        Tolerances of adaptive methods, over the cloth's longer side. `simulate` takes them for the error at the end; the
-        cost leaves out its error estimate. Default: 1e-3, 1e-4, ..., 1e-13.
+        Tolerances of adaptive methods, over the cloth's longer side. `simulate` applies them to the error at the end. The
+        cost does not include its error estimate. Default: 1e-3, 1e-4, ..., 1e-13.
     threads : int, optional
         Threads of every method. Default: as in `simulate`.
     windows : int, default 5
@@ -159,7 +159,7 @@ def work_precision(
         "frames_rms_error" [m], the largest over the frames, infinite where unstable; "force_evaluations"; "wall_time" per
         simulated second, the least, and "wall_time_spread", the interquartile range of all [s/s]; "energy_drift" [J], the
         total energy at the end less that of the reference, which is the change of energy itself where nothing is damped;
-        "pareto", True where no run is both faster and more accurate. The attributes tell scene, duration, reference error,
+        "pareto", True where no run is both faster and more accurate. The attributes have scene, duration, reference error,
         instruction set and version.
 
     Examples

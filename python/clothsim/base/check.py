@@ -1,6 +1,6 @@
 """Checks of arguments: each returns the value in the form that the package uses, or raises an error that names the argument.
 
-A value of a wrong type is a ``TypeError``, a wrong value a ``ValueError``. A ``bool`` is no number, a NumPy scalar is one.
+A wrong type raises a ``TypeError``, a wrong value a ``ValueError``. A ``bool`` is not a number, a NumPy scalar is.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _INSTEAD = {
 
 
 def no_argument(unknown: Mapping[str, object]) -> None:
-    """Refuse keyword arguments that a function does not take, and name what serves instead."""
+    """Refuse unknown keyword arguments, and name the right ones if they are known."""
     for name in unknown:
         raise TypeError(f"unknown argument {name!r}{_INSTEAD.get(name, '')}")
 
@@ -180,7 +180,7 @@ def as_array(name: str, value: Any, accepted: str, kinds: str = "iuf") -> np.nda
 
 
 def array(name: str, value: Any, shape: tuple[int, ...] | None = None, what: str = "finite numbers") -> Floats:
-    """A C-contiguous float64 copy of `value`, which is finite and has exactly `shape`, if one is given."""
+    """A C-contiguous float64 copy of `value`, checked to be finite and to have `shape`, if given."""
     accepted = what if shape is None else f"an array of shape {shape} of {what}"
     given = as_array(name, value, accepted)
     if shape is not None and given.shape != shape:

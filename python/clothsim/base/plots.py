@@ -65,7 +65,7 @@ PLACES = [(7, 0), (7, -9), (7, 9), (0, -12), (0, 12), (-7, -9), (-7, 9), (-7, 0)
 
 
 def label_lines(axes: Any) -> None:
-    """Write each line's label at one of its points, an end if possible, where it crosses no line and no other label."""
+    """Label each line at one of its points, if possible an end, without overlap with other lines or labels."""
     axes.figure.draw_without_rendering()  # lays out the axes
     paths = [line.get_transform().transform(line.get_xydata()) for line in axes.lines if len(line.get_xydata())]
     ink = np.concatenate([np.linspace(a, b, 60) for path in paths for a, b in zip(path, [*path[1:], path[-1]])])

@@ -136,7 +136,7 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
 
 
 def take(state: Any, scene: Scene | Sequence[Scene], options: Options, core: dict[str, Any] | None = None) -> Snapshot:
-    """A snapshot of a state that was made with these options; `core`: the fields of one member of it."""
+    """A snapshot of a state with these options, or of one of its members, whose fields are `core`."""
     arguments = {**{name: getattr(options, name) for name in _OPTIONS}, "scene": scene}
     shape = state.shape if core is None else state.shape[-3:]
     return Snapshot(arguments, shape, state.dtype.str, state.core.snapshot() if core is None else core)

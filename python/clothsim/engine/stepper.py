@@ -103,19 +103,19 @@ class Stepper:
         Raises
         ------
         UnstableError
-            If the state stops being finite; if nine tenths of the kinetic and elastic energy come out of nothing
+            If the state stops being finite; if it has gained more than nine tenths of its kinetic and elastic energy
             (docs/stability.md); or, with a step above `max_stable_dt`, if a point crosses the whole sheet within a step.
         ContactError
-            If spheres trap a mass point. After either error all members stand at the state before that step, with the bits
+            If spheres trap a mass point. After either error all members have the state before that step, with the bits
             that they have when run alone. After `freeze` of the failed member, the others can continue.
         KeyboardInterrupt
-            On Ctrl-C. The stepper then stands at a whole step, at the time `time`.
+            On Ctrl-C. The stepper is then at the end of a step, at the time `time`.
 
         Warns
         -----
         StabilityWarning
-            Once if `dt` is above `max_stable_dt`, and once if more than half of the kinetic and elastic energy comes out of
-            nothing.
+            Once if `dt` is above `max_stable_dt`, and once if the state has gained more than half of its kinetic and elastic
+            energy.
         ContactWarning
             As `step`, each once.
 

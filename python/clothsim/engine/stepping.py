@@ -221,9 +221,9 @@ def reference_step(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Step by the scalar reference: spring by spring, in double, not optimised.
 
-    The code (cpp/reference) is written to be read beside the paper. A step in which a continuous sphere touches a point is
-    taken in 64 substeps, with impacts found by bisection in time. There velocities of `step` differ by the order of a dt,
-    and positions by that of a dt^2, where a is the largest acceleration.
+    The code (cpp/reference) follows the paper's equations. A step in which a continuous sphere touches a point is taken in
+    64 substeps, with impacts found by bisection in time. In such a step the velocities of `step` differ by order a dt, and
+    the positions by order a dt^2, where a is the largest acceleration.
 
     Parameters
     ----------

@@ -406,7 +406,7 @@ class Block:
         return bad
 
     def take_back(self) -> None:
-        """Return to the checkpoint of `run`, unless its steps are kept."""
+        """Return to the checkpoint of `run`, if its steps have not been accepted."""
         if self.ahead:
             encoder = self.device.handle.create_command_encoder()
             for buffer, copy in zip(self.kept, self.checkpoint, strict=True):

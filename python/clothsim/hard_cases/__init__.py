@@ -9,12 +9,12 @@ __all__ = ["Figure", "HardCase", "HardCaseResult", "hard_cases"]
 
 
 def hard_cases() -> dict[str, HardCase]:
-    """Scenes that strain the method or the arithmetic, each with judges of its end, by name.
+    """Scenes that are difficult for the method or the arithmetic, each with checks of its final state, by name.
 
     Returns
     -------
     dict of str to clothsim.hard_cases.HardCase
-        A case has `scene`, `dt`, `steps`, `why`, a text of the difficulty, and `run`.
+        A case has `scene`, `dt`, `steps`, `why` (a text that explains the difficulty) and `run`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A hard case: a scene, the settings of its run, and bounds of the figures at its end."""
+"""A hard case: a scene, the settings of its run, and bounds on its final state."""
 
 from __future__ import annotations
 

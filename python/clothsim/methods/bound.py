@@ -88,7 +88,7 @@ class LimitingTerm:
         return f"{text}; without it the {self._other} limits the time step to {limit:.3g} s"
 
     def part_at(self, dt: float) -> float:
-        """The largest part of the term's values in [0, 1] at which `dt` is guaranteed to be stable; 0 if there is none."""
+        """The largest factor in [0, 1] on the term's values for which `dt` is guaranteed to be stable, or 0."""
 
         def stable(part: float) -> bool:
             if self.kind == "damping":

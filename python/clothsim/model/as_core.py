@@ -37,7 +37,7 @@ def _made(cloth: Cloth) -> _core.Cloth:
 
 
 def core_pins(scene: Scene) -> dict[str, Any]:
-    """Driven pins as the core takes them: their motions, and (point, start, motion) in the order of points."""
+    """Driven pins in the form of the core: their motions, and (point, start, index of the motion) in the order of points."""
     groups = scene.driven_pins
     if not groups:
         return {"pin_motions": [], "driven_pins": []}
@@ -51,12 +51,12 @@ def core_pins(scene: Scene) -> dict[str, Any]:
 
 
 def in_cells(sphere: Sphere | Plane) -> bool:
-    """Whether each mass point has a contact surface of its own, by its cells as they are."""
+    """Whether the contact radius of each mass point follows from its deformed cells."""
     return sphere.offset == "cell" and sphere.response == "continuous"
 
 
 def core_spheres(scene: Scene) -> list[_core.Sphere]:
-    """The spheres and planes of a scene as the core takes them, made once."""
+    """The spheres and planes of a scene in the form of the core, cached."""
     made: list[_core.Sphere] | None = scene.__dict__.get("_core_spheres")
     if made is None:
         made = scene.__dict__["_core_spheres"] = [core_sphere(sphere, scene) for sphere in scene.spheres]

@@ -313,7 +313,7 @@ class Keyframes(BaseMotion):
     Before the first time and from the last time on the sphere rests. At a time of the table the velocity is that of the
     line that begins there. With `smooth` the curve is the cubic spline through the centres, with continuous velocity and
     acceleration, and with one cubic on the first two and on the last two intervals ("not-a-knot"; through three centres a
-    parabola). It does not begin and end at rest by itself.
+    parabola). Its first and last velocities are not 0 in general.
 
     `centers` are absolute, so the sphere's own ``center`` has no effect. `offsets` are displacements from the sphere's
     ``center`` or from the pin's initial position, so that many pins can share a motion.

@@ -76,7 +76,7 @@ def paper_moving(
     period : float, default 4.2
         Time there and back [s].
     phase : float, default 0.05
-        Part of the period that is over at t = 0; 0.5 starts at x = 0.5, below the cloth.
+        Fraction of the period elapsed at t = 0; 0.5 starts at x = 0.5, below the cloth.
     deceleration : float, default 7.0
         Deceleration between the turning points, the k of `Reciprocate`.
 

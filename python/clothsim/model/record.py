@@ -43,7 +43,7 @@ def _plain(value: Any) -> Any:
 
 
 class Record:
-    """Equal and hashed by value, arrays included; copied through the constructor, so that arrays stay read-only."""
+    """Compared and hashed by value, arrays included. Copies go through the constructor, which keeps arrays read-only."""
 
     def __eq__(self, other: object) -> bool:
         return self._keys() == other._keys() if isinstance(other, type(self)) else NotImplemented

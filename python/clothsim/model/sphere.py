@@ -250,9 +250,9 @@ class Sphere(Obstacle):
         the contact radius, then reflects the velocity.
     offset : {"cell", "edge", "none"} or float, default "cell"
         Length that the contact radius adds to `radius`. "cell" is the length of eq 13 for the cells
-        of each point as they are now, so that no triangle dips in. A step in which all points touch
-        costs 1.4 steps without spheres (single: 1.7). A cell must be smaller than the sphere, so that
-        a small sphere takes a cloth of more mass points; else a `ContactWarning` says so. With "ray"
+        of each point as they are deformed, so that no triangle dips in. A step in which all points touch
+        takes 1.4 times as long as one without spheres (single: 1.7). A cell must be smaller than the
+        sphere, so a small sphere needs a finer cloth; otherwise you get a `ContactWarning`. With "ray"
         and "reflect" the cells are those at rest.
         "edge" is the length of eq 13, which keeps the middle of an unstretched structural spring
         outside. "none" is 0, and a number is that length [m], >= 0. `Scene.explain` gives the cost of
@@ -261,16 +261,16 @@ class Sphere(Obstacle):
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. Default: 0 with
         "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute
         has this number, and ``replace(response=...)`` the default of the new response. With
-        "continuous", a bounce that would end within the step is not computed.
-        The point then stays at the surface and keeps the speed of the bounce.
+        "continuous", if a point would bounce and return within one step, it stays at the surface and keeps
+        the speed of the bounce.
     friction : float, default 0.0
         Coefficient of Coulomb friction, >= 0.
     as_printed : bool, default False
-        True follows the paper as printed: the velocity is absolute also for a moving sphere, and is reflected whether
-        the point approaches or leaves. The response "continuous" refuses it, because the paper has no such response.
+        True follows the paper as printed: a moving sphere's velocity is ignored, and a point's velocity is reflected even
+        if it is leaving. Not with "continuous", which the paper does not have.
     push_out_speed : float, default 1.0
-        With the response "continuous", how fast points that the sphere starts on are pushed out
-        [m/s], > 0. This motion adds nothing to their velocity.
+        With the response "continuous", speed at which points that start inside the contact radius are
+        pushed out [m/s], > 0. It is not added to their velocity.
 
     Examples
     --------

@@ -33,7 +33,7 @@ def difference(a: Run, b: Run) -> dict[str, Any]:
     Raises
     ------
     ValueError, TypeError
-        If the cloths differ in shape, or the runs have no equal time.
+        If the cloths differ in shape, or the runs have no stored time in common.
 
     Examples
     --------

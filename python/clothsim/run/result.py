@@ -172,7 +172,7 @@ class Run:
         every, times, fps
             Frames, as for `simulate`. Default: the schedule of this run, counted from its start.
         force, callback, progress
-            As for `simulate`. A run with a `force` needs one again.
+            As for `simulate`. If this run has a `force`, it must be given again.
 
         Returns
         -------
@@ -405,7 +405,7 @@ class Run:
         speed : float, default 1.0
             Simulated seconds in a second of the film, > 0.
         **style
-            As for `picture`. The view, the colour scale and the ground are fixed and hold every frame.
+            As for `picture`. The view, the colour scale and the ground are the same for all frames.
 
         Examples
         --------

@@ -103,8 +103,8 @@ def settle(
 ) -> Run | list[Run]:
     """Find the rest state of a scene, from its initial state, with contact and friction.
 
-    Dynamic relaxation finds a state in which every force is balanced. The initial velocities are left out. Where friction
-    holds the cloth, many rest states exist, and the way to them decides.
+    Dynamic relaxation finds a state in which every force is balanced. The initial velocities are ignored. Where friction
+    holds the cloth, many rest states exist, and the path from the initial state decides which is found.
 
     Parameters
     ----------

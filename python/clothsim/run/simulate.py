@@ -110,10 +110,10 @@ def simulate(
         ``force(t, x, v)`` returns a force on each mass point [N], shape (rows, columns, 3), such as wind. It is called at
         each frame and held until the next, beside the scene's own force; steps end there.
     callback : callable, optional
-        ``callback(t, x, v)`` is called at each frame, with read-only arrays; True stops the run there. Where error control
-        repeats a run, the calls begin again.
+        ``callback(t, x, v)`` is called at each frame, with read-only arrays; True stops the run there. If error control
+        repeats the run, the calls start again from the first frame.
     estimate_error : bool, optional
-        Whether a run with a given `dt` is compared with a better run. Without `dt` the error is always estimated.
+        Whether a run with a given `dt` is compared with a more accurate run. Without `dt` the error is always estimated.
 
     Returns
     -------

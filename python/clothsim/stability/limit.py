@@ -1,13 +1,13 @@
 """The largest stable time step: guaranteed for a scene, or by the modes that limit it near a given state.
 
 About a state (x, v) the cloth moves as M y'' + C y' + K y = 0 with the tangent matrices of the spring forces. A spring
-along d = l n, with ends that move apart with w, has the force f = (k (l - L) + c (w . n)) n. With P = 1 - n n^T,
+along d = l n, whose ends have the relative velocity w, has the force f = (k (l - L) + c (w . n)) n. With P = 1 - n n^T,
 
     df/dd = k n n^T + k (1 - L/l) P + c ((w . n) P + n (P w)^T) / l,      df/dw = c n n^T
 
 A mode is a pair (mu, y) with (mu^2 + mu C + K) y = 0 (M is scaled away). Only the few modes that limit the time step are
-needed, so the problem is projected on a small space (Galerkin). K and C keep their symmetry and their signs, and no
-projected mode is beyond the true ones. Residuals of the limiting modes extend the space until the limit no longer changes.
+needed, so the problem is projected onto a small space (Galerkin). K and C keep their symmetry and definiteness, and no
+projected mode lies outside the range of the true ones. Residuals of the limiting modes extend the space until the limit no longer changes.
 For an undamped cloth that is Lanczos' iteration, in general a residual Arnoldi iteration.
 
 The step matrix of a Runge-Kutta method is a function of the first-order system's matrix, so both have the same modes. The

@@ -175,7 +175,7 @@ def extremes(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> tuple[Flo
 
 
 def eye_of(camera: Camera, scene: Any) -> Floats:
-    """Where the eye is [m]; of an orthographic view, where it would be in perspective."""
+    """Position of the eye [m]; for an orthographic view, the position that a perspective view would have."""
     usual = DISTANCE * max(camera.width, camera.height, *scene.cloth.size)
     return np.asarray(camera.target + (camera.distance or usual) * camera.axes()[2])
 

@@ -70,8 +70,8 @@ class Frame(NamedTuple):
 class Clip:
     """A run as frames of a surface, in the axes of the file; `z_up` writes (x, y, z) as (x, -z, y).
 
-    With `fps` there are so many frames a second, with None the stored frames at their own times; afterwards `fps` is None
-    where their distances differ. `advance` is called after each frame. `times` [s] begin at 0. `uv`, shape (points, 2), are
+    `fps` is the number of frames per second, or None for the stored frames at their own times. It stays None if these are
+    not evenly spaced. `advance` is called after each frame. `times` [s] begin at 0. `uv`, shape (points, 2), are
     texture coordinates: from above, with x to the right, a picture is upright and not mirrored.
     """
 

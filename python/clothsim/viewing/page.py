@@ -1,7 +1,7 @@
 """One self-contained page that plays runs: `Run.to_html`, `compare`.
 
-The page is our own WebGL. A snapshot of k3d shows a single scene, without curves, and without red where cloth is inside a
-sphere. Everything is inside the file, and its content security policy forbids requests. `pack` says how frames are stored.
+The page uses WebGL directly, because a snapshot of k3d shows only one scene, and neither curves nor depth in a sphere in
+red. Everything is inside the file, and its content security policy forbids requests. `pack` says how frames are stored.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Comparison:
         self.runs, self.difference = dict(runs), difference
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
-        """Write one self-contained page that plays the runs side by side, in step.
+        """Write one self-contained page that plays the runs side by side, synchronised.
 
         One slider moves all runs through time; below, curves of energy, stretch, penetration and contacts have a cursor
         there. The page can be turned, moved and enlarged by mouse, fingers and keys. It colours the cloth by stretch,

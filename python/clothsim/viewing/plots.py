@@ -206,8 +206,8 @@ def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: 
     """A metric over the dimensions `x` and `y`: by default the first known of error, sag, penetration and stretch.
 
     For a sweep with one dimension, a line. Select a value of each further dimension first. Members that diverged are crossed
-    out. An error below the error bound of the reference is a hollow circle without a colour. Colours are
-    logarithmic where values span more than two decades.
+    out. An error below the error bound of the reference is a hollow circle. The colour scale is logarithmic if values
+    span more than two decades.
     """
     variable = check.choice("variable", variable or _telling_metric(dataset), list(dataset.data_vars))
     free = [d for d in _long(dataset) if d not in (x, y)]
