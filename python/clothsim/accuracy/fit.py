@@ -396,7 +396,7 @@ def fit(
     Parameters
     ----------
     scene : Scene
-        The motion starts from its initial state, and the fit from its parameters, which may be off by a factor of ten.
+        Initial state of the motion, and starting values of the parameters, which may be off by a factor of ten.
     times : array_like
         Times of the measurement [s], increasing, >= 0; the scene's initial state is at time 0.
     positions : array_like
@@ -414,8 +414,8 @@ def fit(
     Returns
     -------
     Fit
-        A parameter that the data does not determine is NaN, with a reason. After a contact all are NaN. Errors are NaN if the
-        residuals are not noise: then the model does not describe the measured motion.
+        A parameter that the data does not determine is NaN, with a reason. After a contact all are NaN. Errors are NaN if
+        the residuals are not noise: then the model does not describe the measured motion.
 
     Examples
     --------

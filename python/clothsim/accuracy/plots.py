@@ -28,9 +28,9 @@ def look_of(method: str, others: Sequence[str] = ()) -> dict[str, Any]:
 def draw_work_precision(data: Any, ax: Any = None) -> Any:
     """Draw error against wall time, and against force evaluations, on two matplotlib axes, given or new.
 
-    On one given axes, against wall time alone.
-    A method has its colour and marker in every plot. Methods at tolerances are dash-dotted, "single" has more dots, other
-    libraries are dashed. Points below the error of the reference are hollow.
+    With one given axes, draw only against wall time. Each method has the same colour and marker in every plot. Methods at
+    tolerances are dash-dotted, "single" has more dots, other libraries are dashed. Points below the error
+    of the reference are hollow.
     """
     panels = shown_axes(ax, 1 if np.size(ax) == 1 and ax is not None else 2, 13.0, 6.4, sharey=True)
     own, precisions = integrators(), set(data["precision"].values[data["library"].values == OWN])

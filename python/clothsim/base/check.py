@@ -91,7 +91,7 @@ def number(
 
 
 def integer(name: str, value: Any, *, minimum: float = -math.inf, maximum: int = INT64_MAX) -> int:
-    """`value` as an int with `minimum` <= value <= `maximum`; 2.0 is no integer."""
+    """`value` as an int with `minimum` <= value <= `maximum`; 2.0 is not an integer."""
     if type(value) is int and minimum <= value <= maximum:
         return value
     return int(_within(name, value, int, "an integer", minimum, maximum, False))

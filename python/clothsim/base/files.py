@@ -77,7 +77,7 @@ def npz_path(path: str | os.PathLike[str], name: str = "path") -> Path:
 
 
 def write_npz(path: Path, arrays: dict[str, Any]) -> Path:
-    """Write arrays and texts to the file `path`, whole or not at all."""
+    """Write arrays and texts to the file `path` atomically."""
     from zipfile import ZipFile  # takes longer than the rest of this module
 
     with replacing(path) as part:

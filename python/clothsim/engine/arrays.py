@@ -70,7 +70,7 @@ def state_arrays(x: Any, v: Any, scenes: list[Scene], batched: bool) -> tuple[Fl
 
 
 def checked_state(x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str) -> tuple[FloatArray, FloatArray]:
-    """As `state_arrays`, of numbers that fit the precision."""
+    """As `state_arrays`, and check that the numbers are in the range of the precision."""
     x, v = state_arrays(x, v, scenes, batched)
     if precision == "single":
         largest = float(np.finfo(np.float32).max)

@@ -73,7 +73,7 @@ class Snapshot:
         Parameters
         ----------
         path : path-like
-            Ends in ".npz", which is added where there is no ending. An existing file is replaced.
+            Ends in ".npz", which is added if there is no suffix. An existing file is replaced.
 
         Examples
         --------

@@ -75,7 +75,7 @@ Judge = Callable[["HardCase", End], "list[Figure]"]
 
 @dataclass(frozen=True)
 class HardCase:
-    """A scene that strains the method or the arithmetic, and what is judged at its end.
+    """A scene that is difficult for the method or the arithmetic, with the checks of its final state.
 
     Attributes
     ----------

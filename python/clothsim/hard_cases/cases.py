@@ -129,7 +129,7 @@ def masses() -> dict[str, HardCase]:
 
 
 def geometry() -> dict[str, HardCase]:
-    """Points that coincide, springs without length, narrow cloths, far places."""
+    """Coincident points, springs of zero length, narrow cloths, positions far from the origin."""
     tiny = sheet(size=(1e-300, 1e-300), stiffness=100.0, pins=())
     linear = cs.Scene(tiny, gravity=NO_GRAVITY, position=noise(tiny, 1.0))
     cloth = sheet(stiffness=1000.0, damping=1.0)

@@ -1,4 +1,4 @@
-"""The time step that is stable for a cloth in all but extreme states (see `max_stable_dt`), and what limits it."""
+"""The guaranteed stable time step of a cloth, for all but extreme states (see `max_stable_dt`), and what limits it."""
 
 from __future__ import annotations
 

@@ -64,10 +64,10 @@ def core_spheres(scene: Scene) -> list[_core.Sphere]:
 
 
 def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sphere:
-    """The sphere or plane as the core takes it; without a scene it has no offset.
+    """The sphere or plane in the form of the core, without offset if no scene is given.
 
-    The core measures points from the top of a sphere, against gravity, or from the `point` of a plane. Points are expected
-    up to four times the size of the cloth farther from there than they start.
+    The core measures points from the top of a sphere, against gravity, or from the `point` of a plane. Points are assumed to
+    get at most four sizes of the cloth farther from there than they start.
     """
     up = np.array((0.0, 1.0, 0.0)) if scene is None or not any(scene.gravity) else -np.array(scene.gravity)
     if isinstance(sphere, Plane):

@@ -9,7 +9,7 @@ The pieces of a periodic motion cover one period: `begin` and `length` are then 
 takes the place of t. The first and the last piece of any other motion have no end.
 
 The classes here make the pieces. `_core.Motion` evaluates them for Python and the core, `motionAt` (viewing/web/solver.js)
-for the live page, and cpp/reference/pins.hpp for the oracle.
+for the live page, and cpp/reference/pins.hpp for the scalar reference.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ def paper_moving(
 
 
 def paper_swing(bend: bool = False) -> Scene:
-    """The paper's cloth swings down and meets nothing (Kim et al., Table 2, without a sphere).
+    """The paper's cloth swings down without a sphere (Kim et al., Table 2).
 
     Parameters
     ----------

@@ -51,8 +51,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     Raises
     ------
     ValueError, TypeError
-        If the file is no TOML, is cut, has another schema version, or has an unknown key or a refused value. The message
-        begins with the path, and suggests the nearest known key.
+        If the file is not TOML, is truncated, has another schema version, or has an unknown key or a refused value. The
+        message begins with the path, and suggests the nearest known key.
     ImportError
         On Python 3.10 without tomli (the extra "sweep").
 

@@ -79,7 +79,7 @@ class Obstacle(Record):
         ValueError
             For an unknown key or a value that the constructor refuses.
         TypeError
-            If `data` is no mapping.
+            If `data` is not a mapping.
 
         Examples
         --------

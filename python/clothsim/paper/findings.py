@@ -14,7 +14,7 @@ EQUAL = 0.03  # rates that differ by less are equal within the noise
 
 
 def number(value: Any, digits: int = 3) -> str:
-    """`value`, or each of a list, with `digits` significant digits; what is below 1e-9, which is rounding, is 0."""
+    """`value`, or each of a list, with `digits` significant digits. Values below 1e-9 are rounding errors and print as 0."""
     if isinstance(value, list):
         return " / ".join(number(one, digits) for one in value)
     if isinstance(value, str | int):

@@ -102,7 +102,7 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def joined(one: Any, two: Any) -> Report:
-    """The report of a run and of the run that continues it."""
+    """The combined report of a run and of the run that continues it."""
     sums = {name: value + two[name] for name, value in one.items() if name in _SUMS}
     energies = {**two["energy"], "start": one["energy"]["start"]}
     highest = two["energy"]["start"]["total"] + two["energy"]["gained"] - energies["start"]["total"]

@@ -90,18 +90,19 @@ def simulate(
     duration : float
         Simulated time [s], > 0.
     dt : float, optional
-        Time step [s], not with `rtol` or `atol`. Where it does not divide the duration, the last step is shorter.
+        Time step [s], not with `rtol` or `atol`. If it does not divide the duration, the last step is shorter.
     integrator : str, optional
-        A name of `integrators`, or "auto": method, precision and step by the tolerance, the default without `dt`; with it
-        "rk4".
+        A name of `integrators`, or "auto", which chooses method, precision and step by the tolerance. Default: "auto"
+        without `dt`, "rk4" with it.
     precision, threads, kernel, backend
         As for `step`. The backend "gpu" takes fixed steps of "rk4" only.
     rtol, atol : float, optional
         Error control: the rms error of the last positions over the mass points is to be at most
         ``atol + rtol * max(scene.cloth.size)`` [m]. Without `dt`, `rtol` and `atol`, rtol is 1e-3.
     every, times, fps
-        When frames are stored beside the first and the last state. `every`: each so many steps (an int >= 2) or seconds (a
-        float), or "step"; `times` of the scene [s], increasing; `fps`: frames a second. Frames never change a run.
+        When frames are stored besides the first and the last state. `every`: an interval in steps (an int >= 2)
+        or seconds (a float), or "step"; `times` of the scene [s], increasing; `fps`: frames per second. Frames never change
+        a run.
     progress : bool, default False
         True shows a progress bar of simulated seconds on a terminal and in a notebook (tqdm, in the extra "demo").
     t : float, default 0.0

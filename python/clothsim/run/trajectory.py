@@ -77,7 +77,7 @@ class Continuation:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Continuation:
-        """Of plain data, whose values are converted: a file may hold any."""
+        """From plain data, with values converted, because a file may contain other types."""
         frames = {**data["frames"], "times": tuple(data["frames"]["times"])}
         dt, control = data["dt"], data["control"]
         if control is not None:
@@ -159,8 +159,8 @@ class Watch:
     """Follows the runs of one call of `simulate`.
 
     `callback` is called with (t, x, v) at each frame, and stops the run by returning True. `bar` is a bar of tqdm that
-    counts simulated seconds. `recorder` has the present run, or the last run that ended. `failed`: the callback has ended
-    with an exception, or is at work.
+    counts simulated seconds. `recorder` has the present run, or the last run that ended. `failed` is True while the
+    callback runs, and after it raised.
     """
 
     def __init__(self, callback: Callback | None = None, bar: Any = None) -> None:

@@ -7,7 +7,8 @@ along d = l n, whose ends have the relative velocity w, has the force f = (k (l 
 
 A mode is a pair (mu, y) with (mu^2 + mu C + K) y = 0 (M is scaled away). Only the few modes that limit the time step are
 needed, so the problem is projected onto a small space (Galerkin). K and C keep their symmetry and definiteness, and no
-projected mode lies outside the range of the true ones. Residuals of the limiting modes extend the space until the limit no longer changes.
+projected mode lies outside the range of the true ones. Residuals of the limiting modes extend the space until the limit
+no longer changes.
 For an undamped cloth that is Lanczos' iteration, in general a residual Arnoldi iteration.
 
 The step matrix of a Runge-Kutta method is a function of the first-order system's matrix, so both have the same modes. The

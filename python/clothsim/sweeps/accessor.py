@@ -51,8 +51,8 @@ class ClothsimAccessor:
         """The `Run` of one member, to show, play and export, computed again with equal bits.
 
         `every` is as for `simulate`; default: that of the sweep. `selection` has labels as for ``Dataset.sel``, one for
-        each remaining dimension. The run of an unstable member ends at the last good state. A ValueError says if more than
-        one member is left, or a swept array is too large for the Dataset to keep.
+        each remaining dimension. The run of an unstable member ends at the last good state. Raises a ValueError if more
+        than one member is selected, or the Dataset does not keep a swept array because of its size.
 
         Examples
         --------

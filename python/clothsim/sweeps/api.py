@@ -92,7 +92,7 @@ def sweep(
         One dimension per swept name, with coordinates that have units. Beside the metrics: "status" (0 pending, 1 done,
         2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step", "unstable_time" [s] and "message". Of a member that
         diverged or failed, metrics are NaN ("stable" False). After a contact "error" is NaN too, and the message says
-        why. ``ds.clothsim`` plots, and has the provenance. Frames in a `store` are read at their use.
+        why. ``ds.clothsim`` plots, and has the provenance. Frames in a `store` are read when they are used.
 
     Raises
     ------

@@ -67,7 +67,7 @@ def label(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Axis:
-    """One dimension: per place along it, the values of one or more names."""
+    """One dimension of a sweep: the values of one or more names at each place along it."""
 
     dimension: str
     places: tuple[Mapping[str, Any], ...]

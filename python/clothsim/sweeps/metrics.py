@@ -77,8 +77,8 @@ def reference_of(scene: Scene, duration: float, threads: int | None = 1) -> Refe
 
 @dataclass(frozen=True)
 class Metric:
-    """A named metric, a function of a run and of the reference: its variables with their attributes, and the data that it
-    needs beside the report: "reference" for a solution to compare with.
+    """A named metric: a function of a run and a reference, the attributes of its variables, and what it needs besides the
+    report ("reference": a solution to compare with).
     """
 
     name: str

@@ -1,9 +1,9 @@
 """Results of a sweep: arrays over the grid in memory, or on disk as a zarr group, which is written as members finish.
 
 On disk, variables are arrays in chunks that end in their checksum (zarr's codec crc32c). zarr writes a new file for a
-chunk and renames it, and `status` is written after everything else of its members: a process that is killed at any moment
-leaves members that are whole or pending. From the start every chunk is there, so a missing one is not taken for an empty
-one. Chunks of frames come with their members.
+chunk and renames it, and `status` is written after everything else of its members: if the process is killed at any
+moment, each member is either complete or pending. Every chunk exists from the start, so a missing one is not mistaken for
+an empty one. Chunks of frames are written with their members.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class Results:
 class Store(Results):
     """Results that are also in a zarr group, with the identity of the sweep, and the provenance of each `session`.
 
-    A ValueError refuses a folder that is no store, is being written, is damaged, or, unless `resume`, exists; and a store
+    A ValueError refuses a folder that is not a store, is being written, is damaged, or, unless `resume`, exists; and a store
     of another identity, with the differences.
     """
 
@@ -410,7 +410,7 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     Raises
     ------
     ValueError
-        If `path` is no store of a sweep, or a chunk is damaged or missing, which the message names. Frames are checked
+        If `path` is not the store of a sweep, or a chunk is damaged or missing, which the message names. Frames are checked
         when they are read.
 
     Examples

@@ -181,7 +181,7 @@ def tasks(
 ) -> Iterator[Task]:
     """The pending members in tasks of at most a batch, each of one shape and method.
 
-    With a metric that needs references, members of one physics come together in place of that: they share a reference.
+    With a metric that needs references, tasks group members with equal physics instead, because they share a reference.
     """
     most = max(1, min(LARGEST_BATCH, len(pending) // (_TASKS * workers.count)))
     threads, chosen, groups = workers.threads_of(len(pending)), pending.tolist(), dict[str, dict[int, Any]]()

@@ -24,7 +24,7 @@ FORMATS = (".gif", ".webp", ".mp4")
 
 
 class Film:
-    """The pictures of a film, drawn when they are asked for. Of equal neighbours one is drawn."""
+    """The pictures of a film, drawn on demand. Equal consecutive pictures are drawn once."""
 
     def __init__(self, drawing: Drawing, shown: Sequence[int], fps: float, advance: Callable[[int], object]) -> None:
         self.drawing, self.shown, self.fps, self._advance = drawing, shown, fps, advance

@@ -39,7 +39,7 @@ class Scale:
     open_end: bool = False  # whether a value lies above `high`
 
     def rgb(self) -> Floats:
-        """The stops, 0 to 1."""
+        """Colours of the stops as RGB in [0, 1]."""
         return np.array([[int(stop[k : k + 2], 16) for k in (0, 2, 4)] for stop in self.stops]) / 255
 
     def colors(self, values: Floats) -> Floats:

@@ -90,7 +90,7 @@ class Comparison:
         return write_bytes(path, _page(title, self.runs, self.difference).encode())
 
     def show(self, height: int = 600) -> Frame:
-        """The page inside a notebook, to be played; `height` is 300 to 4000 pixels."""
+        """The page for a notebook cell; `height` is 300 to 4000 pixels."""
         title, height = " and ".join(self.runs), check.integer("height", height, minimum=300, maximum=4000)
         return Frame(_page(title, self.runs, self.difference), f"<{title}, to be played in a notebook>", height)
 
@@ -182,7 +182,7 @@ def _title_of(scene: Scene) -> str:
 
 
 def alone(run: Run, title: str | None = None) -> Comparison:
-    """A run under the title of its page, for `Run.to_html` and `Run.show`."""
+    """A comparison with one run, labelled with the title of its page, for `Run.to_html` and `Run.show`."""
     return Comparison({_title_of(run.scene) if title is None else check.instance("title", title, str): run})
 
 

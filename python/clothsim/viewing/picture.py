@@ -43,7 +43,7 @@ class Style(NamedTuple):
 class Drawing:
     """Pictures of the states x, v at times t, arrays of shape (frames, rows, columns, 3) and (frames,); `v` may be None.
 
-    All have one view, one ground and one colour scale.
+    All share one view, one ground and one colour scale.
     """
 
     def __init__(self, scene: Any, x: Floats, v: Floats | None, t: Floats, style: Style) -> None:

@@ -179,7 +179,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
 
 
 def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
-    """Members that reached their end, over the dimension `y` and dt, with the guaranteed stable time step as a line.
+    """Which members ran to their end, over the dimension `y` and dt, with the guaranteed stable time step as a line.
 
     Select a value of each further dimension first. Members below the line do not diverge, except from extreme states.
     """
