@@ -17,8 +17,8 @@ class StabilityWarning(UserWarning):
     A run may be stable all the same. The guarantee holds for all but extreme states. A cloth near rest is often stable
     at twice that step. ``max_stable_dt(scene, integrator, x)`` gives the limit at a state.
 
-    The second cause is energy out of nothing. No sphere has responded yet, and the time step has made more than half of
-    the kinetic and elastic energy.
+    The second cause is a gain of energy: before any sphere has responded, the time step has added more than half of the
+    kinetic and elastic energy.
 
     `Stepper` and `simulate` give at most one warning of each cause. `step` gives it once per line of your code, which
     is Python's default for warnings; `warnings.filterwarnings` changes that. A run that grows further ends with an
@@ -113,7 +113,7 @@ class RunInterrupted(KeyboardInterrupt):
     Parameters
     ----------
     run : Run, list of Run or None
-        The run up to the last whole step, whose last frame is the state after it; of many scenes, the runs of those begun.
+        The run up to its last complete step, with the state there as its last frame. For several scenes, the runs begun so far.
         None if memory lacks for its first frame.
 
     Examples

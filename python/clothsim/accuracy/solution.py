@@ -227,7 +227,7 @@ class InDouble(NamedTuple):
 def solve_in_double(scene: Scene, times: Sequence[float], threads: int | None = None) -> InDouble:
     """Positions at `times` [s], increasing and > 0, by the kernels.
 
-    The step is halved until a halving changes no more than rounding does. No tolerance has to be chosen for a scene. After
+    The step is halved until the change is no larger than rounding errors. No tolerance has to be chosen for a scene. After
     a response of a sphere or a failure nothing is halved.
     """
     largest = min(_COARSEST * stable_dt(scene), times[-1] / _FEWEST_STEPS)

@@ -1,7 +1,7 @@
 """Stepping a scene, arrays in and arrays out: `step`, `acceleration`, `reference_step`.
 
 A scene keeps its engines for the next call. To compile a scene and to build an engine for it costs ten steps of a small
-cloth. A scene is immutable, so an engine serves later calls with equal arithmetic and arrays of equal shape.
+cloth. A scene is immutable, so an engine can be reused by later calls with equal arithmetic and arrays of equal shape.
 """
 
 from __future__ import annotations

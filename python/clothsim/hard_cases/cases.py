@@ -1,4 +1,4 @@
-"""The hard cases, by what is hard in them.
+"""The hard cases, grouped by their difficulty.
 
 Bounds are about five to twenty times the measured figures, which docs/stability.md lists.
 """

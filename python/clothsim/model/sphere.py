@@ -224,7 +224,7 @@ class Obstacle(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sphere(Obstacle):
-    """A sphere that keeps cloth out: after Kim et al., section 5, or continuously.
+    """A sphere that cloth cannot enter, with continuous contact or the two responses of Kim et al. (section 5).
 
     A mass point is in contact when its distance to the centre is less than the contact radius,
     ``radius`` plus the offset. Responses use the velocity of the point relative to the sphere, and only approaching
@@ -413,7 +413,7 @@ _STILL = Linear((0.0, 0.0, 0.0))
 
 
 def held(obstacle: Sphere | Plane, center: npt.ArrayLike) -> Sphere | Plane:
-    """The sphere or plane at rest at a place."""
+    """The sphere or plane at rest at `center`."""
     return obstacle.replace(**{"point" if isinstance(obstacle, Plane) else "center": center, "motion": None})
 
 

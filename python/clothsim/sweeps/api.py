@@ -58,7 +58,7 @@ def sweep(
     over : mapping, or sequence of mappings
         ``{name: values}`` is a grid: one dimension per name, every combination a member; `sweepable` lists the names.
         ``{(name, name): [(value, value), ...]}`` are zipped lists, one dimension for both.
-        ``{name: {label: value}}`` labels values that are no numbers. A sequence of mappings (or a
+        ``{name: {label: value}}`` labels values that are not numbers. A sequence of mappings (or a
         table with ``to_dict("records")``) are given samples, with the dimension "sample".
     duration : float, default 1.0
         Simulated time [s], > 0.

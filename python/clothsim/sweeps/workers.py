@@ -42,7 +42,7 @@ LARGEST_BATCH = 64
 
 
 class Stopped(Exception):
-    """The sweep is to stop; members under way are given up."""
+    """The sweep must stop; members in progress are abandoned."""
 
 
 @dataclass(frozen=True)

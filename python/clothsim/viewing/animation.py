@@ -42,7 +42,7 @@ class Film:
         return self._pixels
 
     def durations(self, tick: int) -> list[int]:
-        """Milliseconds of each picture, multiples of `tick`: their sum follows the clock, none drifts."""
+        """Milliseconds of each picture, multiples of `tick` whose rounding errors do not add up."""
         ends = np.round(np.arange(len(self) + 1) * 1000 / self.fps / tick).astype(int) * tick
         return [int(d) for d in np.diff(ends)]
 

@@ -32,7 +32,7 @@ def bundle(text: str, picture: Picture) -> dict[str, Any]:
 
 
 def run_bundle(run: Run) -> dict[str, Any]:
-    """`bundle` with the lines of a run and a picture of its last frame."""
+    """The `bundle` of a run: its text and a picture of its last frame."""
     return bundle(str(run), run.picture(width=WIDTH))
 
 

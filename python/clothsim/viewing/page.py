@@ -1,6 +1,6 @@
 """One self-contained page that plays runs: `Run.to_html`, `compare`.
 
-The page uses WebGL directly, because a snapshot of k3d shows only one scene, and neither curves nor depth in a sphere in
+The page uses WebGL directly. A snapshot of k3d shows only one scene, without curves and without cloth inside a sphere in
 red. Everything is inside the file, and its content security policy forbids requests. `pack` says how frames are stored.
 """
 
