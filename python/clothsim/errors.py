@@ -113,8 +113,8 @@ class RunInterrupted(KeyboardInterrupt):
     Parameters
     ----------
     run : Run, list of Run or None
-        The run up to its last complete step, with the state there as its last frame. For several scenes, the runs begun so far.
-        None if memory lacks for its first frame.
+        The run up to its last complete step, with the state there as its last frame. For several scenes, the runs
+        begun so far. None if there is no memory for its first frame.
 
     Examples
     --------

@@ -205,9 +205,9 @@ def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray
     times : array_like
         Times at which the derivatives are wanted [s], increasing, >= 0.
     of : sequence of str
-        Names as in `sweep`: "mass" (in all; the ratios of the points stay), "stiffness", "damping", "stiffness_shear" and
-        alike ("stiffness.shear" too), "drag", "gravity_y", "pin0_x" (the place of a pin), and of spheres "sphere_radius",
-        "sphere0_center_x", "sphere_friction", "sphere_restitution".
+        Names as in `sweep`: "mass" (the total; the ratios of the points stay), "stiffness", "damping", those of a family,
+        such as "stiffness_shear" or "stiffness.shear", "drag", "gravity_y", "pin0_x" (the place of a pin), and of spheres
+        "sphere_radius", "sphere0_center_x", "sphere_friction", "sphere_restitution".
 
     Returns
     -------

@@ -247,9 +247,9 @@ def _solved(method: Method, scene: Scene, duration: float, setting: float) -> tu
 
 
 def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """True at the points that no other point beats in both error and cost (the Pareto front).
+    """True at the points of the Pareto front: no other point has both a smaller error and a smaller cost.
 
-    A point that is not finite in both is beaten.
+    A point with an error or a cost that is not finite is not on it.
     """
     error, cost = np.asarray(rms, dtype=float), np.asarray(cost, dtype=float)
     error = np.where(np.isfinite(error) & np.isfinite(cost), error, np.inf)

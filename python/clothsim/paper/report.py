@@ -74,7 +74,7 @@ def _table(kind: str, rows: Iterable[dict[str, Any]]) -> str:
 
 
 def cuts(settings: Settings) -> list[str]:
-    """What differs from the full reproduction, a line each."""
+    """The differences from the full reproduction, one per line."""
     own, full = asdict(settings), asdict(FULL)
     rows = [
         (what, *(number(np.ravel(one[k]).tolist()) for one in (own, full))) for k, what in _cells(page_section("Sizes"))[1:]

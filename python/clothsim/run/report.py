@@ -31,7 +31,7 @@ def report(
     asked: float = math.nan,
     unknown: str = NOT_ASKED,
 ) -> Report:
-    """The report of a run, which ended early because of `stopped`, or was `controlled` with a tolerance or without one.
+    """The report of a run. `stopped`: why it ended early. `controlled`: the outcome of its error estimate, if any.
 
     `unknown`: why the error of a whole run is not known.
     """

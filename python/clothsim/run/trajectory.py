@@ -462,7 +462,7 @@ class Recorder:
             self._put(t - self._start, t, *self.arrays())
 
     def end_at_frame(self) -> None:
-        """End the run with the last frame. With fixed steps the present state follows an interpolated frame."""
+        """End the run with the last frame. With fixed steps the present state is stored after an interpolated frame."""
         if self.job.dt is not None:
             self.end_here()
         elif self._ahead:

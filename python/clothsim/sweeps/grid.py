@@ -47,7 +47,7 @@ def digest(value: Any) -> str:
 
 
 def physics(values: Mapping[str, Any]) -> str:
-    """A text that is equal for swept values that differ only in numerics."""
+    """A text that is the same for all swept values with equal physics."""
     return digest({name: value for name, value in values.items() if name not in NUMERICS})
 
 
