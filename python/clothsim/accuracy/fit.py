@@ -179,7 +179,7 @@ def derivatives(scene: Scene, parameters: Sequence[Parameter], clock: Clock, mos
 def known_derivatives(
     scene: Scene, parameters: Sequence[Parameter], clock: Clock
 ) -> tuple[Floats, Floats, Floats, Floats, list[str]]:
-    """Positions, derivatives per scale of each parameter, their errors, until when they are known, and why no longer."""
+    """Positions, derivatives per scale of each parameter, their errors, the times until which they are known, and why."""
     found, change, term = derivatives(scene, parameters, clock, 4)
     largest = np.fmax.accumulate(np.abs(change).max(axis=(2, 3, 4)), axis=1)
     error = np.abs(term).max(axis=(2, 3, 4)) + _ROUNDING * clock.size / _STEP + _DIGITS * largest

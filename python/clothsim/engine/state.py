@@ -68,7 +68,7 @@ class State:
 
     @classmethod
     def checked(cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, options: Options) -> State:
-        """The state of the arguments of a call. The state or time that a call leaves out is the scenes' own.
+        """The state of the arguments of a call. A state or time that is not given is that of the scenes.
 
         Driven pins that are elsewhere are refused.
         """

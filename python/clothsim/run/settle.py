@@ -126,8 +126,8 @@ def settle(
     Returns
     -------
     Run, or list of Run
-        Two frames: the start and the rest state. ``run.t`` counts the time of the relaxation, which has no meaning beside
-        it. ``run.report["residual"]`` is the largest unbalanced force over the largest weight.
+        Two frames: the start and the rest state. ``run.t`` is the time of the relaxation, which has no physical meaning.
+        ``run.report["residual"]`` is the largest unbalanced force over the largest weight.
         ``run.report["reason"]`` is "" or says why the scene does not rest. The last frame is then the best state found.
 
     Raises

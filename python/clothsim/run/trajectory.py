@@ -230,7 +230,7 @@ def _begun(job: Job) -> State:
 
 
 class Recorder:
-    """A job at work: advances `state`, and keeps the frames and the counts of its runs.
+    """A job in progress: advances `state`, and keeps the frames and the counts of its runs.
 
     `steps` counts accepted steps. `live` has the members of a batch that go on, and `failed` each other's error, with its
     run so far.

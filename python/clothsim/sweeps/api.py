@@ -69,7 +69,7 @@ def sweep(
         returns a number, an array, or a mapping of them. It must pickle to run in another process.
     dt, rtol, atol, integrator, precision, kernel
         As for `simulate`, where they are not swept. Default: "rk4" with half of each member's `max_stable_dt`. Where
-        a tolerance is swept beside dt, None marks the value that a member does without.
+        a tolerance is swept beside dt, None marks a setting that a member does not use.
     every : int, float or "step", optional
         Frames, as for `simulate`; seconds if they are stored and dt is swept.
     frames : bool, default False

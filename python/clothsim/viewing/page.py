@@ -366,7 +366,7 @@ class Packed(NamedTuple):
 
 
 def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
-    """Positions, shape (frames, rows, columns, 3), in 16 bits and values, shape (frames, points), in 8, deflated.
+    """Positions, shape (frames, rows, columns, 3), in 16 bits, and values, shape (frames, points), in 8 bits, deflated.
 
     Positions of a run are integers q, 0 to 65535, between its lowest and highest coordinate on each axis: x = low + step q.
     Second differences in time, q[k] - 2 q[k-1] + q[k-2], are small where a cloth moves smoothly. Their low bytes and high
