@@ -156,8 +156,9 @@ private:
         const float slack = float(map_slack / view_.scale), height = float(seen[2]);
         const float edge = float(light_size * view_.scale), least = float(map_slack);
         const float reach = edge * (highest_ - height) + least;
-        const float away = std::max(std::abs(x - map_size / 2), std::abs(y - map_size / 2));
-        if (highest_ <= height + slack || away - reach > map_size / 2) return 1;
+        constexpr float middle = map_size / 2.0f;
+        const float away = std::max(std::abs(x - middle), std::abs(y - middle));
+        if (highest_ <= height + slack || away - reach > middle) return 1;
         float above[taps], sum = 0, between = 0, covered = 0;
         look_up(heights_.data(), disc, x, y, reach, height, taps_of_search, above);
         for (int k = 0; k < taps_of_search; ++k)
