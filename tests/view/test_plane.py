@@ -45,3 +45,12 @@ def test_a_cloth_rests_on_a_plane():
 
 def test_explain_names_it():
     assert "a plane" in str(cs.Scene(CLOTH, WALL).explain())
+
+
+def test_radii_are_those_of_spheres():
+    pytest.importorskip("zarr")
+    beside = cs.Scene(CLOTH, [cs.Sphere((0.5, -0.5, 0.5), 0.1), WALL])
+    options = {"duration": 0.01, "dt": 1e-3, "metrics": ["stable"], "progress": False}
+    assert cs.sweep(beside, {"sphere_radius": [0.1, 0.2]}, **options).stable.all()
+    with pytest.raises(ValueError, match="spheres.1. is a plane"):
+        cs.sweep(beside, {"sphere1_radius": [0.1]}, **options)

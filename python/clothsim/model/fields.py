@@ -44,6 +44,7 @@ def _arguments(cls: type) -> tuple[str, ...]:
 
 
 _CLOTH = _arguments(Cloth)
+_SPHERE_ALONE = ("radius", "offset", "as_printed", "push_out_speed")  # what no plane has
 _SPHERE = _arguments(Sphere)
 _SCENE = tuple(name for name in _arguments(Scene) if name not in ("cloth", "spheres"))
 _MOTION = tuple(dict.fromkeys(name for cls in MOTIONS.values() for name in _arguments(cls)))
@@ -182,6 +183,10 @@ def _change_spheres(spheres: tuple[Sphere | Plane, ...], values: Mapping[str, An
     result = []
     for k, sphere in enumerate(spheres):
         own = {name: part for name, (index, part) in parts.items() if index in (None, k)}
+        for name in [name for name, part in own.items() if isinstance(sphere, Plane) and part in _SPHERE_ALONE]:
+            if parts[name][0] is not None or all(isinstance(one, Plane) for one in spheres):
+                raise ValueError(f"{name} needs a sphere, and spheres[{k}] is a plane")
+            del own[name]  # meant for the spheres beside it
         # Whole arguments first and together; a part is then a part of the new whole.
         sphere = sphere.replace(**{part: values[name] for name, part in own.items() if part in _SPHERE})
         for name in [name for name, part in own.items() if part not in _SPHERE]:
@@ -192,7 +197,8 @@ def _change_spheres(spheres: tuple[Sphere | Plane, ...], values: Mapping[str, An
 
 def _change_part(sphere: Sphere | Plane, name: str, part: str, value: Any) -> Sphere | Plane:
     if part.startswith("center_"):
-        return sphere.replace(center=_with_components(sphere.center, {part[-1]: value}))
+        place = _with_components(sphere.center, {part[-1]: value})
+        return sphere.replace(**{"point" if isinstance(sphere, Plane) else "center": place})
     if sphere.motion is None or part not in _arguments(type(sphere.motion)):
         raise ValueError(f"{name} needs a sphere whose motion has it, got {sphere.motion!r}")
     return sphere.replace(motion=sphere.motion.replace(**{part: value}))
