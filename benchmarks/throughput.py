@@ -17,8 +17,10 @@ from typing import Any
 import clothsim as cs
 import numpy as np
 from bench import batch
+from clothsim.base.progress import Stopwatch
+from clothsim.base.table import aligned
 from clothsim.scenes import PAPER_DT
-from common import Stopwatch, aligned, conditions
+from common import conditions
 from timing import timing_of
 
 HEAD = (
@@ -82,7 +84,7 @@ def main(argv: list[str] | None = None) -> None:
     for precision in ("double", "single"):
         options = {"precision": precision, "threads": args.threads}
         rows += measure(args.members, args.steps, args.dt, args.windows, options)
-    print(aligned(HEAD, rows, left=(0, 1)))
+    print(aligned(HEAD, rows, left=(0, 1), rule=True))
     print(conditions(("xarray", "zarr")))
     print("real-time factor: simulated seconds of all members per second")
 
