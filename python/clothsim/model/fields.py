@@ -11,7 +11,7 @@ from ..base import Floats, check
 from .cloth import FAMILIES, Cloth
 from .motion import MOTIONS
 from .scene import Scene
-from .sphere import Plane, Sphere
+from .sphere import Plane, Sphere, place_name
 from .wording import counted
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel")
@@ -198,7 +198,7 @@ def _change_spheres(spheres: tuple[Sphere | Plane, ...], values: Mapping[str, An
 def _change_part(sphere: Sphere | Plane, name: str, part: str, value: Any) -> Sphere | Plane:
     if part.startswith("center_"):
         place = _with_components(sphere.center, {part[-1]: value})
-        return sphere.replace(**{"point" if isinstance(sphere, Plane) else "center": place})
+        return sphere.replace(**{place_name(sphere): place})
     if sphere.motion is None or part not in _arguments(type(sphere.motion)):
         raise ValueError(f"{name} needs a sphere whose motion has it, got {sphere.motion!r}")
     return sphere.replace(motion=sphere.motion.replace(**{part: value}))

@@ -412,9 +412,14 @@ class Plane(Obstacle):
 _STILL = Linear((0.0, 0.0, 0.0))
 
 
+def place_name(obstacle: Sphere | Plane) -> str:
+    """The argument that says where a sphere or plane is."""
+    return "point" if isinstance(obstacle, Plane) else "center"
+
+
 def held(obstacle: Sphere | Plane, center: npt.ArrayLike) -> Sphere | Plane:
     """The sphere or plane at rest at `center`."""
-    return obstacle.replace(**{"point" if isinstance(obstacle, Plane) else "center": center, "motion": None})
+    return obstacle.replace(**{place_name(obstacle): center, "motion": None})
 
 
 def _offset(value: Any) -> Offset | float:

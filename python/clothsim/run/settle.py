@@ -176,8 +176,10 @@ class _Relaxation:
 
     def __init__(self, scene: Scene, tolerance: float, most: int, options: RunOptions) -> None:
         self.scene, self._tolerance, self._most, self._options = scene, tolerance, most, options
-        printed = {True: {"as_printed": False}, False: {}}
-        still = [s.replace(response="continuous", restitution=0.0, **printed[s.as_printed]) for s in scene.spheres]
+        still = [
+            s.replace(response="continuous", restitution=0.0, **({"as_printed": False} if s.as_printed else {}))
+            for s in scene.spheres
+        ]
         self._plain = scene.replace(spheres=still)
         self._mass = scene.cloth.mass_per_point[..., None]
         self._free = ~scene.cloth.pinned
