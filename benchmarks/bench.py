@@ -18,9 +18,8 @@ from typing import Any
 
 import clothsim as cs
 import numpy as np
-from clothsim.base.table import aligned
 from clothsim.scenes import PAPER_DT
-from common import conditions
+from common import aligned, conditions
 from peers.numba_peer import NumbaPeer
 from peers.numpy_peer import NumpyPeer
 from timing import Work, measure
@@ -277,7 +276,7 @@ def main(argv: list[str] | None = None) -> None:
     for name in args.sections or SECTIONS:
         for group in SECTIONS[name](threads, args.quick):
             found = time_group(group, *(8, 2e-3, 100) if args.quick else (40, 4e-3, ERROR_STEPS))
-            print(aligned(COLUMNS, ([cell(row.get(key)) for key in COLUMNS] for row in found), rule=True))
+            print(aligned(COLUMNS, ([cell(row.get(key)) for key in COLUMNS] for row in found)))
             print(f"{conditions(('numba',))}\n", flush=True)
             rows += found
     if args.csv:

@@ -1,16 +1,43 @@
-"""Helpers of several benchmarks: values as text, and what they were measured on."""
+"""Helpers of several benchmarks: a stopwatch, tables of text, and what they were measured on."""
 
 from __future__ import annotations
 
 import os
 import platform
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import clothsim as cs
+
+
+class Stopwatch:
+    """A context whose attribute `seconds` is how long it took."""
+
+    seconds: float
+
+    def __enter__(self) -> Stopwatch:
+        self._start = perf_counter()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.seconds = perf_counter() - self._start
+
+
+def aligned(
+    head: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[int] = (0,), indent: str = "", rule: bool = True
+) -> str:
+    """A table whose columns are as wide as their widest cell; the columns of `left` are aligned left."""
+    body = [*([head] if head else []), *rows]
+    widths = [max(map(len, column)) for column in zip(*body, strict=True)]
+    if head and rule:
+        body.insert(1, ["-" * width for width in widths])
+    sides = ["<" if k in left else ">" for k in range(len(widths))]
+    cells = ([f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths)] for row in body)
+    return "\n".join(indent + "  ".join(row).rstrip() for row in cells)
 
 
 def short(value: Any, unit: str = "") -> str:

@@ -17,10 +17,8 @@ from typing import Any
 import clothsim as cs
 import numpy as np
 from bench import batch
-from clothsim.base.progress import Stopwatch
-from clothsim.base.table import aligned
 from clothsim.scenes import PAPER_DT
-from common import conditions
+from common import Stopwatch, aligned, conditions
 from timing import timing_of
 
 HEAD = (
@@ -84,7 +82,7 @@ def main(argv: list[str] | None = None) -> None:
     for precision in ("double", "single"):
         options = {"precision": precision, "threads": args.threads}
         rows += measure(args.members, args.steps, args.dt, args.windows, options)
-    print(aligned(HEAD, rows, left=(0, 1), rule=True))
+    print(aligned(HEAD, rows, left=(0, 1)))
     print(conditions(("xarray", "zarr")))
     print("real-time factor: simulated seconds of all members per second")
 

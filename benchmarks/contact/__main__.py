@@ -11,16 +11,14 @@ import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from textwrap import indent
 from typing import Any
 
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from clothsim.base.table import aligned
 from clothsim.paper.experiments import comparison
 from clothsim.typing import Offset
-from common import conditions, short
+from common import aligned, conditions, short
 
 import contact
 
@@ -88,10 +86,10 @@ def main(argv: list[str] | None = None) -> None:
 def _text(result: Any) -> str:
     if isinstance(result, dict):
         lines = [(key.replace("_", " "), short(value, UNITS.get(key, ""))) for key, value in result.items()]
-        return indent(aligned((), lines, left=(0, 1)), "  ")
+        return aligned((), lines, left=(0, 1), indent="  ")
     titles = [key.replace("_", " ") + (f" [{UNITS[key]}]" if key in UNITS else "") for key in result[0]]
     cells = [[short(row.get(key)) for key in result[0]] for row in result]
-    return indent(aligned(titles, cells, left=range(len(titles))), "  ")
+    return aligned(titles, cells, left=range(len(titles)), indent="  ", rule=False)
 
 
 if __name__ == "__main__":

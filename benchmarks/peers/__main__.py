@@ -21,8 +21,7 @@ if __package__ in (None, ""):
 
 import clothsim as cs
 import numpy as np
-from clothsim.base.table import aligned
-from common import conditions
+from common import aligned, conditions
 
 from peers.solvers import installed_peers
 
@@ -79,7 +78,7 @@ def main(argv: list[str] | None = None) -> None:
             reference=cs.reference(scene, args.duration, args.duration / FRAMES),
             progress=sys.stderr.isatty(),
         )
-        print(f"{name}, {args.duration:g} s\n{aligned(HEAD, fastest(data, args.errors), left=(0, 1, 2), rule=True)}")
+        print(f"{name}, {args.duration:g} s\n{aligned(HEAD, fastest(data, args.errors), left=(0, 1, 2))}")
         print(f"{conditions(PACKAGES)}\n", flush=True)
         if args.csv:
             table = data.to_dataframe().dropna(subset=["setting"])

@@ -17,8 +17,8 @@ from typing import Any
 import clothsim as cs
 import numpy as np
 from clothsim.accuracy import Method
-from clothsim.base.progress import Stopwatch
 from clothsim.typing import Precision
+from common import Stopwatch
 from timing import measure
 
 from .numba_peer import NumbaPeer, NumbaSlopes, set_threads
