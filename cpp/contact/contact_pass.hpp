@@ -240,7 +240,6 @@ private:
     // `work(begin, end)` for all rows in parts.
     template <class Work>
     void each_part(const Work& work) const {
-        if (threads_ == 1) return work(0, a_.geometry.rows);
         in_parts(a_.geometry.rows, threads_,
                  [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) { work(int(begin), int(end)); });
     }
@@ -258,7 +257,6 @@ private:
             const Contact contact(sphere, t, 2 * double(Real(dt / 2)));  // as the shader has it
             const SweptSphere s = swept(sphere, plan_.cloth, t, t, dt, 0, Points::compensated);
             ContactArguments<Real> a = a_;
-            a.before = nullptr;
             a.spheres = &s;
             a.sphere_count = 1;
             std::atomic<std::int64_t> responses{0};
@@ -291,11 +289,14 @@ private:
     // Points that "reflect" and "ray" have found, pinned ones too; no other can be inside.
     void note_depths_at_end(double t) {
         if (!anything_found_) return;
+        std::vector<Vec3> places;
+        for (const Sphere& sphere : plan_.spheres) places.push_back(sphere.place_at(t));
         for (int r = 0; r < a_.geometry.rows; ++r)
             for (int j = 0; j < a_.geometry.vectors && found_in_[std::size_t(r)]; ++j)
                 each_point(r, j, std::exchange(found_[index(r, j)], 0), [&](int i) {
-                    for (const Sphere& sphere : plan_.spheres)
-                        note_depth(-sphere.height(position(i) - sphere.place_at(t)));
+                    const Vec3 point = position(i);
+                    for (std::size_t k = 0; k < places.size(); ++k)
+                        note_depth(-plan_.spheres[k].height(point - places[k]));
                 });
     }
     void note_depth(double depth) { report_.depth = std::max(report_.depth, depth); }

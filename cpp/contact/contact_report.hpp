@@ -24,7 +24,6 @@ struct ContactReport {
     void note(const ContactReport& later) {
         keep_first(trapped, later.trapped);
         keep_first(pinned_inside, later.pinned_inside);
-        keep_first(large_cell, later.large_cell);
         if (start.points == 0) start = later.start;
     }
     static void keep_first(std::int64_t& first, std::int64_t i) { first = first < 0 ? i : first; }

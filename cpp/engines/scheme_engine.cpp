@@ -37,8 +37,8 @@ public:
         : Base(plan), method_(method_of(plan.integrator)), field_(this->field()), stage_field_(field_) {
         stage_field_.compensation = 0;
         const Cloth& cloth = this->plan_.cloth;
-        damped_ = cloth.drag > 0 || cloth.has_spring_damping();
-        explicit_ = damped_ && method_.damped ? method_.damped : method_.runge_kutta;
+        const bool damped = cloth.drag > 0 || cloth.has_spring_damping();
+        explicit_ = damped && method_.damped ? method_.damped : method_.runge_kutta;
         if (method_.family == MethodFamily::implicit) {
             implicit_ = std::make_unique<ImplicitMidpoint>(this->plan_);
             return;
@@ -357,7 +357,6 @@ private:
     FieldLayout field_, stage_field_;  // of the state; of a stage, which has no compensation
     int rows_at_once_ =
         int(std::clamp<std::ptrdiff_t>(bytes_at_once / (field_.row * std::ptrdiff_t(sizeof(Real))), 1, 16));
-    bool damped_;
     std::unique_ptr<ImplicitMidpoint> implicit_;
     AlignedVector<Real> accelerations_;
     std::vector<int> slot_;  // where the acceleration of a stage lies

@@ -35,7 +35,7 @@ template <class Real>
 struct ContactArguments {
     VectorGeometry geometry;
     Real* state;
-    Real* before;  // the state at the start of the step, in the same layout; null: the end alone counts
+    Real* before;  // the state at the start of the step, in the same layout
     const SweptSphere* spheres;
     int sphere_count;
     const std::uint64_t* free;  // points that are neither pinned nor padding

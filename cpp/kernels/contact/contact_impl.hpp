@@ -466,7 +466,7 @@ private:
 
 // The wanted rows of cells and the rows of points beside them; in the first round all rows. No point of the
 // cells of a row is moved before their rho is found.
-template <class Arch, class Real, Arithmetic arithmetic>
+template <class Arch, class Real>
 void lift_rows(const ContactArguments<Real>& a, int begin, int end) {
     LiftRow<Arch, Real> points;
     points.prepare(a.spheres[0]);
