@@ -54,3 +54,8 @@ def test_radii_are_those_of_spheres():
     assert cs.sweep(beside, {"sphere_radius": [0.1, 0.2]}, **options).stable.all()
     with pytest.raises(ValueError, match="spheres.1. is a plane"):
         cs.sweep(beside, {"sphere1_radius": [0.1]}, **options)
+
+
+def test_contacts_are_points_on_the_plane(run):
+    contacts = pytest.importorskip("clothsim.viewing.plots").curves(run)["contacts"]
+    assert contacts[0] == 0 and contacts[-1] == CLOTH.shape[0] * CLOTH.shape[1]

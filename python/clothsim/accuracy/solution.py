@@ -22,6 +22,7 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.as_core import core_pins
 from ..model.scene import Scene
+from ..model.sphere import continuous
 from ..run.trajectory import PAUSE
 
 METHOD, ORDER = "dop853", 8
@@ -93,7 +94,7 @@ class Reference:
         if x.shape != self.x.shape[1:]:
             raise ValueError(f"x must be {accepted}, got {x.shape}")
         frame = check.integer("frame", frame, minimum=-len(self.t), maximum=len(self.t) - 1)
-        return {name: float(value) for name, value in _distances(x.astype(np.float64), self.x[frame]).items()}
+        return {name: float(value) for name, value in distances(x.astype(np.float64), self.x[frame]).items()}
 
 
 def reference(scene: Scene, duration: float, every: float | None = None) -> Reference:
@@ -164,8 +165,7 @@ def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
     frames = np.searchsorted(stops, times)
     # A continuous sphere misses no contact between two states, and does nothing without one. Without spheres the
     # extrapolation comes first: it finds out whether forces are smooth.
-    swept = [one.replace(as_printed=False) if one.as_printed else one for one in scene.spheres]
-    swept = [one.replace(response="continuous") for one in swept]
+    swept = [continuous(sphere) for sphere in scene.spheres]
     double = solve_in_double(scene.replace(spheres=swept), stops, threads) if swept else None
     if double and double.ended.contact:
         raise ValueError(
@@ -181,8 +181,8 @@ def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
     rounding = np.spacing(np.abs(x).max()) / 2 * (np.arange(len(times) + 1) > 0)
     x, v = (np.concatenate([[a], b]) for a, b in ((scene.initial_position, x), (scene.initial_velocity, v)))
     second, control = (np.concatenate([x[:1], one]) for one in (double.x[frames], control))
-    bound = {name: frozen(value + rounding) for name, value in _distances(x, second).items()}
-    estimate = {name: frozen(value) for name, value in _distances(x, control).items()}
+    bound = {name: frozen(value + rounding) for name, value in distances(x, second).items()}
+    estimate = {name: frozen(value) for name, value in distances(x, control).items()}
     return Reference(scene, frozen(np.array([0.0, *times])), frozen(x), frozen(v), bound, estimate)
 
 
@@ -276,7 +276,7 @@ def extrapolation(
     return result["x"].reshape(shape), result["v"].reshape(shape)
 
 
-def _distances(a: Floats, b: Floats) -> dict[str, Floats]:
+def distances(a: Floats, b: Floats) -> dict[str, Floats]:
     """Largest and root mean square distance of the mass points, of one frame or of each."""
     distance = np.linalg.norm(a - b, axis=-1)
     return {"max": distance.max(axis=(-2, -1)), "rms": np.sqrt((distance**2).mean(axis=(-2, -1)))}

@@ -108,12 +108,6 @@ def units(name: str) -> str:
     return _UNITS.get(name, "")
 
 
-def split(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Split the swept `values` of a member into values of the scene and values of the run."""
-    run = {name: value for name, value in values.items() if name in RUN}
-    return {name: value for name, value in values.items() if name not in run}, run
-
-
 def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """A copy of `scene` with the named values.
 

@@ -422,6 +422,12 @@ def held(obstacle: Sphere | Plane, center: npt.ArrayLike) -> Sphere | Plane:
     return obstacle.replace(**{place_name(obstacle): center, "motion": None})
 
 
+def continuous(obstacle: Sphere | Plane, **changes: Any) -> Sphere | Plane:
+    """The sphere or plane with response "continuous", which the paper does not have, and with further `changes`."""
+    mended = {"as_printed": False} if obstacle.as_printed else {}
+    return obstacle.replace(response="continuous", **mended, **changes)
+
+
 def _offset(value: Any) -> Offset | float:
     if check.is_number(value):
         return check.number("offset", value, minimum=0)

@@ -25,7 +25,7 @@ from ..engine.stepping import acceleration
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
-from ..model.sphere import held
+from ..model.sphere import continuous, held
 from ..typing import Report
 from .report import report
 from .result import Run
@@ -176,10 +176,7 @@ class _Relaxation:
 
     def __init__(self, scene: Scene, tolerance: float, most: int, options: RunOptions) -> None:
         self.scene, self._tolerance, self._most, self._options = scene, tolerance, most, options
-        still = [
-            s.replace(response="continuous", restitution=0.0, **({"as_printed": False} if s.as_printed else {}))
-            for s in scene.spheres
-        ]
+        still = [continuous(sphere, restitution=0.0) for sphere in scene.spheres]
         self._plain = scene.replace(spheres=still)
         self._mass = scene.cloth.mass_per_point[..., None]
         self._free = ~scene.cloth.pinned

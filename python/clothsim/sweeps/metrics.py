@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..accuracy.solution import solve_in_double
+from ..accuracy.solution import distances, solve_in_double
 from ..base import Floats, check
 from ..model.scene import Scene
 from ..run.result import Run
@@ -106,9 +106,8 @@ def _reported(name: str, **variables: tuple[str, str, str, str]) -> Metric:
 def _error(run: Run, reference: Reference) -> dict[str, float]:
     if incomparable(run, reference):
         return dict.fromkeys(("error", "error_rms", "reference_error"), np.nan)
-    distance = np.linalg.norm(run.x[-1] - reference.x, axis=-1)
-    rms = float(np.sqrt((distance**2).mean()))
-    return {"error": float(distance.max()), "error_rms": rms, "reference_error": reference.error}
+    found = distances(run.x[-1], reference.x)
+    return {"error": float(found["max"]), "error_rms": float(found["rms"]), "reference_error": reference.error}
 
 
 def _energy_drift(run: Run, _: Any) -> dict[str, float]:

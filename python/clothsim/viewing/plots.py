@@ -32,8 +32,7 @@ def touching(scene: Scene, x: Floats, t: float) -> int:
     near = TOUCH * max(scene.cloth.spacing)
     touched = np.zeros(scene.cloth.shape, bool)
     for sphere in scene.spheres:
-        distance = np.linalg.norm(x - sphere.center_at(t), axis=-1)
-        touched |= distance <= sphere.contact_radius(scene.cloth) + near
+        touched |= sphere.height(x, t) <= sphere.offset_length(scene.cloth) + near
     return int(touched.sum())
 
 
