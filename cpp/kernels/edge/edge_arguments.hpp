@@ -48,7 +48,7 @@ struct EdgeArguments : StepConstants<Real> {
     const Real* coefficients;  // [class][SpringKind][EdgeCoefficientIndex][lane]
     const std::uint8_t* coefficient_class;  // per vector of a row
     const Real* reach;  // [vector][columns - 1][lane]: all bits where so many columns follow, else none
-    // The first of a row, in which each lane has every spring: all but the last two only of a row without padding.
+    // The first of a row, in which each lane has every spring: all but the last two of a row without padding.
     int whole_vectors;
     // Scratch, three vectors for each vector of mass points and one more for forces past the row's end.
     // The rows take turns: forces received by the current row, by the next row, and by the row after
