@@ -106,7 +106,8 @@ void bind_build(py::module_& m) {
 // Simulations lock themselves against use by two threads; the rest keeps no state that calls change.
 PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
     m.doc() = "The compiled core of clothsim. Private: the public names are those of the package.";
-    clothsim::install_fork_handler();
+    if (const auto os = py::module_::import("os"); py::hasattr(os, "register_at_fork"))
+        os.attr("register_at_fork")("after_in_child"_a = py::cpp_function(&clothsim::forget_workers));
     clothsim::bind_build(m);
     clothsim::bind_model(m);
     clothsim::bind_picture(m);

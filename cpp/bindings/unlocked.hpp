@@ -2,9 +2,7 @@
 // there.
 #pragma once
 
-#include <chrono>
 #include <optional>
-#include <thread>
 
 #include "bindings/bindings.hpp"
 #include "memory/subnormals.hpp"
@@ -12,8 +10,9 @@
 namespace clothsim {
 
 // A daemon thread may be in the core when the interpreter ends. Where it takes the lock again, Python before
-// 3.14 unwinds its stack to end the thread. That stops at the first destructor and aborts the process.
-// So the thread sleeps until the process ends, with all that its frames own.
+// 3.14 ends the thread, which must not destroy what its frames own: it stays here until the process ends.
+void take_lock(PyThreadState* thread);
+
 class Unlocked {
 public:
     Unlocked() : thread_(PyEval_SaveThread()) {}
@@ -31,13 +30,9 @@ public:
     }
 
 private:
-    void lock() noexcept {
+    void lock() {
         flushed_.reset();
-        try {
-            PyEval_RestoreThread(thread_);
-        } catch (...) {  // the unwinding; to leave this block is not allowed
-            for (;;) std::this_thread::sleep_for(std::chrono::hours(1));
-        }
+        take_lock(thread_);
     }
 
     PyThreadState* thread_;

@@ -241,7 +241,7 @@ private:
     template <class Work>
     void each_part(const Work& work) const {
         in_parts(a_.geometry.rows, threads_,
-                 [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) { work(int(begin), int(end)); });
+                 [&](std::ptrdiff_t begin, std::ptrdiff_t end) { work(int(begin), int(end)); });
     }
     std::uint8_t all_marks() const {
         std::uint8_t all = 0;

@@ -375,16 +375,12 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
 template <class Real>
 void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threads) {
     this->known_finite_ = false;
-    int team_given = 1;
-    const auto begin = [&](int team) {
-        team_given = team;
-        for (auto& band : bands(team)) band->begin_call();
-    };
-    in_team(RowBand::team(rows(), threads), begin,
-            [&](int thread, int team) { run_bands(team, thread, steps, clock); });
+    const int team = granted_threads(RowBand::team(rows(), threads));
+    const auto& stepped = bands(team);
+    for (const auto& band : stepped) band->begin_call();
+    run_team(team, [&](int thread) { run_bands(team, thread, steps, clock); });
     step_ += steps;
     this->state_known_ = true;
-    const auto& stepped = bands(team_given);
     this->known_finite_ = steps > 0 && !moved_after_steps() &&
         std::all_of(stepped.begin(), stepped.end(), [](const auto& band) { return band->finite; });
 }

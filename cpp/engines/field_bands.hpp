@@ -2,7 +2,6 @@
 // read each other's rows where they lie (memory/band_exchange.hpp).
 #pragma once
 
-#include <optional>
 #include <utility>
 
 #include "kernels/edge/edge_arguments.hpp"
@@ -49,21 +48,19 @@ public:
     // `work(band)` by at most `threads` threads.
     template <class Work>
     void run(int rows, int threads, Work work) {
-        const auto begin = [&](int team) {
-            if (int(bands_.size()) != team) bands_ = bands_of<FieldBand<Real>>(rows, team);
-            barrier_.emplace(team);
-            for (auto& band : bands_) {
-                band->begin_region();
-                band->version = 0;
-                band->team = &*barrier_;
-            }
-        };
-        in_team(RowBand::team(rows, threads), begin, [&](int t, int) { work(*bands_[std::size_t(t)]); });
+        const int team = granted_threads(RowBand::team(rows, threads));
+        if (int(bands_.size()) != team) bands_ = bands_of<FieldBand<Real>>(rows, team);
+        Barrier barrier(team);
+        for (auto& band : bands_) {
+            band->begin_region();
+            band->version = 0;
+            band->team = &barrier;
+        }
+        run_team(team, [&](int t) { work(*bands_[std::size_t(t)]); });
     }
 
 private:
     std::vector<std::unique_ptr<FieldBand<Real>>> bands_;
-    std::optional<Barrier> barrier_;
 };
 
 }  // namespace clothsim

@@ -1,7 +1,5 @@
 #include "engines/gather_engine.hpp"
 
-#include <optional>
-
 #include "memory/threads.hpp"
 
 namespace clothsim {
@@ -117,20 +115,17 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
     const GatherArguments<Real> stages[4] = {
         arguments(Stage::first, clock.dt), arguments(Stage::second, clock.dt),
         arguments(Stage::third, clock.dt), arguments(Stage::fourth, clock.dt)};
-
-    std::optional<Barrier> barrier;
-    const auto begin = [&](int team) { barrier.emplace(team); };
-    const auto work = [&](int thread, int team) {
+    const int team = granted_threads(std::min(threads, grid_.groups()));
+    Barrier barrier(team);
+    run_team(team, [&](int thread) {
         for (std::int64_t k = 1; k <= steps; ++k) {
             for (const GatherArguments<Real>& stage : stages) {
                 for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(stage, tile); });
-                barrier->wait();
+                barrier.wait();
             }
             this->watch(rows() * thread / team, rows() * (thread + 1) / team);
         }
-    };
-
-    in_team(std::min(threads, grid_.groups()), begin, work);
+    });
 }
 
 template <class Real>

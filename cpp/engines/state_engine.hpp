@@ -48,7 +48,7 @@ public:
     void save_checkpoint() final {
         checkpoint_.resize(memory_.size());
         in_parts(std::ptrdiff_t(memory_.size()), this->parts(),
-                 [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
+                 [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
                      std::copy(memory_.begin() + begin, memory_.begin() + end, checkpoint_.begin() + begin);
                  });
         tally_at_checkpoint_ = *this;

@@ -140,7 +140,7 @@ private:
         const RowKernels<Real, In>& kernels = row_kernels<In>();
         const RowShift shift = row_shift(-origin_);
         std::atomic<bool> finite{true};
-        in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
+        in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
             bool all = true;
             for (std::ptrdiff_t r = begin; r < end; ++r) {
                 all &= layout_.put_row(kernels, x + r * 3 * columns(), shift,
@@ -167,7 +167,7 @@ private:
         const RowKernels<Real, Out>& kernels = row_kernels<Out>();
         const RowShift shift = row_shift(origin);
         const int count = 3 * columns();
-        in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
+        in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
             AlignedVector<Out> part(std::size_t(layout_.in_one_strip() ? 0 : count));
             for (std::ptrdiff_t r = begin; r < end; ++r)
                 layout_.take_row(kernels, memory_.data() + layout_.at(int(r), 0, first), shift,
@@ -180,7 +180,7 @@ private:
         const Blocks all = layout_.state_blocks();
         std::atomic<bool> is{true};
         in_parts(all.count, int(std::min<std::ptrdiff_t>(parts(), all.count)),
-                 [&](std::ptrdiff_t begin, std::ptrdiff_t end, int) {
+                 [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
                      const Real* const first = memory_.data() + layout_.first() + begin * all.stride;
                      if (!kernels().all_finite(first, Blocks{end - begin, all.size, all.stride})) is = false;
                  });

@@ -2,26 +2,22 @@
 
 #include <cstdlib>
 #include <stdexcept>
+#include <xsimd/config/xsimd_cpuid.hpp>
 
 namespace clothsim {
 namespace {
 
-#if defined(CLOTHSIM_PORTABLE)
-bool processor_has(InstructionSet) { return true; }
-#else
 bool processor_has(InstructionSet set) {
-    __builtin_cpu_init();
+    const auto found = xsimd::available_architectures();
     switch (set) {
+        case InstructionSet::portable: break;  // built alone, for every processor
+        case InstructionSet::sse2: return found.sse2;
+        case InstructionSet::avx2: return found.fma3_avx2;
         case InstructionSet::avx512:
-            return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512cd") &&
-                __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
-        case InstructionSet::avx2: return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-        case InstructionSet::sse2: return __builtin_cpu_supports("sse2");
-        case InstructionSet::portable: break;  // built alone
+            return found.avx512f && found.avx512cd && found.avx512dq && found.avx512bw;
     }
-    return false;
+    return true;
 }
-#endif
 
 }  // namespace
 

@@ -6,9 +6,6 @@
 #include <mutex>
 #include <vector>
 
-#if !defined(_WIN32)
-#include <pthread.h>
-#endif
 #if defined(__linux__)
 #include <linux/futex.h>
 #include <sys/syscall.h>
@@ -103,6 +100,7 @@ int granted_threads(int wanted) {
 }
 
 void run_team(int team, const std::function<void(int)>& work) {
+    if (team == 1) return work(0);
     Job job{work};
     for (int i = 0; i < team - 1; ++i) workers.all[std::size_t(i)]->begin(&job);
     job.run(0);
@@ -113,10 +111,6 @@ void run_team(int team, const std::function<void(int)>& work) {
     if (job.failure) std::rethrow_exception(job.failure);
 }
 
-void install_fork_handler() {
-#if !defined(_WIN32)
-    pthread_atfork(nullptr, nullptr, [] { workers.all.clear(); });
-#endif
-}
+void forget_workers() { workers.all.clear(); }
 
 }  // namespace clothsim

@@ -14,8 +14,8 @@ inline constexpr int most_threads = 256;
 // may refuse some.
 int granted_threads(int wanted);
 
-// A child has none of its parent's workers: it starts its own.
-void install_fork_handler();
+// In the child of a fork, which has none of its parent's workers.
+void forget_workers();
 
 // Until another thread changes a counter from `now` and wakes its sleepers, or by chance earlier. Not by
 // std::atomic::wait: that of libstdc++ yields first.
@@ -67,25 +67,17 @@ private:
 // when all have ended.
 void run_team(int team, const std::function<void(int)>& work);
 
-// `work(thread, team)` by at most `wanted` threads, after `begin(team)`.
-template <class Begin, class Work>
-void in_team(int wanted, Begin begin, Work work) {
-    const int team = wanted > 1 ? granted_threads(wanted) : 1;
-    begin(team);
-    if (team == 1) return work(0, 1);
-    run_team(team, [&](int thread) { work(thread, team); });
-}
+// `work(thread, team)` by at most `wanted` threads.
 template <class Work>
 void in_team(int wanted, Work work) {
-    in_team(wanted, [](int) {}, work);
+    const int team = granted_threads(wanted);
+    run_team(team, [&](int thread) { work(thread, team); });
 }
 
-// `work(begin, end, part)` for `parts` parts of [0, count) of about equal size.
+// `work(begin, end)` for parts of [0, count) of about equal size, by at most `wanted` threads.
 template <class Work>
-void in_parts(std::ptrdiff_t count, int parts, Work work) {
-    in_team(parts, [&](int thread, int team) {
-        for (int s = thread; s < parts; s += team) work(count * s / parts, count * (s + 1) / parts, s);
-    });
+void in_parts(std::ptrdiff_t count, int wanted, Work work) {
+    in_team(wanted, [&](int thread, int team) { work(count * thread / team, count * (thread + 1) / team); });
 }
 
 }  // namespace clothsim
