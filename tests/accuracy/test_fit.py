@@ -118,23 +118,3 @@ def test_it_draws_itself():
     assert len(curves.lines) == 6 and residuals.get_ylabel() == "measured less fitted [mm]"
     assert [one.get_text() for one in matrix.get_xticklabels()] == ["stiffness", "drag", "sphere_radius (unknown)"]
     matplotlib.pyplot.close(curves.figure)
-
-
-BAD = [
-    ({"times": TIMES[:5]}, "positions must be an array of shape \\(5, 4, 4, 3\\) of numbers, NaN where"),
-    ({"positions": DATA[..., :2]}, "got shape \\(10, 4, 4, 2\\)"),
-    ({"positions": np.full_like(DATA, np.nan)}, "positions must have more numbers at free points .* 1, got 0"),
-    ({"positions": np.where(DATA > 0.2, np.inf, DATA)}, "positions must be .* got inf at index"),
-    ({"points": [(0, 0)]}, "positions must be an array of shape \\(10, 1, 3\\)"),
-    ({"points": [(0, 4)], "positions": DATA[:, 0, :1]}, "points\\[0\\] must be an integer >= -4 and <= 3, got 4"),
-    ({"points": [(1, 1), (-3, 1)], "positions": DATA[:, 0, :2]}, "points must name each point once"),
-    ({"over": ["size"]}, "over must name numbers of the scene, got 'size'"),
-    ({"over": {"stiffness": (70, 90)}}, "must be \\(least, most\\) from 0 to inf around 60, got \\(70"),
-]
-
-
-@pytest.mark.parametrize(("change", "message"), BAD)
-def test_bad_arguments_are_refused(change, message):
-    arguments = {"scene": SCENE, "times": TIMES, "positions": DATA, "over": ["stiffness"], **change}
-    with pytest.raises((ValueError, TypeError), match=message):
-        cs.fit(**arguments)

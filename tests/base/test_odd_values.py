@@ -28,7 +28,8 @@ STEPPER, CLOTH = cs.Stepper(SCENE), SCENE.cloth
 REFERENCE = cs.reference(cs.scenes.oscillator(), 0.1)
 
 EMPTY = [np.array([]), [], (), {}, set(), iter([])]
-COUNTS, TRIPLE, MOTION, SIZES = np.array([1, 2]), range(3), cs.Linear((1, 0, 0)), [(10**9, 10**9), (2.0, 3.0)]
+COUNTS, TRIPLE, ORIGIN = np.array([1, 2]), range(3), (0, 0, 0)
+MOTION, SIZES = cs.Linear((1, 0, 0)), [(10**9, 10**9), (2.0, 3.0)]
 NUMBERS = [0, -1, 2**63, 0.5, -0.5, 1e300, 1e-320, np.int8(-3), np.array(2.5), fractions.Fraction(1, 3), np.longdouble(0.25)]
 NOT_FINITE = [np.nan, np.inf, -np.inf, np.float32(np.inf), np.array(np.nan), 10**400, np.longdouble("1e4000")]
 TEXTS = ["", "12", "rk5", "a\0b", b"12", np.array("a"), ["a", 1], ("2", "3")]
@@ -42,7 +43,7 @@ ARRAYS = [
     np.zeros(7),
 ]
 MAPPINGS = [{"structural": None}, {"a": 1}, {1: 2}, {("dt",): [(1,)]}]
-ODD = [*NUMBERS, *NOT_FINITE, *EMPTY, COUNTS, TRIPLE, *SIZES, *TEXTS, *OBJECTS, *NESTED, *ARRAYS, *MAPPINGS]
+ODD = [*NUMBERS, *NOT_FINITE, *EMPTY, COUNTS, TRIPLE, ORIGIN, *SIZES, *TEXTS, *OBJECTS, *NESTED, *ARRAYS, *MAPPINGS]
 
 # Arguments that must be given, or whose default is no good value here, of every public callable that takes arguments.
 CALLS = {
@@ -151,7 +152,8 @@ RULES = [
     (truth, "as_printed bend progress frames smooth label shadow perspective z_up log difference"),
     (among(), "threads max_evaluations executor snapshot group precision kernel integrator backend response family"),
     (among(), "position force"),
-    (among(TRIPLE), "center direction velocity gravity center0 target"),
+    (among(TRIPLE), "direction normal"),
+    (among(TRIPLE, ORIGIN), "center velocity gravity center0 target point"),
     (among(*EMPTY), "springs pins"),
     (among(COUNTS), "shape"),
     (among(COUNTS, *SIZES), "size times"),

@@ -62,20 +62,6 @@ def test_a_point_between_two_spheres_ends_on_their_common_circle(kernel):
     np.testing.assert_allclose(x[0, 0], (along, height * 2 / np.sqrt(5), -height / np.sqrt(5)), rtol=0, atol=1e-12)
 
 
-def test_spheres_that_close_squeeze_a_point_out():
-    """It leaves along the circle where they meet, and is never inside."""
-    spheres = [
-        ball((-0.6, 0, 0), motion=cs.Linear((1, 0, 0)), restitution=0.0),
-        ball((0.6, 0, 0), motion=cs.Linear((-1, 0, 0)), restitution=0.0),
-    ]
-    stepper = cs.Stepper(lone((0.0, 0.01, 0), spheres))
-    for _ in range(300):
-        stepper.advance(1, 1e-3)
-        assert min(distances(stepper, spheres)) >= 0.5
-    assert abs(stepper.positions[0, 0, 0]) < 0.02
-    assert stepper.positions[0, 0, 1] > 0.39
-
-
 def test_a_point_that_is_trapped_is_refused_with_a_clear_word(trap):
     scene = trap()
     stepper = cs.Stepper(scene)

@@ -51,18 +51,6 @@ def test_spheres_become_a_plane_as_they_grow(contact):
     assert off[0] < 0.1 and off[1] < 0.01 and off[2] < 1e-4
 
 
-@pytest.mark.parametrize("contact", CONTACTS, ids=str)
-def test_kernels_and_precisions_agree_on_a_plane(contact):
-    plane = cs.Plane((0.2, 0.0, 0.1), (0.1, 1.0, -0.2), cs.Linear((0.1, 0.2, 0.0)), **contact)
-    expected = fallen(plane)
-    gather, single = fallen(plane, kernel="gather"), fallen(plane, precision="single")
-    assert np.abs(gather.positions - expected.positions).max() < 1e-5  # a bounce magnifies rounding
-    assert np.abs(single.positions - expected.positions).max() < 1e-3
-    if plane.response == "continuous":
-        for stepper in (expected, gather, single):
-            assert cs.penetration(stepper.positions, plane, stepper.time) == {"points": 0.0, "triangles": 0.0}
-
-
 @cases(precision=["double"])
 @pytest.mark.parametrize("contact", CONTACTS, ids=str)
 def test_steps_on_a_plane_are_those_of_the_reference(variant, contact):
@@ -92,12 +80,3 @@ def test_a_plane_in_files_batches_and_runs(tmp_path, same_bits):
         plane = scene.spheres[0]
         assert run.x[-1][..., 1].min() >= plane.point[1] and run.report["penetration"]["triangles"] == 0
         assert run.report["impulse"][0][1] < 0
-
-
-def test_planes_refuse_what_has_no_meaning():
-    with pytest.raises(ValueError, match="normal must be a direction"):
-        cs.Plane(normal=(0, 0, 0))
-    with pytest.raises(ValueError, match="response must be one of"):
-        cs.Plane(response="bounce")
-    with pytest.raises(TypeError):
-        cs.Plane(radius=1.0)

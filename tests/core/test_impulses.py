@@ -41,11 +41,13 @@ def off(impulses, momentum_lost):
 
 @cases(contact=CONTACTS, count=[1, 3])
 def test_impulses_are_the_momentum_that_the_cloth_has_lost(variant, contact, count):
-    scene = scene_of(contact, count)
+    gravity = np.array((0.0, -9.8125, 0.0))  # a number of both precisions
+    scene = scene_of(contact, count).replace(gravity=gravity)
     stepper = cs.Stepper(scene, **variant.options)
     stepper.advance(STEPS, DT)
     assert stepper.impulses.shape == (count, 3)
-    assert off(stepper.impulses, lost(stepper, scene)) < ROUNDING[variant.precision]
+    weight = CLOTH.mass_per_point.sum() * gravity
+    assert off(stepper.impulses, lost(stepper, scene) + weight * STEPS * DT) < ROUNDING[variant.precision]
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
@@ -55,15 +57,6 @@ def test_with_every_integrator(integrator, contact, count, precision):
     stepper = cs.Stepper(scene, integrator=integrator, precision=precision)
     stepper.advance(STEPS, DT)
     assert off(stepper.impulses, lost(stepper, scene)) < ROUNDING[precision]
-
-
-@pytest.mark.parametrize("contact", CONTACTS)
-def test_gravity_is_what_is_left(contact):
-    scene = scene_of(contact, 3).replace(gravity=(0.0, -9.8125, 0.0))  # a number of both precisions
-    stepper = cs.Stepper(scene)
-    stepper.advance(STEPS, DT)
-    weight = CLOTH.mass_per_point.sum() * np.array((0.0, -9.8125, 0.0))
-    assert off(stepper.impulses, lost(stepper, scene) + weight * STEPS * DT) < 1e-12
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
@@ -89,25 +82,6 @@ def test_spheres_apart_get_what_each_gets_alone(contact):
         alone.advance(100, DT)
         np.testing.assert_allclose(impulse, alone.impulses[0], rtol=0, atol=np.abs(impulse).max() * 1e-12)
         assert impulse[1] < -0.01
-
-
-@pytest.mark.parametrize("offset", ["none", "cell"])
-def test_a_point_between_two_spheres_presses_on_each_along_its_normal(offset):
-    """Four points of 4 kg lie at the lowest place between two spheres, without friction and springs."""
-    cloth = cs.Cloth((2, 2), (1e-3, 1e-3), mass=16.0, stiffness=0.0, damping=0.0, pins=())
-    spheres = [cs.Sphere((x, -3.0, 0.5), 5.0, None, "continuous", offset) for x in (-4.0, 4.0)]
-    x = np.zeros((2, 2, 3)) + (0, 0.002, 0)
-    x[:, 0, 2], x[:, 1, 2] = 0.4999, 0.5001
-    stepper = cs.Stepper(cs.Scene(cloth, spheres, position=x))
-    stepper.advance(400, 1e-3)
-    before = stepper.impulses
-    stepper.advance(400, 1e-3)
-    left, right = stepper.impulses - before
-    weight = 16.0 * 9.80665 * 0.4
-    assert left[1] == pytest.approx(-weight / 2, rel=1e-4) and right[1] == pytest.approx(-weight / 2, rel=1e-4)
-    centre = stepper.positions.mean(axis=(0, 1)) - spheres[0].center
-    assert left[0] / left[1] == pytest.approx(centre[0] / centre[1], rel=1e-4)
-    assert right[0] == pytest.approx(-left[0], rel=1e-4)
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
@@ -142,12 +116,3 @@ def test_the_report_has_the_momentum_of_its_run(contact, options):
     impulse = np.array(run.report["impulse"])
     assert impulse.shape == (1, 3) and run.report["impulse_reason"] == ""
     assert off(impulse, momentum(CLOTH, run.v[0]) - momentum(CLOTH, run.v[-1])) < 1e-12
-
-
-def test_a_resumed_run_counts_its_own():
-    scene = scene_of(("continuous", "cell"), 3)
-    whole, first = cs.simulate(scene, 0.1, DT), cs.simulate(scene, 0.05, DT)
-    second = first.resume(0.05)
-    parts = np.array([first.report["impulse"], second.report["impulse"]])
-    assert np.abs(parts[:, 0, 1]).min() > 1e-3
-    np.testing.assert_allclose(parts.sum(axis=0), whole.report["impulse"], rtol=1e-12, atol=1e-14)

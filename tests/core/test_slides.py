@@ -63,16 +63,6 @@ def test_slip_on_a_floor_that_starts_to_move(response, restitution):
     assert errors[1] < 0.2 * errors[0] + 1e-5
 
 
-def test_the_paper_keeps_the_point_at_the_surface():
-    """As printed, and with restitution 1 without friction, the rest of the step is not travelled."""
-    x, v = (0.3, 0.3, 0.0), (1.0, -2.0, 0.0)
-    for changes in ({"restitution": 1.0}, {"restitution": 0.5, "as_printed": True}):
-        sphere = cs.Sphere((0, 0, 0), R, response="ray", offset="none", **changes)
-        scene = alone(sphere, x, v).replace(gravity=(0, 0, 0))
-        y, _ = cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-3)
-        assert np.linalg.norm(y[0, 0]) == pytest.approx(R, rel=1e-14)
-
-
 @pytest.mark.parametrize("integrator", ["rk4", "velocity_verlet", "dop853"])
 def test_a_point_that_starts_inside_goes_on_for_one_step_alone(integrator, precision):
     """It has no time of entry. The ray takes it to the surface, and from there it goes on for the step."""

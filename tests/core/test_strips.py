@@ -81,24 +81,6 @@ def test_points_in_halos_get_one_response(options, crumpled, relative, response)
         assert relative(end[:2], found[0][:2], x) < 10 * BOUND[options["precision"]]
 
 
-@pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-def test_steps_repeated_from_a_checkpoint_are_the_same(options, crumpled, same_bits):
-    """A run that blows up goes back to find the step."""
-    scene, x, v, _ = crumpled(shape=SHAPES[2], **UNIFORM)
-    stepper = cs.Stepper(scene, x, v, **options, threads=2)
-    dt = 1.5 * cs.max_stable_dt(scene)
-    stepper.advance(2, dt / 100)
-    with pytest.raises(cs.UnstableError) as error:
-        stepper.advance(400, dt)
-    last = error.value.step - 1
-    assert last >= 1
-    fresh = cs.Stepper(scene, x, v, **options, threads=1)
-    fresh.advance(2, dt / 100)
-    for _ in range(last):
-        fresh.advance(1, dt)
-    assert same_bits((error.value.x, error.value.v), (fresh.positions, fresh.velocities))
-
-
 @pairs(precision=PRECISIONS, shape=[*SHAPES[:2], (400, 64), (330, 320)], threads=[1, 2, 3], kernel=NAMED_KERNELS)
 def test_one_number_that_is_not_finite_is_found_wherever_it_is(overflowing, precision, shape, threads, kernel):
     """Each thread looks at its rows when the last step of a call is done with them."""

@@ -34,20 +34,6 @@ def test_a_force_in_proportion_to_mass_acts_like_gravity(integrator, kernel, cru
     assert relative(cs.step(forced, x, v, dt, **options), cs.step(heavy, x, v, dt, **options), x) < 1e-12
 
 
-def test_the_potential_of_the_force_is_part_of_the_energy(crumpled):
-    scene, x, v, dt = crumpled(damped_by="nothing")
-    forced = scene.replace(force=forces(scene))
-    parts = cs.energy(forced, x, v)
-    assert parts["force"] == pytest.approx(-(forced.force * x).sum(), rel=1e-12)
-    assert parts["total"] == pytest.approx(
-        sum(parts[name] for name in ("kinetic", "elastic", "gravity", "force")), rel=1e-12
-    )
-    assert cs.energy(scene, x, v)["force"] == 0.0
-    end = cs.energy(forced, *cs.step(forced, x, v, dt / 20, 400))
-    assert abs(end["force"] - parts["force"]) > 1e-2
-    assert abs(end["total"] - parts["total"]) < 1e-6 * abs(end["force"] - parts["force"])
-
-
 def test_runs_and_the_trusted_solution_know_it(tmp_path, crumpled):
     scene, x, v, _ = crumpled(shape=(5, 6), damped_by="both")
     scene = scene.replace(position=x, velocity=v, force=forces(scene))

@@ -4,21 +4,9 @@ import clothsim as cs
 import numpy as np
 import pytest
 
-BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
-
 
 def arrays(stepper):
     return stepper.positions, stepper.velocities
-
-
-def test_it_is_step_in_parts(variant, crumpled, same_bits):
-    scene, x, v, dt = crumpled(spheres=BALL)
-    stepper = cs.Stepper(scene, x, v, t=0.0, **variant.options)
-    for n in (1, 0, 7, 64, 28):
-        stepper.advance(n, dt)
-    assert same_bits(arrays(stepper), cs.step(scene, x, v, dt, 100, t=0.0, **variant.options))
-    assert stepper.time == 100 * dt
-    assert stepper.instruction_set == variant.instruction_set
 
 
 def test_the_clock_does_not_drift():

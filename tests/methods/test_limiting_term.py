@@ -64,20 +64,6 @@ def test_warning_error_and_explain_name_it():
     assert term in str(warned[0].message)
 
 
-def test_explain_counts_the_integrator_that_it_is_asked_about():
-    damped, free = cs.Scene(cs.Cloth()), cs.Scene(cs.Cloth(damping=0.0))
-    for name, method in cs.integrators().items():
-        for scene in (damped, free):
-            account = scene.explain(integrator=name)
-            assert account["integrator"] == name
-            assert account["order"] == method.order_of(scene)
-            assert account["max_stable_dt"] == cs.max_stable_dt(scene, name)
-            if method.explicit:
-                assert account["force_evaluations_per_step"] == method.evaluations_per_step(scene.cloth.damped)
-    with pytest.raises(ValueError, match="did you mean 'pefrl'"):
-        damped.explain(integrator="pefril")
-
-
 def test_pefrl_with_damping_is_announced():
     damped, free = cs.scenes.oscillator(damping=0.1), cs.scenes.oscillator()
     state = damped.initial_position, damped.initial_velocity

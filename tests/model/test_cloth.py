@@ -25,15 +25,6 @@ def springs_by_definition(rows, columns):
     return found
 
 
-def test_table_2_counts():
-    cloth = Cloth()
-    assert [cloth.spring_count(f) for f in DEFAULT] == [1984, 1922, 1920]
-    assert cloth.spring_count() == 5826
-    assert Cloth(springs=("structural", "shear")).spring_count() == 3906
-    assert Cloth(springs=("shear",)).spring_count("structural") == 0
-    assert Cloth(springs=()).spring_count() == 0
-
-
 @pytest.mark.parametrize("shape", SHAPES)
 def test_springs_are_those_of_the_definition(shape):
     cloth = Cloth(shape=shape, size=(0.7, 2.1), pins=())

@@ -44,6 +44,10 @@ VALUES = [
     cs.Reciprocate((0.0, 3.0, 4.0), distance=0.8, period=1.7, deceleration=3.0, phase=0.3),
     cs.Keyframes([0.0, 0.4, 1.3], [(0, 0, 0), (1, 0, 0), (1, 2, -1)], smooth=True),
     cs.Sinusoid((0.1, 0, 0), 2.0),
+    cs.scenes.paper_swing(),
+    scene_with_arrays(),
+    scene_with_arrays().replace(gravity=(1, 2, 3), spheres=(cs.Sphere(), cs.Sphere(radius=0.1))),
+    scene_with_arrays().replace(velocity=np.ones((6, 5, 3)) * ~cs.Cloth((6, 5)).pinned[..., None]),
 ]
 
 

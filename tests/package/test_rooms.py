@@ -1,83 +1,62 @@
-"""Rooms of the package: what imports what, names that occur once, and the public names. import-linter checks the order."""
+"""Rooms of the package: what imports what, and the public names. import-linter checks the order."""
 
 import ast
 from graphlib import TopologicalSorter
 from importlib import import_module
+from importlib.util import resolve_name
 from pathlib import Path
 
 import clothsim as cs
 
 PACKAGE = Path(cs.__file__).parent
-TESTS = Path(__file__).parents[1]
-MODULES = [path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py")]
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+PUBLIC = ("accuracy", "errors", "gpu", "scenes", "typing")
+"""Modules that users import beside `clothsim` itself."""
+EVIDENCE = ("paper", "hard_cases")
 
 
-def name_of(path):
-    parts = path.with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+def modules():
+    """The text of each module of the package and its folder, by name without "clothsim."."""
+    for path in PACKAGE.rglob("*.py"):
+        folder = path.relative_to(PACKAGE).parent.parts
+        name = ".".join(folder if path.stem == "__init__" else (*folder, path.stem))
+        yield name, (path.read_text(encoding="utf-8"), ".".join(("clothsim", *folder)))
 
 
-NAMES = {name_of(path): path for path in MODULES}
+MODULES = dict(modules())
 
 
-def imports():
-    """(module, imported module or "", name, is inside a function) of every import of the package by itself when it runs."""
-    for module, path in NAMES.items():
-        tree = ast.parse((PACKAGE / path).read_text(encoding="utf-8"))
-        typing = {
-            id(inner)
-            for node in ast.walk(tree)
-            if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
-            for inner in ast.walk(node)
-        }
-        functions = [node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
-        inside = {id(inner) for node in functions for inner in ast.walk(node)}
-        package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
-        for node in ast.walk(tree):
-            if id(node) in typing:
-                continue
-            if isinstance(node, ast.Import):
-                for alias in node.names:
-                    if alias.name.split(".")[0] == "clothsim":
-                        yield module, alias.name[9:], "", id(node) in inside
-            elif isinstance(node, ast.ImportFrom):
-                if node.level:
-                    base = [part for part in package if part][: len([part for part in package if part]) - node.level + 1]
-                    source = ".".join([*base, *([node.module] if node.module else [])])
-                elif (node.module or "").split(".")[0] == "clothsim":
-                    source = node.module[9:]
-                else:
-                    continue
-                for alias in node.names:
-                    whole = f"{source}.{alias.name}".strip(".")
-                    yield module, whole if whole in NAMES else source, alias.name, id(node) in inside
-
-
-IMPORTS = list(imports())
+def imports(text, folder=None):
+    """(module, name or "") of every import of clothsim when the text runs; the module without "clothsim."."""
+    tree = ast.parse(text)
+    blocks = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)]
+    typing = {inner for block in blocks for inner in ast.walk(block)}
+    for node in ast.walk(tree):
+        if node in typing or not isinstance(node, (ast.Import, ast.ImportFrom)):
+            continue
+        for alias in node.names:
+            source, name = alias.name, ""
+            if isinstance(node, ast.ImportFrom):
+                source, name = resolve_name("." * node.level + (node.module or ""), folder), alias.name
+            room, _, module = source.partition(".")
+            if room == "clothsim":
+                whole = f"{module}.{name}".strip(".")
+                yield whole if whole in MODULES else module, name
 
 
 def test_no_circle_of_imports():
     """Imports inside functions count."""
-    graph = {}
-    for module, other, _, _ in IMPORTS:
-        if other and module:
-            graph.setdefault(module, set()).add(other)
+    graph = {module: {other for other, _ in imports(*code) if other} for module, code in MODULES.items() if module}
     order = list(TopologicalSorter(graph).static_order())  # raises CycleError
     assert order.index("model.cloth") < order.index("model.scene") < order.index("run.simulate")
 
 
-EVIDENCE = ("paper", "hard_cases")
-
-
 def test_only_evidence_and_command_line_import_the_front_door():
     """Earlier rooms take the core from the root package, nothing else."""
-    for module, other, name, _ in IMPORTS:
-        if module not in ("", "__main__") and module.split(".")[0] not in (*EVIDENCE, "cli") and other in ("", "scenes"):
-            assert name == "_core", (module, other, name)
-
-
-PUBLIC = ("accuracy", "errors", "gpu", "scenes", "typing")
-"""Modules that users import beside `clothsim` itself."""
+    for module, code in MODULES.items():
+        if module.split(".")[0] not in ("", "__main__", *EVIDENCE, "cli"):
+            taken = {name for other, name in imports(*code) if other in ("", "scenes")}
+            assert taken <= {"_core"}, module
 
 
 def public_names(module):
@@ -89,58 +68,36 @@ def public_names(module):
     }
 
 
-def private_uses(module, text, listed):
-    """What a module of evidence takes that is not public: imports, and attributes of `cs`."""
+def private_uses(text, folder=None, allowed=()):
+    """What a text takes that is neither public nor of an allowed room: imports, and attributes of `cs`."""
     found = []
-    for _, other, name, _ in listed:
-        if other.split(".")[0] in (module.split(".")[0], "base") or (other in PUBLIC and name == other):
+    for other, name in imports(text, folder):
+        if other.split(".")[0] in allowed or (other in PUBLIC and name == other):
             continue
         if other not in ("", *PUBLIC) or (name and name not in public_names(other)):
-            found.append((module, f"{other}.{name}".strip(".")))
+            found.append(f"{other}.{name}".strip("."))
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "cs" and node.attr not in public_names(""):
-            found.append((module, f"cs.{node.attr}"))
+            found.append(f"cs.{node.attr}")
     return found
 
 
 def test_rooms_of_evidence_use_public_names_alone():
     """And the tools of `base`, which know nothing of cloth."""
-    checked = 0
-    for module, path in NAMES.items():
-        if module.split(".")[0] in EVIDENCE:
-            listed = [one for one in IMPORTS if one[0] == module]
-            checked += len(listed)
-            assert private_uses(module, (PACKAGE / path).read_text(encoding="utf-8"), listed) == []
-    assert checked > 50
-    planted = [
-        ("paper.x", "engine.plan", "KERNELS", False),
-        ("paper.x", "", "_core", False),
-        ("paper.x", "gpu.device", "using", False),
-    ]
-    planted += [
-        ("paper.x", "accuracy", "own_method", False),
-        ("paper.x", "accuracy", "Method", False),
-        ("paper.x", "", "", False),
-    ]
-    found = private_uses("paper.x", "cs.Scene(cs._core.Cloth, cs.typing.Precision)", planted)
-    wrong = ["engine.plan.KERNELS", "_core", "gpu.device.using", "accuracy.own_method", "cs._core"]
-    assert [what for _, what in found] == wrong
+    rooms = {module: code for module, code in MODULES.items() if module.split(".")[0] in EVIDENCE}
+    for module, code in rooms.items():
+        assert private_uses(*code, (module.split(".")[0], "base")) == [], module
+    assert len(rooms) > 5
+    public = "import clothsim\nfrom clothsim import accuracy\nfrom clothsim.accuracy import Method\ncs.typing.Precision\n"
+    private = "from .. import _core\nfrom ..gpu.device import using\nfrom ..accuracy import own_method\ncs._core.Cloth\n"
+    found = private_uses(public + private, "clothsim.paper")
+    assert found == ["_core", "gpu.device.using", "accuracy.own_method", "cs._core"]
 
 
 def test_benchmarks_use_public_names_alone():
     """And `clothsim.paper`, whose experiments they run at other sizes."""
-    scripts = sorted((TESTS.parent / "benchmarks").rglob("*.py"))
-    for path in scripts:
-        text = path.read_text(encoding="utf-8")
-        listed = []
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "clothsim":
-                listed += [("", node.module[9:], alias.name, False) for alias in node.names]
-        name = path.relative_to(TESTS.parent / "benchmarks").as_posix()
-        found = private_uses("paper", text, [one for one in listed if not one[1].startswith("base")])
-        assert not any(one[1].startswith("base") for one in listed), name
-        assert [what for _, what in found] == [], name
-    assert len(scripts) > 10
+    scripts = {path: private_uses(path.read_text(encoding="utf-8"), None, ("paper",)) for path in BENCHMARKS.rglob("*.py")}
+    assert len(scripts) > 10 and not any(scripts.values()), scripts
 
 
 def test_dir_shows_public_names_only():

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from clothsim.paper import FULL, QUICK, Settings, reproduce, text
-from clothsim.paper.experiments import CASES, FRAMES, VARIANTS, Passed, comparison
+from clothsim.paper.experiments import CASES, FRAMES, VARIANTS, Passed
 from clothsim.paper.findings import findings, number
 from clothsim.paper.report import cuts, page_section
 from matplotlib.image import imread
@@ -110,15 +110,6 @@ def test_text_of_the_report_is_that_of_the_page(folder):
     page, told = (one.read_text() for one in (Path(__file__).parents[2] / "docs/reproduction.md", folder / "report.txt"))
     assert " ".join(page_section("Choices where the paper is silent").split()) in " ".join(told.split())
     assert page.count("Table 3, frames 150") == told.count("Table 3, frames 150") == 1
-
-
-def test_a_comparison_says_what_was_unstable(monkeypatch):
-    from clothsim.paper import experiments
-
-    monkeypatch.setattr(experiments, "SPHERES_DT", 4e-3)
-    with pytest.warns(cs.StabilityWarning):
-        rows = comparison(("static",), ("continuous", "continuous, cell"), part=0.5)
-    assert all("unstable at t" in row["failure"] for row in rows)
 
 
 def test_rounding_is_zero():

@@ -106,12 +106,7 @@ def test_measures_of_many_scenes_are_those_of_each_alone():
         cs.max_stable_dt(given, x=x[:2])
 
 
-@pytest.mark.parametrize("call", [cs.max_stable_dt, cs.settle, lambda given: cs.energy(given, 0, 0)])
-def test_measures_refuse_scenes_of_different_shapes(call):
+@pytest.mark.parametrize("call", [cs.max_stable_dt, cs.settle, lambda s: cs.energy(s, 0, 0), lambda s: cs.simulate(s, 0.1)])
+def test_scenes_of_different_shapes_are_refused(call):
     with pytest.raises(ValueError, match="scene must be a Scene or a non-empty sequence of Scene of one shape"):
         call([LOOSE, cs.scenes.oscillator()])
-
-
-def test_scenes_of_different_shapes_are_refused():
-    with pytest.raises(ValueError, match="one shape"):
-        cs.simulate([LOOSE, cs.scenes.paper_swing()], 0.1, dt=1e-3)

@@ -173,3 +173,42 @@ def test_resumed_at_a_kink_and_elsewhere(same_bits):
     for first in (kink, kink + 0.0013):
         run = cs.simulate(scene, first, rtol=1e-7).resume(0.5 - first)
         assert rms(run.x[-1] - right.x[-1]) < 1e-6
+
+
+@pytest.mark.parametrize("response, offset", [("continuous", "none"), ("continuous", "cell"), ("ray", "edge")])
+@pytest.mark.parametrize("integrator", ["dop853", "dopri5"])
+def test_no_contact_is_skipped_at_100_metres_a_second(integrator, response, offset):
+    """A sphere through a free cloth: what it meets leaves at twice its speed, at whatever tolerance."""
+    cloth = cs.Cloth((16, 16), mass=25.6, stiffness=100.0, damping=0.0, pins=())
+    sphere = cs.Sphere((0.5, -1.0, 0.5), 0.2, cs.Linear((0.0, 100.0, 0.0)), response, offset, restitution=1.0)
+    scene = cs.Scene(cloth, sphere, gravity=(0.0, 0.0, 0.0))
+    run = cs.simulate(scene, 0.02, rtol=1e-2, integrator=integrator, every=1e-3)
+    small = cs.simulate(scene, 0.02, dt=1e-5)
+    met, expected = (np.linalg.norm(r.v[-1], axis=-1) > 50 for r in (run, small))
+    assert expected.sum() >= 28
+    if offset != "cell":  # whose radius grows with the cells, by how much depends on the step
+        assert (met == expected).all()
+    assert met.sum() >= 28
+    # No step near the sphere was longer than a tenth of its contact radius at its speed.
+    assert 20 <= run.report["steps"] < 250
+    if response == "continuous":
+        assert run.report["penetration"]["points"] < 1e-12
+    if offset == "cell":
+        assert run.report["penetration"]["triangles"] < 1e-6
+    first = run.report["first_contact"]["time"]
+    assert abs(first - (1.0 - sphere.contact_radius(scene.cloth)) / 100.0) < 5e-4
+
+
+@pytest.mark.parametrize("integrator", ["dop853", "dopri5"])
+def test_a_grazing_contact_within_a_step_gets_a_response(integrator):
+    """Both ends of the step are outside; the chord dips in by a hair: the response at the end of a
+    step alone would not see it."""
+    cloth = cs.Cloth((1, 2), (1.0, 1.0), mass=2.0, stiffness=0.0, damping=0.0, pins=())
+    radius, depth, speed = 0.5, 2e-4, 10.0
+    sphere = cs.Sphere((0.0, 0.0, 0.0), radius, response="continuous", offset="none", restitution=1.0)
+    position = np.array([[[-1.0, radius - depth, 0.0], [-1.0, 5.0, 0.0]]])
+    velocity = np.array([[[speed, 0.0, 0.0], [speed, 0.0, 0.0]]])
+    scene = cs.Scene(cloth, sphere, (0.0, 0.0, 0.0), position, velocity)
+    run = cs.simulate(scene, 0.2, rtol=1e-3, integrator=integrator)
+    assert run.v[-1][0, 0, 1] > 0.05  # turned aside
+    assert run.v[-1][0, 1].tolist() == [speed, 0.0, 0.0]

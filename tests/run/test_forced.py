@@ -75,7 +75,6 @@ def test_a_run_with_a_force_goes_on_with_one(same_bits, tmp_path):
 @pytest.mark.parametrize(
     "options, error, words",
     [
-        ({"force": 3}, TypeError, "force must be callable"),
         ({"force": lambda t, x, v: x[0]}, ValueError, r"force\(t, x, v\) must be .*\(6, 7, 3\)"),
         ({"force": lambda t, x, v: x * np.nan}, ValueError, "finite"),
         ({"force": wind, "every": 5, "dt": None}, ValueError, "frames that are counted in steps"),

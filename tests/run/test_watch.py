@@ -96,32 +96,3 @@ def test_measures_over_steps_equal_measures_of_every_state(name, integrator, pre
 def test_they_are_the_same_for_every_number_of_threads(name, kernel):
     reports = [cs.simulate(SCENES[name], STEPS * DT, DT, threads=n, kernel=kernel).report for n in (1, 2, 3)]
     assert extremes(reports[0]) == extremes(reports[1]) == extremes(reports[2])
-
-
-def test_the_papers_failing_case_is_reported():
-    """Method 1 as printed: the moving sphere goes through the cloth. Only two frames are stored.
-
-    How deep the deepest point comes depends on rounding. It is near the centre of the sphere.
-    """
-    run = cs.simulate(cs.scenes.paper_moving("reflect", as_printed=True), 5.0, dt=5e-4)
-    assert len(run.t) == 2
-    depth = run.report["penetration"]
-    assert 0.2 < depth["points"] <= depth["triangles"] <= 0.25
-    swept = cs.sweep(run.scene, duration=5.0, dt=5e-4, metrics="penetration", progress=False)
-    assert float(swept.penetration_points) == depth["points"]
-    assert float(swept.penetration) == depth["triangles"]
-
-
-@pytest.mark.parametrize("integrator", ["dopri5", "dop853"])
-@pytest.mark.parametrize("name", ["reflect", "ray", "continuous", "cell"])
-def test_adaptive_steps(name, integrator):
-    """The moment does not depend on frames, and is that of small steps, to the length of a step.
-
-    Until 0.15 s: later the sphere runs into a pinned point, which gives a warning.
-    """
-    frames = cs.simulate(SCENES[name], 0.15, rtol=1e-4, integrator=integrator, every="step")
-    runs = [cs.simulate(SCENES[name], 0.15, rtol=1e-4, integrator=integrator).report, frames.report]
-    small = cs.simulate(SCENES[name], 0.15, 1e-4).report
-    assert extremes(runs[0])["first_contact"] == extremes(runs[1])["first_contact"]
-    time = runs[0]["first_contact"]["time"]
-    assert time == pytest.approx(small["first_contact"]["time"], abs=np.diff(frames.t).max())

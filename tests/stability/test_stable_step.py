@@ -1,4 +1,4 @@
-"""`max_stable_dt` at a state against dense step matrices that are assembled here, spring by spring."""
+"""`max_stable_dt`, at a state against dense step matrices that the benchmark assembles, spring by spring."""
 
 import math
 
@@ -28,7 +28,7 @@ def test_a_run_at_the_value_does_not_diverge():
         assert np.abs(state.positions - cloth.rest_positions).max() < 1e-6
 
 
-@pytest.mark.parametrize("number", range(5))
+@pytest.mark.parametrize("number", range(8))
 def test_of_random_scenes(number):
     rng = np.random.default_rng([7, number])
     scene, x, v, what = bench.random_case(rng)
@@ -70,3 +70,35 @@ def test_a_folded_state_has_a_limit_or_an_error_that_names_the_points():
     near[0, 1] = near[0, 0] + [1e-150, 0, 0]
     with pytest.raises(ValueError, match=r"x must .* \(0, 0\) and \(0, 1\)"):
         cs.max_stable_dt(cs.Scene(cloth), "rk4", near)
+
+
+def test_nothing_limits_an_implicit_method():
+    scene = cs.Scene(cs.Cloth((4, 4)))
+    assert cs.max_stable_dt(scene, "implicit_midpoint") == math.inf
+    assert cs.max_stable_dt(scene, "implicit_midpoint", scene.initial_position) == math.inf
+
+
+def test_velocities_count_where_springs_are_damped(crumpled):
+    scene, x, v, _ = crumpled(shape=(5, 6))
+    still = cs.max_stable_dt(scene, x=x)
+    assert cs.max_stable_dt(scene, x=x, v=0 * v) == still
+    assert abs(cs.max_stable_dt(scene, x=x, v=30 * v) / still - 1) > 1e-3
+
+
+def test_a_light_pinned_point_does_not_count():
+    mass = np.full((6, 6), 0.5)
+    even = cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass, pins=[(0, 0)])))
+    mass[0, 0] = 1e-6
+    assert cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass, pins=[(0, 0)]))) >= even
+    assert cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass))) == pytest.approx(even, rel=0.2, abs=0)
+    free = cs.Scene(cs.Cloth((6, 6), mass=mass, pins=()))
+    assert cs.max_stable_dt(free) < 1e-5 * even
+
+
+def test_a_light_point_among_heavy_ones_is_bounded_by_its_own_springs():
+    """4 structural springs: lambda <= sum K (1/m + 1/M), where the lightest mass alone gives 8 K / m."""
+    mass = np.full((7, 7), 100.0)
+    mass[3, 3] = 1e-3
+    cloth = cs.Cloth((7, 7), mass=mass, stiffness=50.0, damping=0.0, springs=("structural",))
+    expected = math.sqrt(8 / (4 * 50.0 * (1 / 1e-3 + 1 / 100.0)))
+    assert cs.max_stable_dt(cs.Scene(cloth)) == pytest.approx(expected, rel=1e-6, abs=0)
