@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 
 import clothsim as cs
-import numpy as np
 import pytest
 from clothsim import _core
 from commands import python
+from tables import each
 
 EXTRAS = ("matplotlib", "tqdm", "xarray", "scipy", "zarr", "dask", "wgpu", "PIL", "pandas", "pxr")
 
@@ -20,15 +20,10 @@ def printed(code, **environment):
     return run.stdout
 
 
-def loaded_beside_numpy():
-    """The modules that `import clothsim` loads, less those of `import numpy`."""
-    code = "import sys, numpy; before = set(sys.modules); import clothsim; print(*sorted(set(sys.modules) - before))"
-    return printed(code).split()
-
-
 def test_import_loads_numpy_and_light_parts_of_the_standard_library():
     """An import takes as long as what it loads; these take the longest of all that come with Python."""
-    roots = {name.partition(".")[0] for name in loaded_beside_numpy()}
+    code = "import sys, numpy; before = set(sys.modules); import clothsim; print(*sorted(set(sys.modules) - before))"
+    roots = {name.partition(".")[0] for name in printed(code).split()}
     assert roots - {"clothsim", "numpy"} <= sys.stdlib_module_names
     heavy = {"asyncio", "concurrent", "email", "http", "multiprocessing", "socket", "sqlite3", "ssl", "unittest", "xml"}
     assert not roots & heavy
@@ -51,9 +46,8 @@ def test_build_config(monkeypatch):
     monkeypatch.delenv("CLOTHSIM_ISA", raising=False)
     config = cs.build_config()
     assert config["version"] == cs.__version__
-    assert config["numpy"] == np.__version__
-    assert set(config["instruction_sets_supported"]) <= set(config["instruction_sets_built"])
     assert config["instruction_sets_built"] in (["avx512", "avx2", "sse2"], ["portable"])
+    assert set(config["instruction_sets_supported"]) <= set(config["instruction_sets_built"])
     assert config["instruction_sets_built"][-1] in config["instruction_sets_supported"]
     assert config["instruction_set"] == config["instruction_sets_supported"][0]
     assert config["threads"] >= 1
@@ -104,13 +98,9 @@ def _objects():
 
 
 @pytest.mark.skipif(not _objects() or not shutil.which("nm"), reason="no build tree or no nm here")
-def test_kernel_objects_have_no_function_in_common():
+@each("path", _objects() or [None])
+def test_kernel_objects_have_no_function_in_common(path):
     """A weak symbol compiled with AVX-512 could be picked by the linker for every processor."""
-    for path in _objects():
-        check_symbols(path)
-
-
-def check_symbols(path):
     symbols = subprocess.run(["nm", "-C", path], capture_output=True, text=True).stdout.splitlines()
     shared = [s for s in symbols if s[17:18] in "WVui" and s[17:18].strip()]
     assert not [s for s in shared if "__gxx_personality" not in s and s[17] != "w"], shared

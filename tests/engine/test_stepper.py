@@ -1,12 +1,8 @@
-"""The state that stays in the core: snapshots, and what an unstable run leaves."""
+"""The state that stays in the core: its clock, and what an unstable run leaves."""
 
 import clothsim as cs
 import numpy as np
 import pytest
-
-
-def arrays(stepper):
-    return stepper.positions, stepper.velocities
 
 
 def test_the_clock_does_not_drift():
@@ -30,7 +26,7 @@ def disturbed(scene, size=1e-3):
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-def test_an_unstable_run_names_the_point_and_keeps_the_last_finite_state(variant, same_bits):
+def test_an_unstable_run_names_the_point_and_keeps_the_last_finite_state(variant):
     scene = stiff()
     x = disturbed(scene)
     dt = 1.4 * cs.max_stable_dt(scene)
@@ -47,13 +43,6 @@ def test_an_unstable_run_names_the_point_and_keeps_the_last_finite_state(variant
     np.testing.assert_allclose(error.time, stepper.time + dt, rtol=1e-14)
     np.testing.assert_array_equal(error.x, stepper.positions)
     np.testing.assert_array_equal(error.v, stepper.velocities)
-
-    again = cs.Stepper(scene, x, t=0.5, **variant.options)
-    again.advance(3 + error.step - 1, dt)  # this many steps raise nothing ...
-    assert same_bits(arrays(again), arrays(stepper))
-    with pytest.raises(cs.UnstableError) as raised:
-        again.advance(1, dt)  # ... and this one is it
-    assert (raised.value.step, raised.value.point) == (1, error.point)
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
