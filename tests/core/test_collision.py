@@ -90,25 +90,6 @@ def test_ray_puts_a_point_on_the_surface_however_slow(variant, speed):
         assert np.abs(v).max() <= max(speed, 1e-300)
 
 
-@cases()
-@each("response, velocity", itertools.product(["reflect", "ray"], [(0, 0, 0), (0, 0, -2.0)]))
-def test_a_point_at_the_exact_centre(variant, response, velocity):
-    """At rest it leaves upwards; one with a velocity goes back to where it came from."""
-    sphere = cs.Sphere((1, 2, 3), RADIUS, response=response, offset="none", restitution=1.0)
-    dt, v = 2.0**-10, np.zeros((2, 2, 3))
-    x = np.full((2, 2, 3), 50.0)
-    v[0, 0] = velocity
-    x[0, 0] = (1, 2, 3) - dt * v[0, 0]  # exact, so that the step ends exactly at the centre
-    xt, vt = cs.step(drifting(x, sphere), x, v, dt, t=0.0, **variant.options)
-    if response == "reflect":
-        np.testing.assert_array_equal(xt[0, 0], sphere.center)
-        np.testing.assert_array_equal(vt[0, 0], velocity)  # no part of it is along the normal, y
-    else:
-        way = np.array((0, 0, 1) if any(velocity) else (0, 1, 0))
-        np.testing.assert_array_equal(xt[0, 0], sphere.center + RADIUS * way)
-        np.testing.assert_array_equal(vt[0, 0], -v[0, 0])
-
-
 @pytest.mark.parametrize("response", ["reflect", "ray"])
 def test_pinned_points_never_move(variant, response):
     x, v = cloud()

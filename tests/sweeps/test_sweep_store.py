@@ -77,35 +77,6 @@ def test_provenance(tmp_path):
         sweep(tmp_path / "s.zarr", resume=False)
 
 
-@pytest.mark.parametrize("stop_after", [1, 11])
-def test_missing_members_are_computed_once(tmp_path, counted, monkeypatch, stop_after):
-    path = tmp_path / "s.zarr"
-    record = store.Store.record
-    done = []
-
-    def stopping(self, records):
-        if len(done) == stop_after:
-            raise OSError("disk full")
-        done.extend(one.index for one in records)
-        record(self, records)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(store.Store, "record", stopping)
-        with pytest.raises(OSError, match="disk full"):
-            sweep(path)
-    part = cs.open_sweep(path)
-    assert sorted(np.flatnonzero(part.status.values)) == sorted(done)
-    assert len(part.clothsim.provenance["sessions"]) == 1
-    counted.clear()
-    whole = sweep(path)
-    assert sorted([*counted, *done]) == list(range(12))
-    same(whole, cs.sweep(SCENE, OVER, duration=0.3, metrics=METRICS, progress=False))
-    assert len(whole.clothsim.provenance["sessions"]) == 2
-    counted.clear()
-    same(whole, sweep(path))
-    assert counted == []
-
-
 class Killed(BaseException):
     pass
 
