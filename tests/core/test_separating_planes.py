@@ -103,11 +103,11 @@ def test_a_sphere_that_moves_is_seen_coming(motion, kernel):
 @pairs(axis=[0, 1, 2], side=[-1, 1], response=["ray", "continuous"], precision=["double", "single"])
 def test_a_sphere_is_seen_coming_from_every_side(axis, side, response, precision):
     toward = -side * np.eye(3)[axis]
-    sphere = cs.Sphere((0.5, 0.0, 0.5) - 0.9 * toward, 0.2, cs.Linear(50.0 * toward), response, "none", restitution=0.5)
-    cloth = cs.Cloth((32, 20), stiffness=10.0, damping=0.0, pins=())
-    scene, x, v = cs.Scene(cloth, sphere, gravity=(0, 0, 0)), cloth.rest_positions, np.zeros((32, 20, 3))
-    steps = 90 if axis == 1 else 30  # into the contact, before it magnifies rounding
+    sphere = cs.Sphere((0.5, 0.0, 0.5) - 0.9 * toward, 0.2, cs.Linear(100.0 * toward), response, "none", restitution=0.5)
+    cloth = cs.Cloth((16, 12), stiffness=10.0, damping=0.0, pins=())
+    scene, x, v = cs.Scene(cloth, sphere, gravity=(0, 0, 0)), cloth.rest_positions, np.zeros((16, 12, 3))
+    steps = 45 if axis == 1 else 15  # into the contact, before it magnifies rounding
     expected = cs.reference_step(scene, x, v, 2e-4, steps, t=0.0)
-    assert (np.abs(expected[1]).max(axis=-1) > 10).sum() > 5
+    assert (np.abs(expected[1]).max(axis=-1) > 10).sum() > 2
     result = cs.step(scene, x, v, 2e-4, steps, t=0.0, precision=precision)
     np.testing.assert_allclose(result[0], expected[0], rtol=0, atol={"double": 1e-7, "single": 2e-3}[precision])
