@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from clothsim import Cloth, Scene, thread_grid
 from clothsim.gpu.device import Device, opened, translated
-from clothsim.gpu.shader import Features, keep, shader_text, source
+from clothsim.gpu.shader import Features, keep, source
 
 _COUNT = 1 << 14
 # Of `results` in layout.wgsl.
@@ -58,13 +58,28 @@ def _run(
         return bytes(handle.queue.read_buffer(out, 0, size))
 
 
+_THREAD_IDS = """
+@compute @workgroup_size(group_size, group_size, 1)
+fn thread_ids(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_id) thread: vec3<u32>,
+    @builtin(global_invocation_id) dispatch: vec3<u32>,
+) {
+    if (!inside(dispatch)) { return; }
+    let index = place(dispatch);
+    var ids = array<u32, 7>(group.x, group.y, thread.x, thread.y, dispatch.x, dispatch.y, index);
+    for (var k = 0u; k < 7u; k++) { atomicStore(&results[7u * index + k], ids[k]); }
+}
+"""
+
+
 def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
     """`thread_grid` as the adapter has it: each invocation of the shader writes its own."""
     dtype = thread_grid(shape).dtype
     rows, columns = shape
     device = opened()
     plain = Features.of(Scene(Cloth((2, 2))))
-    code = source(plain, "single", device.float64) + shader_text("thread_ids")
+    code = source(plain, "single", device.float64) + _THREAD_IDS
     constants = np.array([*[0] * 4, rows, columns, *[0] * 10], np.uint32)
     names = ("group_x", "group_y", "thread_x", "thread_y", "dispatch_x", "dispatch_y", "index")
     size = 4 * len(names) * rows * columns

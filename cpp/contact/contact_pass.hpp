@@ -423,7 +423,7 @@ private:
             each_point(r, j, near_[index(r, j)] & free_[index(r, j)], [&](int i) {
                 if (!low(i)) return;
                 PointState end = now(i);
-                const Vec3 velocity = end.velocity, free_end = end.position;
+                const Vec3 free_end = end.position;
                 if (!exact::resolve(*this, i, swept_, before(i).position, end))
                     ContactReport::keep_first(report_.trapped, i);
                 if (end.position == free_end) return;
@@ -431,7 +431,7 @@ private:
                 marks_[std::size_t(r)] |= ContactMarks::lifted;
                 sums_[0].work +=
                     mass(i) * double(press_[std::size_t(value_of(i))]) * (end.position - free_end).norm();
-                set(i, {end.position, velocity});
+                points_.set_position(*memory_, i, end.position);
             });
         });
         return lifted;

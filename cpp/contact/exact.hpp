@@ -185,8 +185,8 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres, con
 // Whole step of one point among all spheres, earliest contact first. False: trapped.
 template <class Points>
 bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
-    const PointState start = points.before(i);
-    PointState end = points.now(i);
+    const PointState start = points.before(i), free_end = points.now(i);
+    PointState end = free_end;
     const Vec3 gain = end.velocity - start.velocity;
     Vec3 x = start.position;
     double elapsed = 0;  // part of the step
@@ -218,7 +218,8 @@ bool resolve(Points& points, int i, const std::vector<SweptSphere>& spheres) {
     }
     if (!done) end.position = x;
     const bool out = resolve(points, i, spheres, start.position, end);
-    points.set(i, end);
+    // Two floats of other values may have the same sum, so a point without contact keeps its own.
+    if (last || end.position != free_end.position || end.velocity != free_end.velocity) points.set(i, end);
     return out;
 }
 

@@ -37,8 +37,11 @@ public:
     void set_velocity(State& state, int point, const Vec3& velocity) const {
         for (int k = 0; k < 3; ++k) set_value(state, place(point, k + 3), velocity[k]);
     }
+    void set_position(State& state, int point, const Vec3& position) const {
+        for (int k = 0; k < 3; ++k) set_value(state, place(point, k), position[k]);
+    }
     void set(State& state, int point, const PointState& to) const {
-        for (int k = 0; k < 3; ++k) set_value(state, place(point, k), to.position[k]);
+        set_position(state, point, to.position);
         set_velocity(state, point, to.velocity);
     }
 

@@ -114,7 +114,6 @@ def test_an_option_that_it_does_not_have_is_refused(asked, accepted):
 
 SWING = cs.scenes.paper_swing()
 REFUSED = {
-    r"^response of at most one sphere can be 'continuous' .* got spheres \[0, 1\]": SWING.replace(spheres=[cs.Sphere()] * 2),
     r"^pins\[\(0, 0\)\] must be None": SWING.replace(cloth=SWING.cloth.replace(pins={(0, 0): cs.Linear((0, 1, 0))})),
     r"^drag of all members must be equal .* got True for member 1": [
         SWING,

@@ -66,8 +66,16 @@ SPHERES = {
     "continuous after ray": draped(ball(), cs.Sphere((0.9, -0.15, 0.6), 0.1, response="ray", motion=RISING)),
     "chain": draped(cs.Sphere((0.5, -0.29, 0.0), 0.25), shape=(1, 20), pins=((0, 0), (0, 19))),
     "plane": draped(cs.Plane((0.0, -0.12, 0.0))),
+    "several, moving": draped(
+        ball(motion=RISING),
+        cs.Sphere((0.2, -0.2, 0.2), 0.1, cs.Linear((0.0, 0.3, 0.1)), friction=0.3),
+        cs.Sphere((0.8, -0.15, 0.8), 0.08, response="ray"),
+    ),
+    "several, overlapping": draped(*(cs.Sphere((x, -0.2, 0.5), 0.15, friction=0.2) for x in (0.4, 0.6))),
+    "several, begins inside": draped(ball(-0.2, offset="edge"), cs.Sphere((0.15, -0.1, 0.8), 0.12)),
+    "floor and ball": draped(ball(0.35, motion=cs.Linear((0.0, -0.5, 0.0))), cs.Plane((0.0, -0.05, 0.0)), pins=()),
 }
-DOUBLE = ("two, rough, moving", "cell, rough, moving")
+DOUBLE = ("two, rough, moving", "cell, rough, moving", "several, moving", "several, overlapping")
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")

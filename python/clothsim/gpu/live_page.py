@@ -49,7 +49,7 @@ METHODS = (
     ("1, as printed", "reflect", True),
     ("2 (ray)", "ray", False),
     ("2, as printed", "ray", True),
-    ("continuous", "continuous", False),  # of one sphere
+    ("continuous", "continuous", False),
 )
 HEIGHT = 700  # pixels of the page in a notebook
 
@@ -173,7 +173,7 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
 
     names, methods = [], []
     for name, response, as_printed in METHODS:
-        if response == "continuous" and len(scene.spheres) != 1:
+        if response == "continuous" and not scene.spheres:
             continue
         names.append(name)
         methods.append(method([SphereFeatures(response, as_printed, response != "continuous") for _ in scene.spheres]))

@@ -94,16 +94,24 @@ class Features:
         return switches | {name: float(getattr(self, name)) for name in names}
 
     def after_contacts(self) -> str:
-        """WGSL of the collision pass: the classic responses of spheres in their order, then the continuous one."""
+        """WGSL of the collision pass: the classic responses of spheres in their order, then the continuous ones."""
         continuous = [k for k, s in enumerate(self.spheres) if s.response == "continuous"]
-        lines = [shader_text("continuous").replace("continuous_sphere", f"{k}u") for k in continuous]
+        lines: list[str] = []
+        if continuous:
+            is_one = " || ".join(f"k == {k}u" for k in continuous)
+            lines += [
+                f"const spheres = {len(self.spheres)}u;",
+                f"const one_sphere = {str(len(continuous) == 1).lower()};",
+                f"fn is_continuous(k: u32) -> bool {{ return {is_one}; }}",
+                shader_text("continuous"),
+            ]
         lines += ["fn after_contacts(body: Body, before: Body, id: vec3<u32>) -> Body {", "    var result = body;"]
         lines.append("    if (!is_pinned(id)) {")
         for k, s in enumerate(self.spheres):
             if k not in continuous:
                 flags = ", ".join(str(flag).lower() for flag in (s.response == "ray", s.as_printed, s.rough))
                 lines.append(f"        result = respond(result, contact_of(id.z, {k}u, 0u), id.z, {flags});")
-        lines += ["    }", *["    result = respond_continuously(result, before, id);"] * len(continuous)]
+        lines += ["    }", *["    result = respond_continuously(result, before, id);"] * bool(continuous)]
         return "\n".join([*lines, "    return result;", "}"])
 
 
@@ -146,6 +154,8 @@ def source(features: Features, precision: str, float64: bool) -> str:
             f"fn {prefix}inner(a: {vector}, b: {vector}) -> {word} {{ return ({x} + {y}) + {z}; }}",
         ]
     lines.append("fn keep_all(a: vec3<real>) -> vec3<real> { return vec3<real>(keep(a.x), keep(a.y), keep(a.z)); }")
+    sizes = 2.0 ** (23 if precision == "single" else 52) / _core.contact_constants["tolerance"]
+    lines.append(f"const size_of_tolerance = wide({sizes});")
     shared = {"first_spring": FIRST_SPRING, "first_weight": FIRST_WEIGHT, "contact_size": CONTACT_SIZE}
     lines += [f"const {name} = {value}u;" for name, value in {"group_size": _core.group_size, **shared}.items()]
     names = ["layout", "contact", "wide" if float64 else "narrow", "step", "check"]
@@ -186,12 +196,6 @@ def check_scenes(scenes: Sequence[Scene]) -> None:
             raise ValueError(f"pins[{pin}] must be None with backend 'gpu', got a motion; backend='cpu' drives pins")
         if scene.force is not None:
             raise ValueError("force must be None with backend 'gpu', got an array; backend='cpu' has it")
-        continuous = [k for k, sphere in enumerate(scene.spheres) if sphere.response == "continuous"]
-        if len(continuous) > 1:
-            raise ValueError(
-                "response of at most one sphere can be 'continuous' with backend 'gpu', got "
-                f"spheres {continuous}; backend='cpu' has several"
-            )
         own = Features.of(scene)
         for name, got in vars(own).items():
             expected = getattr(first, name)

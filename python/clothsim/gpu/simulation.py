@@ -224,7 +224,7 @@ class Simulation:
             start = time.monotonic()
             if bad := self._try(count):
                 if count == 1:
-                    found = {"member": bad[0], "point": bad[1], "trapped": False, "time": self._clock.at(1)}
+                    found = {"member": bad[0], "point": bad[1], "trapped": bad[2], "time": self._clock.at(1)}
                     return {**found, "step": done + 1, "steps": done}
                 most = 1  # repeated steps give the same bits, so single ones find the one that fails
                 continue
@@ -234,8 +234,8 @@ class Simulation:
             interrupts.deliver()
         return {"steps": done}
 
-    def _try(self, steps: int) -> tuple[int, int] | None:
-        """Take `steps` steps. If a state is bad, undo them and return the first member with a bad point, and the point."""
+    def _try(self, steps: int) -> tuple[int, int, bool] | None:
+        """Take `steps` steps. If a state is bad, undo them and return what `Block.run` has found."""
         if self._block:
             if bad := self._block.run([self._clock.at(k) for k in range(steps + 1)]):
                 self._block.take_back()
@@ -306,8 +306,8 @@ class Block:
         per_step = per_scene * len(self.scenes)
         tables = 1 + MOST_STEPS_UNCHECKED if self.features.moving else 1
         self.contact_table = create((tables * per_step or 1) * np.dtype(self.wide).itemsize, "STORAGE", "COPY_DST")
-        self._results = np.zeros(2 + 4 * members, np.uint32)
-        self._results[1 : 1 + 3 * members] = NONE
+        self._results = np.zeros(2 + 5 * members, np.uint32)
+        self._results[1 : 1 + 4 * members] = NONE
         self.results = create(self._results.nbytes, *both)
         self.constants = create(96, "UNIFORM", "COPY_DST")
         self.readback = create(self._results.nbytes, "MAP_READ", "COPY_DST")
@@ -354,10 +354,10 @@ class Block:
             row[..., 6:] = values[..., 3:]
         self._write(self.contact_table, table)
 
-    def run(self, times: Sequence[float]) -> tuple[int, int] | None:
+    def run(self, times: Sequence[float]) -> tuple[int, int, bool] | None:
         """Save a checkpoint and take the steps between `times`. `take_back` undoes them.
 
-        Return member of the batch and mass point of the first bad state, or None.
+        Return member of the batch and mass point of the first bad state, and whether the point is trapped; or None.
         """
         if self.features.moving:
             self._write_contacts(times)
@@ -370,7 +370,7 @@ class Block:
             self._rounds, self._runs = max(1, self._rounds // 2), 0
         return bad
 
-    def _run(self, steps: int) -> tuple[int, int] | None:
+    def _run(self, steps: int) -> tuple[int, int, bool] | None:
         handle, rounds = self.device.handle, self.pipelines.rounds
         step = [*self.pipelines.stages, *rounds[:2] * (self._rounds // 2), *rounds[2:]]
         self._write(self.results, self._results)
@@ -392,18 +392,17 @@ class Block:
             encoder = handle.create_command_encoder()
         return self._read_results()
 
-    def _read_results(self) -> tuple[int, int] | None:
-        """Read the results of the last steps: the first member with a bad point, and the point."""
+    def _read_results(self) -> tuple[int, int, bool] | None:
         self.readback.map_sync("READ")
         results = np.array(np.frombuffer(self.readback.read_mapped(), np.uint32)[: len(self._results)])
         self.readback.unmap()
         self._settled = not results[-1]
-        *found, self.contacts = results[1:-1].reshape(4, -1)  # bad, pinned and too large points; responses
-        bad, pinned, large = (
+        *found, self.contacts = results[1:-1].reshape(5, -1)  # layout.wgsl
+        bad, pinned, large, trapped = (
             next(((self.members[k], int(points[k])) for k in np.flatnonzero(points != NONE)), None) for points in found
         )
         self.found = {name: first for name, first in (("pinned_inside", pinned), ("large_cell", large)) if first}
-        return bad
+        return (*bad, False) if bad else (*trapped, True) if trapped else None
 
     def take_back(self) -> None:
         """Return to the checkpoint of `run`, if its steps have not been accepted."""

@@ -247,7 +247,7 @@ class Scene(Record):
         Raises
         ------
         ValueError
-            For a scene that the shader lacks: with `force`, driven pins, or several spheres of the response "continuous".
+            For a scene that the shader lacks: with `force` or driven pins.
 
         Examples
         --------

@@ -2,10 +2,14 @@
 // which goes through the scene's spheres in their order.
 struct Body { position: vec3<real>, position_low: vec3<real>, velocity: vec3<real>, velocity_low: vec3<real> }
 
+// A place with its rounding error, which is 0 where `wide` has float64.
+struct Spot { whole: vec3<wide>, low: vec3<wide> }
+fn same(a: Spot, b: Spot) -> bool { return all(a.whole == b.whole) && all(a.low == b.low); }
+
 // A sphere or plane at the moment of the pass (cpp/kernels/contact/continuous.hpp): a place on it, the normal there and its
 // curvature, levels that start from there, and the check in `real`, which finds a point too many, but none too few.
 struct Contact {
-    place: vec3<wide>, place_low: vec3<wide>, velocity: vec3<wide>, normal: vec3<wide>,  // low: where `wide` is too narrow
+    place: Spot, velocity: vec3<wide>, normal: vec3<wide>,
     curvature: wide, least: wide, innermost: wide, band: wide, tolerance: wide, most_of_cells: wide,
     restitution: wide, friction: wide, push: wide, dt: wide, near_level: wide, near_curvature: wide, of_cells: wide,
     excess: wide,
@@ -21,23 +25,23 @@ fn contact_of(member: u32, sphere: u32, steps_ago: u32) -> Contact {
     if (moving) { at += (atomicLoad(&results[0]) - steps_ago) * constants.contact_step_stride; }
     let c = at + 12u;
     return Contact(
-        contact_vector(at), contact_vector(at + 3u), contact_vector(at + 6u), contact_vector(at + 9u),
+        Spot(contact_vector(at), contact_vector(at + 3u)), contact_vector(at + 6u), contact_vector(at + 9u),
         contacts[c], contacts[c + 1u], contacts[c + 2u], contacts[c + 3u], contacts[c + 4u], contacts[c + 5u],
         contacts[c + 6u], contacts[c + 7u], contacts[c + 8u], contacts[c + 9u], contacts[c + 10u], contacts[c + 11u],
         contacts[c + 12u], contacts[c + 13u]);
 }
 
 fn gradient(s: Contact, d: vec3<wide>) -> vec3<wide> { return s.normal + wide_scaled(s.curvature, d); }
-
 fn level(s: Contact, d: vec3<wide>) -> wide { return wide_inner(d, s.normal + gradient(s, d)); }
-
 fn height_of(s: Contact, level: wide) -> wide {
     return level / (wide(1.0) + sqrt(max(wide(1.0) + wide_product(s.curvature, level), wide(0.0))));
 }
 
+fn level_of(s: Contact, height: wide) -> wide { return wide_product(height, wide(2.0) + wide_product(s.curvature, height)); }
+
 // Whether a point may respond: `gone` is its way in the sphere's frame.
 fn is_near(s: Contact, position: vec3<real>, gone: vec3<real>) -> bool {
-    let d = position - vec3<real>(s.place);
+    let d = position - vec3<real>(s.place.whole);
     let n = vec3<real>(s.normal);
     let f = inner(d, n + n + scaled(real(s.near_curvature), d));
     let more = real(s.most_of_cells) + product(real(2.0) * real(s.curvature), inner(gone, gone));
@@ -111,10 +115,13 @@ fn ray_response(s: Contact, start: vec3<wide>, velocity: vec3<wide>, as_printed:
 // The body after the response to one sphere. `ray`: method 2, else method 1, which leaves the position alone.
 fn respond(body: Body, s: Contact, member: u32, ray: bool, as_printed: bool, rough: bool) -> Body {
     if (!is_near(s, body.position, vec3<real>())) { return body; }  // nearly all points end here
-    let d = position_from(body, s);
+    let at = spot_of(body);
+    let d = spot_from(at, s.place);
     if (!(level(s, d) < s.least)) { return body; }
-    atomicAdd(&results[1u + 3u * constants.members + member], 1u);
+    atomicAdd(&results[1u + 4u * constants.members + member], 1u);
     let velocity = velocity_of(body);
-    if (ray) { return moved_body(body, s, ray_response(s, d, velocity, as_printed, rough)); }
-    return moved_body(body, s, Response(false, d, reflected(s, velocity, outward_normal(s, d), as_printed, rough)));
+    if (!ray) { return body_at(body, at, reflected(s, velocity, outward_normal(s, d), as_printed, rough)); }
+    let r = ray_response(s, d, velocity, as_printed, rough);
+    if (!r.moved) { return body_at(body, at, r.velocity); }
+    return body_at(body, beyond(s.place, r.d), r.velocity);
 }

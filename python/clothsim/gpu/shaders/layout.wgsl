@@ -15,15 +15,11 @@ override drag: bool = true;
 override mass_per_point: bool = true;
 override pinned: bool = true;
 override moving: bool = true;  // spheres move: each step has contacts of its own
-override cells: bool = true;   // the continuous sphere has the offset "cell"
+override cells: bool = true;   // a continuous sphere has the offset "cell"
 
 struct Constants {
-    half_h: real,
-    h: real,
-    h2_6: real,
-    h_6: real,
-    rows: u32,
-    columns: u32,
+    half_h: real, h: real, h2_6: real, h_6: real,
+    rows: u32, columns: u32,
     parameter_stride: u32,       // from member to member; 0: they share one scene
     contact_member_stride: u32,  // likewise
     contact_step_stride: u32,    // from step to step
@@ -42,13 +38,12 @@ struct Constants {
 @group(0) @binding(5) var<storage, read_write> accelerations: array<real>;
 @group(0) @binding(6) var<storage, read> parameters: array<real>;
 @group(0) @binding(7) var<storage, read> contacts: array<wide>;
-// Steps since the host set it to 0. Then a value of every member: first bad points, and first pinned points in the
-// continuous sphere. Then first points with cells larger than the sphere, and numbers of contact responses. At the end 1
+// Steps since the host set it to 0. Then a value of every member: first bad points, first pinned points in a continuous
+// sphere, first points with cells larger than a sphere, first trapped points, and numbers of contact responses. At the end 1
 // if the last round of `raise` has moved a point.
 @group(0) @binding(8) var<storage, read_write> results: array<atomic<u32>>;
 
 fn points() -> u32 { return constants.rows * constants.columns; }
-
 fn inside(id: vec3<u32>) -> bool { return id.x < constants.columns && id.y < constants.rows; }
 
 fn note(finding: u32, id: vec3<u32>) {

@@ -1,33 +1,21 @@
-// Responses in float32, for adapters without float64. A point is taken relative to the place on the sphere first, both with their low
+// Responses in float32, for adapters without float64. A point is taken relative to the sphere first, both with their low
 // parts. So a response errs by units in the last place of the radius, not of the coordinates.
-fn between(a: vec3<f32>, a_low: vec3<f32>, b: vec3<f32>, b_low: vec3<f32>) -> vec3<f32> {
-    return keep_all(a - b) + (a_low - b_low);
+fn spot_of(body: Body) -> Spot { return Spot(body.position, body.position_low); }
+fn spot_from(a: Spot, b: Spot) -> vec3<f32> { return keep_all(a.whole - b.whole) + (a.low - b.low); }
+
+// a + d with its rounding error (Knuth's two-sum).
+fn beyond(a: Spot, d: vec3<f32>) -> Spot {
+    let sum = keep_all(a.whole + d);
+    let part = keep_all(sum - a.whole);
+    return Spot(sum, (a.whole - keep_all(sum - part)) + (d - part) + a.low);
 }
 
-fn position_from(body: Body, contact: Contact) -> vec3<f32> {
-    return between(body.position, body.position_low, contact.place, contact.place_low);
-}
-
-// Way of a point in the sphere's frame, as the difference of two short ways.
-fn way(body: Body, before: Body, contact: Contact, start: Contact) -> vec3<f32> {
-    return between(body.position, body.position_low, before.position, before.position_low) -
-        between(contact.place, contact.place_low, start.place, start.place_low);
-}
+// As in wide.wgsl, but as the difference of two short ways.
+fn way(end: Spot, x: Spot, place: Spot, path: Spot) -> vec3<f32> { return spot_from(end, x) - spot_from(place, path); }
 
 fn velocity_of(body: Body) -> vec3<f32> { return body.velocity; }
 
-// place + d with its rounding error (Knuth's two-sum).
-fn moved_body(body: Body, contact: Contact, responded: Response) -> Body {
-    var result = body;
-    if (responded.moved) {
-        let sum = keep_all(contact.place + responded.d);
-        let part = keep_all(sum - contact.place);
-        result.position = sum;
-        result.position_low = (contact.place - keep_all(sum - part)) + (responded.d - part) + contact.place_low;
-    }
-    if (any(responded.velocity != body.velocity)) {
-        result.velocity = responded.velocity;
-        result.velocity_low = vec3<f32>(0.0);
-    }
-    return result;
+fn body_at(body: Body, at: Spot, velocity: vec3<f32>) -> Body {
+    if (all(velocity == body.velocity)) { return Body(at.whole, at.low, body.velocity, body.velocity_low); }
+    return Body(at.whole, at.low, velocity, vec3<f32>());
 }

@@ -10,6 +10,12 @@ fn low_at(at: u32) -> vec3<real> {
     return vec3<real>(compensation[at], compensation[at + points()], compensation[at + 2u * points()]);
 }
 
+fn body_before(at: u32) -> Body {
+    let v_at = at + 3u * points();
+    if (compensated) { return Body(state_at(at), low_at(at), state_at(v_at), low_at(v_at)); }
+    return Body(state_at(at), vec3<real>(), state_at(v_at), vec3<real>());
+}
+
 fn acceleration_at(at: u32) -> vec3<real> {
     return vec3<real>(accelerations[at], accelerations[at + points()], accelerations[at + 2u * points()]);
 }
@@ -91,20 +97,19 @@ fn finish(id: vec3<u32>, a: vec3<real>) {
     let v_at = at + 3u * points();
     let first = acceleration_at(at);
     let middle = acceleration_at(v_at);
-    var before = Body(state_at(at), vec3<real>(), state_at(v_at), vec3<real>());
+    let before = body_before(at);
     let dx = scaled(constants.h, before.velocity) + scaled(constants.h2_6, first + middle);
     let dv = scaled(constants.h_6, (first + a) + (middle + middle));
     var body = Body(before.position + dx, vec3<real>(), before.velocity + dv, vec3<real>());
     if (compensated) {
-        before = Body(before.position, low_at(at), before.velocity, low_at(v_at));
         let x = added(before.position, before.position_low, dx);
         let v = added(before.velocity, before.velocity_low, dv);
         body = Body(x[0], x[1], v[0], v[1]);
     }
     body = after_contacts(body, before, id);
     store_state(v_at, body.velocity, body.velocity_low);
-    if (!cells) { store_state(at, body.position, body.position_low); }
-    if (cells) { store(at, body.position, body.position_low); }  // `raise` ends the step
+    // With cells, `raise` ends the step.
+    if (cells) { store(at, body.position, body.position_low); } else { store_state(at, body.position, body.position_low); }
 }
 
 // old + increment, and its rounding error (Kahan 1965).

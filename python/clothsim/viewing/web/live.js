@@ -91,8 +91,9 @@ class Live extends PageRun {
     if (read.bad >= 0) {
       this.solver.takeBack();
       const columns = this.shape[1], point = `(${Math.floor(read.bad / columns)}, ${read.bad % columns})`, above = this.dt > this.limit;
-      this.problem = `UNSTABLE at step ${this.counted + 1} (t = ${(this.time + this.dt).toPrecision(6)} s), first at mass point ${point}: ` +
-        `the time step ${this.dt.toPrecision(3)} s is ${above ? "above" : "within"} the guaranteed ${this.limit.toPrecision(3)} s`;
+      const [what, why] = read.trapped ? ["NO PLACE LEFT", "spheres trap it between them"]
+        : ["UNSTABLE", `the time step ${this.dt.toPrecision(3)} s is ${above ? "above" : "within"} the guaranteed ${this.limit.toPrecision(3)} s`];
+      this.problem = `${what} at step ${this.counted + 1} (t = ${(this.time + this.dt).toPrecision(6)} s), first at mass point ${point}: ${why}`;
       return;
     }
     Object.assign(this, { steps: this.steps + steps, counted: this.counted + steps, planes: read.planes, low: read.low });

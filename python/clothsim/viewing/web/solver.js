@@ -5,7 +5,7 @@
 const NONE = 0xffffffff;
 const MOST_STEPS = 512;  // a frame; the table of sphere places has one row more
 const MOST_ROUNDS = 127;  // as in gpu/simulation.py
-const RESULTS = 24;      // bytes: steps, bad, pinned and too large mass points, contacts, whether the last round moved a point
+const RESULTS = 28;      // bytes: steps, mass points that are bad, pinned, too large and trapped, contacts, whether the last round moved a point
 // Centre and velocity of a sphere at a time, by the pieces of model/motion.py.
 function motionAt({ motion: m, center }, t) {
   if (!m) return [center, [0, 0, 0]];
@@ -103,7 +103,7 @@ class Solver {
       near, curvature - 64 * epsilon / size, curvature * contact.rounding, contact.excess];
   }
   // Take the steps of a path: centre, velocity, radius and offset of every sphere before the first step and after each.
-  // Resolves to {bad, planes, low}; bad is the first mass point that is not finite or too fast, or -1.
+  // Resolves to {bad, trapped, planes, low}; bad is the first mass point that is not finite, too fast or trapped, or -1.
   async run(path) {
     const { data } = this, row = data.spheres.length * data.contactSize;
     if (row) {
@@ -122,7 +122,7 @@ class Solver {
   }
   async take(steps) {
     const { device } = this;
-    this.write(this.results, new Uint32Array([0, NONE, NONE, NONE, 0, 0]));
+    this.write(this.results, new Uint32Array([0, NONE, NONE, NONE, NONE, 0, 0]));
     const encoder = device.createCommandEncoder(), six = 24 * this.points;
     [this.state, this.compensation].forEach((buffer, k) => encoder.copyBufferToBuffer(buffer, 0, this.kept[k], 0, six));
     const work = encoder.beginComputePass();
@@ -141,9 +141,9 @@ class Solver {
     await this.readback.mapAsync(GPUMapMode.READ);
     const read = this.readback.getMappedRange().slice(0);
     this.readback.unmap();
-    const [, bad, , , , moved] = new Uint32Array(read, 0, 6);
+    const [, bad, , , trapped, , moved] = new Uint32Array(read, 0, 7), first = bad === NONE ? trapped : bad;
     return {
-      bad: bad === NONE ? -1 : bad, settled: !moved,
+      bad: first === NONE ? -1 : first, trapped: bad === NONE, settled: !moved,
       planes: new Float32Array(read, RESULTS, 6 * this.points), low: new Float32Array(read, RESULTS + six, 6 * this.points),
     };
   }
