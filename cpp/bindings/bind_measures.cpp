@@ -1,5 +1,4 @@
 // Measures of a state, and the reference.
-#include <pybind11/eigen.h>
 #include <optional>
 
 #include "bindings/bindings.hpp"

@@ -1,5 +1,4 @@
 // Scenes and methods.
-#include <pybind11/eigen.h>
 #include <algorithm>
 #include <map>
 #include <optional>

@@ -1,4 +1,3 @@
-#include <pybind11/eigen.h>
 #include <algorithm>
 #include <array>
 #include <atomic>
