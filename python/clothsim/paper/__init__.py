@@ -12,7 +12,6 @@ import clothsim as cs
 
 from ..base import check
 from ..base.build import provenance
-from ..base.extras import needed
 from ..base.files import as_json, write_bytes
 from ..base.progress import ProgressBar
 from . import experiments as made
@@ -43,12 +42,9 @@ def reproduce(
     quick, settings : bool and Settings, optional
         The short form, or own sizes; the report ends with what they cut.
     experiments : collection of int, default (1, 2, 3, 4, 5)
-        1 static sphere, 2 moving sphere, 3 frame rate, 4 the core and the compute shader against the scalar reference,
-        5 every collision response, which is ours.
-    threads : int, optional
-        Threads to use, >= 1. Default: those of the core.
-    progress : bool, default False
-        Show a progress bar on stderr (needs tqdm).
+        Numbers of docs/reproduction.md; 5 is ours.
+    threads, progress : int and bool, optional
+        Threads to use, by default those of the core; whether to show a progress bar on stderr (needs tqdm).
 
     Returns
     -------
@@ -59,7 +55,6 @@ def reproduce(
     if not chosen or not set(chosen) <= set(EXPERIMENTS):
         raise ValueError(f"experiments must be some of {EXPERIMENTS}, got {tuple(experiments)!r}")
     threads = int(cs.build_config()["threads"]) if threads is None else check.integer("threads", threads, minimum=1)
-    needed("matplotlib", "the reproduction", "plot")
     settings = settings or (QUICK if quick else FULL)
     folder = check.folder("out", out).resolve()
     folder.mkdir(parents=True, exist_ok=True)
@@ -88,10 +83,8 @@ def _run(key: str, settings: Settings, threads: int, folder: Path, advance: Call
     pages.play(key, cases, folder)
     return {
         "cells": [cell for case in cases for cell in case.cells],
-        "history": {case.name: case.history for case in cases},
         "failures": {case.name: case.failure for case in cases if case.failure},
         "study": made.study(settings, threads) if key == "1" else [],
-        "plot": pages.plot_history(key, cases, folder),
     }
 
 

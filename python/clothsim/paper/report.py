@@ -1,4 +1,4 @@
-"""The report: one list of blocks, written as text and as a page that fetches nothing; its pictures and plots."""
+"""The report: one list of blocks, written as text and as a page that fetches nothing; its pictures and players."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ import clothsim as cs
 from clothsim.typing import Report
 
 from ..base.files import write_bytes
-from ..base.plots import BLUE, GREY, RED, figure, save
 from .experiments import FRAMES, FULL, Case, Settings
 from .findings import findings, here, number
 
@@ -122,7 +121,6 @@ def _contact(key: str, entry: dict[str, Any], frame_dt: float) -> list[str]:
     live = "live_static.html" if key == "1" else "live_moving.html"
     made.append(" · ".join([*links, f"[simulate this scene in the browser]({live})"]))
     made.append(_table("cells", sorted(entry["cells"], key=lambda cell: cell["frame"])))
-    made.append(f"![Deepest triangle and energy gained, frame by frame.]({entry['plot']})")
     return made + (["### The same frames with coarser steps", _table("study", entry["study"])] if entry["study"] else [])
 
 
@@ -206,22 +204,3 @@ def play(number: str, cases: Sequence[Case], folder: Path) -> None:
     arrays = [map(np.array, zip(*case.played)) for case in cases]
     runs = {case.name: cs.Run(case.scene, t, x, v, cast(Report, {})) for case, (t, x, v) in zip(cases, arrays)}
     cs.compare(runs).to_html(folder / f"experiment{number}.html", title=f"Experiment {number}, all cases in step")
-
-
-def plot_history(number: str, cases: Sequence[Case], folder: Path) -> str:
-    """Deepest triangle and energy gained, frame by frame."""
-    drawn, ((depth,), (energy,)) = figure(8, 5.2, 2, sharex=True)
-    for k, case in enumerate(cases):
-        frames, triangles, gained = np.array(case.history).T
-        line = {"color": (RED, BLUE)[k % 2], "ls": "--" if "printed" in case.name else "-"}
-        depth.plot(frames, np.maximum(1e3 * triangles, 1e-3), **line, label=case.name)
-        energy.plot(frames, gained, **line)
-    for panel in (depth, energy):
-        for frame in FRAMES[number]:
-            panel.axvline(frame, color=GREY, lw=0.8, zorder=0)
-    depth.set(yscale="log", ylim=(1e-3, None), ylabel="deepest triangle [mm]")
-    depth.legend(ncols=4, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    energy.set(ylabel="energy gained [J]", xlabel="frame (grey: those of the paper's table)")
-    energy.set_yscale("symlog", linthresh=100.0)
-    save(drawn, folder / f"experiment{number}_history.png")
-    return f"experiment{number}_history.png"
