@@ -24,16 +24,6 @@ def test_the_palette_is_that_of_every_figure_and_page():
     assert len(set(styles)) == 72
 
 
-def test_curves_of_a_run_have_names_beside_them():
-    run = cs.simulate(cs.scenes.paper_static(), 0.3, dt=1e-3, fps=50)
-    energy, _, penetration, _ = run.plot().axes
-    assert len(check_lines(energy)) == 4 and len(check_lines(penetration)) == 2
-    named = energy.get_legend()
-    assert {text.get_text() for text in named.get_texts()} == {"total", "kinetic", "elastic", "gravity"}
-    energy.figure.draw_without_rendering()
-    assert named.get_window_extent().x0 > energy.bbox.x1  # beside the lines
-
-
 def made_up_work():
     """All methods in both precisions, and two adaptive ones."""
     names = [*cs.integrators(), "dopri5 adaptive", "dop853 adaptive"]

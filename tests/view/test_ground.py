@@ -1,4 +1,4 @@
-"""A sphere as large as a floor leaves the cloth its place in every picture, film and page."""
+"""Floors: a `Plane`, and a sphere as large as one, leave the cloth its place in every picture, page and export."""
 
 import json
 
@@ -7,24 +7,22 @@ import numpy as np
 import pytest
 from clothsim.viewing.camera import camera_for
 
-RADII = [1.0, 1e3, 1e5]
 GAP = 0.49  # m below the flat sheet
+CLOTH = cs.Cloth((24, 24), mass=0.3, stiffness=200.0, damping=0.02)
+FLOORS = {
+    "plane": cs.Plane((0.0, -GAP, 0.0)),
+    **{f"{r:g}": cs.Sphere((0.5, -GAP - r, 0.5), r, offset="none") for r in (1.0, 1e5)},
+}
+WALL = cs.Plane((0.0, -0.3, 0.0), (0.2, 1.0, 0.1), motion=cs.Linear((0.0, 0.1, 0.0)), friction=0.8)
+LOOSE = cs.Cloth((8, 8), mass=0.3, stiffness=60.0, damping=0.02, pins=())
+RED = np.array([1.0, -0.5, -0.5])  # against grey
 
 
-def scene(radius):
-    """A light sheet that falls on a floor."""
-    floor = cs.Sphere((0.5, -GAP - radius, 0.5), radius, offset="none")
-    return cs.Scene(cs.Cloth((24, 24), mass=0.3, stiffness=200.0, damping=0.02), floor)
-
-
-@pytest.fixture(scope="module")
-def runs():
-    """For each radius the run, and the same frames without the floor."""
-    found = {}
-    for radius in RADII:
-        run = cs.simulate(scene(radius), 0.8, dt=1e-3, fps=10)
-        found[radius] = run, cs.Run(run.scene.replace(spheres=()), run.t, run.x, run.v, run.report)
-    return found
+@pytest.fixture(scope="module", params=FLOORS)
+def runs(request):
+    """A run of a light sheet that falls on a floor, and the same frames without the floor."""
+    run = cs.simulate(cs.Scene(CLOTH, FLOORS[request.param]), 0.8, dt=1e-3, fps=10)
+    return run, cs.Run(run.scene.replace(spheres=()), run.t, run.x, run.v, run.report)
 
 
 def share(picture):
@@ -38,31 +36,26 @@ def meta(path):
 
 
 @pytest.mark.parametrize("options", [{}, {"ground": False}], ids=str)
-@pytest.mark.parametrize("radius", RADII)
-def test_a_picture_shows_as_much_cloth_with_a_floor_as_without(runs, radius, options):
-    ground = scene(radius)
-    bare = share(cs.picture(ground.replace(spheres=()), **options))
-    assert bare > 0.3 and share(cs.picture(ground, **options)) == pytest.approx(bare, rel=0.2)
-    for frame in (0, 5, 8):
-        with_floor, without = (share(run.picture(frame, **options)) for run in runs[radius])
+def test_a_picture_shows_as_much_cloth_with_a_floor_as_without(runs, options):
+    start, bare = (share(cs.picture(one.scene, **options)) for one in runs)
+    assert bare > 0.3 and start == pytest.approx(bare, rel=0.2)
+    for frame in (5, 8):
+        with_floor, without = (share(run.picture(frame, **options)) for run in runs)
         assert without > 0.05 and with_floor == pytest.approx(without, rel=0.2)
 
 
-@pytest.mark.parametrize("radius", RADII[-2:])
-def test_cloth_that_lies_on_a_floor_is_drawn_as_without_it(runs, radius):
-    """Its points are at the radius up to rounding, which is no penetration."""
-    floor, bare = (np.asarray(run.picture()).astype(int) for run in runs[radius])
+@pytest.mark.parametrize("runs", ["plane", "100000"], indirect=True)
+def test_cloth_that_lies_on_a_floor_is_drawn_as_without_it(runs):
+    """Its points are at the surface up to rounding, which is no penetration."""
+    floor, bare = (np.asarray(run.picture()).astype(int) for run in runs)
     cloth = np.ptp(bare, axis=-1) > 25
     assert np.abs(floor - bare)[cloth].max(axis=-1).mean() < 1
 
 
-@pytest.mark.parametrize("radius", RADII)
-def test_pages_get_the_camera_of_the_cloth(runs, radius, tmp_path):
-    run, bare = runs[radius]
-    given = [meta(one.to_html(tmp_path / "a.html")) for one in (run, bare)]
+def test_pages_get_the_camera_of_the_cloth(runs, tmp_path):
+    run, bare = runs
+    given = [meta(one.to_html(tmp_path / "a.html")) for one in (run, bare)]  # raises where a number has no JSON
     assert given[0]["camera"] == given[1]["camera"]
-    (sphere,) = given[0]["runs"][0]["spheres"]
-    assert sphere["centers"] == [list(run.scene.spheres[0].center)]
     live = [meta(one.scene.to_live_html(tmp_path / "a.html"))["camera"] for one in (run, bare)]
     assert live[0]["width"] <= live[1]["width"]  # it frames the motion, which ends on the floor, but not the floor
 
@@ -78,7 +71,39 @@ def test_a_small_sphere_is_framed_while_it_is_near():
 
 
 def test_the_eye_looks_through_a_floor_from_below_and_through_a_wall():
-    wall = cs.Sphere((100.0 + 1.2, 0, 0.5), 100.0)
-    for ground, camera in ((scene(1e3), "below"), (scene(1e3).replace(spheres=wall), "corner")):
-        bare = share(cs.picture(ground.replace(spheres=()), camera=camera))
-        assert share(cs.picture(ground, camera=camera)) == bare > 0.3
+    for solid, camera in ((FLOORS["100000"], "below"), (cs.Sphere((100.0 + 1.2, 0, 0.5), 100.0), "corner")):
+        bare, seen = (share(cs.picture(cs.Scene(CLOTH, one), camera=camera)) for one in ((), solid))
+        assert seen == bare > 0.3
+
+
+def test_cloth_below_a_plane_is_red():
+    floor = cs.Scene(LOOSE, cs.Plane((5.0, -0.1, 3.0)))
+    above, below = (cs.picture(floor, LOOSE.rest_positions + [0, y, 0], width=160).pixels for y in (0.0, -0.15))
+    assert (above @ RED).max() < 60 < 150 < (below @ RED).max()
+
+
+@pytest.mark.parametrize("z_up", [False, True])
+def test_an_exported_plane_is_a_square_on_it_below_the_cloth(z_up):
+    exports, meshes = pytest.importorskip("clothsim.viewing.exports"), pytest.importorskip("clothsim.viewing.formats.meshes")
+    run = cs.simulate(cs.Scene(LOOSE, WALL), 0.4, dt=1e-3, fps=10)
+    clip = exports.Clip(run, None, z_up)
+    for k in (0, len(clip) - 1):
+        _, square = meshes.bodies(clip, clip[k])
+        places = square.positions[:, [0, 2, 1]] * [1, 1, -1] if z_up else square.positions
+        assert np.abs(WALL.height(places, run.t[k])).max() < 1e-12
+        a, b, c = places[square.corners[0]]
+        outward = np.cross(b - a, c - a)
+        assert outward @ WALL.unit_normal == pytest.approx(np.linalg.norm(outward))
+        assert np.ptp(square.positions, axis=0).max() > 3 * max(LOOSE.size)
+
+
+def test_a_plane_stands_where_a_sphere_stands():
+    pytest.importorskip("zarr")
+    rest = cs.settle(cs.Scene(LOOSE, WALL.replace(normal=(0, 1, 0))), t=1.0)
+    assert rest.report["reason"] == "" and rest.x[-1][..., 1] == pytest.approx(-0.2, abs=1e-6)
+    assert "a plane" in str(rest.scene.explain())
+    beside = cs.Scene(LOOSE, [cs.Sphere((0.5, -0.5, 0.5), 0.1), WALL])
+    options = {"duration": 0.01, "dt": 1e-3, "metrics": ["stable"], "progress": False}
+    assert cs.sweep(beside, {"sphere_radius": [0.1, 0.2]}, **options).stable.all()
+    with pytest.raises(ValueError, match="spheres.1. is a plane"):
+        cs.sweep(beside, {"sphere1_radius": [0.1]}, **options)

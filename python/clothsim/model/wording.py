@@ -28,10 +28,10 @@ def spheres_text(scenes: Sequence[Scene]) -> str:
     return f"{counted(len(spheres), 'sphere')} ({'; '.join(parts)})"
 
 
-def joules(energies: Sequence[float], negligible: float = 0.0) -> list[str]:
-    """Energies with their unit. Rounding errors of the largest value, and values below `negligible`, print as 0."""
-    negligible = max(negligible, 1e-15 * max(map(abs, energies)))
-    return [quantity(0.0 if abs(one) < negligible else one, "J") for one in energies]
+def joules(energies: Sequence[float]) -> list[str]:
+    """Energies with their unit; rounding errors of the largest one print as 0."""
+    rounding = 1e-15 * max(map(abs, energies))
+    return [quantity(0.0 if abs(one) < rounding else one, "J") for one in energies]
 
 
 def counted(number: int, noun: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from ..engine import snapshot
 from ..engine.snapshot import Snapshot
 from ..measure.measures import energy, largest_stretch, penetration
 from ..model.scene import Scene
+from ..model.sphere import Plane, Sphere
 from ..model.wording import cloth_text, counted, joules, quantity, spheres_text
 from ..typing import Every, Report
 from .report import joined
@@ -271,11 +272,7 @@ class Run:
             if last < 0:
                 raise ValueError(f"sphere must be None for a scene without spheres, got {check.shown(sphere)}")
             spheres = (spheres[check.integer("sphere", sphere, minimum=0, maximum=last)],)
-        deepest = {name: np.zeros(len(self.t)) for name in ("points", "triangles")}
-        for one in spheres:
-            for name, depth in penetration(self.x, one, self.t).items():
-                np.maximum(deepest[name], depth, out=deepest[name])
-        return deepest
+        return deepest(spheres, self.x, self.t)
 
     def stretch(self) -> dict[str, Floats]:
         """Stretch of the most stretched spring of each frame.
@@ -369,7 +366,7 @@ class Run:
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
 
-        A contact is a mass point closer to a sphere than the contact radius and 1/32 of the spacing.
+        A contact is a mass point closer to a sphere than the contact radius plus 1/32 of the grid spacing.
 
         Parameters
         ----------
@@ -401,7 +398,7 @@ class Run:
             Ends in ".gif", ".webp" (both by Pillow, extra "plot") or ".mp4" (H.264, by the program ffmpeg or the extra
             "film").
         fps : float, default 30
-            Pictures a second, > 0, at most 240, of a GIF at most 50: browsers slow down more.
+            Pictures a second, > 0, at most 240; at most 50 for a GIF, because browsers slow down faster ones.
         speed : float, default 1.0
             Simulated seconds in a second of the film, > 0.
         **style
@@ -543,6 +540,15 @@ def load_run(path: str | os.PathLike[str]) -> Run:
         found = Run(scene, data["t"], data["x"], data["v"], report, final, continuation)
         _check_arrays(found)
         return found
+
+
+def deepest(spheres: Iterable[Sphere | Plane], x: Floats, t: Floats) -> dict[str, Floats]:
+    """The deepest mass point and triangle in any sphere, shape (frames,) [m]."""
+    found = {name: np.zeros(len(t)) for name in ("points", "triangles")}
+    for sphere in spheres:
+        for name, depth in penetration(x, sphere, t).items():
+            np.maximum(found[name], depth, out=found[name])
+    return found
 
 
 def _check_arrays(run: Run) -> None:

@@ -150,7 +150,7 @@ def nearest(plane: Any, place: npt.ArrayLike, t: float = 0.0) -> Floats:
 def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[Floats]:
     """What a picture frames, along `axes`, shape (3, n): the mass points, and the outline of each sphere near them.
 
-    Of a wide sphere, where the cloth touches it, there are mass points.
+    A wide sphere has no outline: where the cloth touches it, the mass points are framed.
     """
     # `@` would wake BLAS's threads, which then spin beside the picture.
     low, high = np.full((3, 1), np.inf), np.full((3, 1), -np.inf)

@@ -70,9 +70,9 @@ class Frame(NamedTuple):
 class Clip:
     """A run as frames of a surface, in the axes of the file; `z_up` writes (x, y, z) as (x, -z, y).
 
-    `fps` is the number of frames per second, or None for the stored frames at their own times. It stays None if these are
-    not evenly spaced. `advance` is called after each frame. `times` [s] begin at 0. `uv`, shape (points, 2), are
-    texture coordinates: from above, with x to the right, a picture is upright and not mirrored.
+    `fps` is the number of frames per second, or None for the stored frames at their own times; the attribute then has their
+    rate, or None if they are not evenly spaced. `advance` is called after each frame. `times` [s] begin at 0. `uv`, shape
+    (points, 2), are texture coordinates: from above, with x to the right, a picture is upright and not mirrored.
     """
 
     def __init__(self, run: Any, fps: float | None, z_up: bool) -> None:
@@ -149,26 +149,20 @@ def between(run: Any, before: int, after: int, t: float) -> tuple[Floats, Floats
     return interpolated(t, [run.scene], float(run.t[before]), float(run.t[after] - run.t[before]), *states)
 
 
-def interpolation_error(run: Any) -> float:
-    """Largest error of interpolating each inner stored frame from its two neighbours [m].
-
-    The neighbours are about twice as far apart as stored frames. The error between stored frames is therefore a sixteenth of
-    this value where the motion is smooth, and half of it at a bounce.
-    """
-    inner = range(1, len(run.t) - 1)
-    found = (between(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k] for k in inner)
-    return max(float(np.linalg.norm(away, axis=-1).max()) for away in found)
-
-
 def _check_interpolation(run: Any, fps: float) -> None:
-    """Give a warning or an error if stored frames are too far apart for the requested frames."""
+    """Give a warning or an error if stored frames are too far apart for the requested frames.
+
+    Each inner stored frame is interpolated from its two neighbours, which are about twice as far apart as stored frames. The
+    error between stored frames is therefore a sixteenth of that where the motion is smooth, and half of it at a bounce.
+    """
     cure = f"simulate with every={1 / fps:.6g} to store the frames exported, or export with fps=None"
     if len(run.t) < 3:
         raise ValueError(
             f"run must store frames between its first and last state to be exported at {fps:g} "
             f"frames a second, got {len(run.t)} frames; {cure}"
         )
-    error, spacing = interpolation_error(run), min(run.scene.cloth.spacing)
+    away = (between(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k] for k in range(1, len(run.t) - 1))
+    error, spacing = max(float(np.linalg.norm(one, axis=-1).max()) for one in away), min(run.scene.cloth.spacing)
     found = (
         f"a stored frame interpolated from its neighbours is wrong by {error:.3g} m, with a grid spacing of {spacing:.3g} m"
     )

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.extras import needed
-from ..measure.measures import penetration
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -88,14 +87,6 @@ def scale_of(color: Any, values: Floats, limits: Any) -> Scale:
         low, high = float(known.min()), float(known.max())
     above = bool(known.size and known.max() > high)
     return Scale(*named, low, high, HEAT if title == "depth" else VIRIDIS, above)
-
-
-def deepest(scene: Any, x: Floats, t: Floats) -> Floats:
-    """The depth of the deepest place of the cloth in any sphere, shape (frames,) [m]."""
-    found = np.zeros(len(x))
-    for sphere in scene.spheres:
-        np.maximum(found, penetration(x, sphere, t)["triangles"], out=found)
-    return found
 
 
 def point_stretch(scene: Any, x: Floats) -> Floats:

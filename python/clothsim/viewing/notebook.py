@@ -10,14 +10,11 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from ..measure.measures import energy, penetration
-from ..methods.bound import limiting_term
 from ..model.scene import Scene
-from ..model.wording import cloth_text, counted, joules, quantity, spheres_text
 from ..run.result import Run
 from .picture import Picture, picture
 
-WIDTH = 400  # pixels; beside six lines in a notebook
+WIDTH = 400  # pixels; beside the lines of a run in a notebook
 
 
 def bundle(text: str, picture: Picture) -> dict[str, Any]:
@@ -44,31 +41,8 @@ def runs_html(runs: Mapping[str, Run]) -> str:
 
 
 def scene_bundle(scene: Scene) -> dict[str, Any]:
-    """`bundle` with the lines of a scene and a picture of its initial state."""
-    return bundle("\n".join(_scene_lines(scene)), picture(scene, scene.initial_position, 0.0, width=WIDTH))
-
-
-def _scene_lines(scene: Scene) -> list[str]:
-    """Six lines: cloth, springs, spheres, gravity, initial state and stable time step."""
-    cloth, x = scene.cloth, scene.initial_position
-    size, mass, pinned = "{:g} x {:g} m".format(*cloth.size), float(cloth.mass_per_point.sum()), int(cloth.pinned.sum())
-    springs = ", ".join(f"{k:g} N/m {name}" for name, k in cloth.family_stiffness.items())
-    energies = energy(scene, x, scene.initial_velocity)
-    kinds = ["kinetic", "elastic", "gravity", *["force"] * (scene.force is not None)]
-    # Rounding: the energy of one spring of the cloth's length that a strain of 1e-10 stretches.
-    rounding = 1e-20 * max(cloth.family_stiffness.values(), default=0.0) * max(cloth.size) ** 2
-    total, *parts = joules([float(energies[name]) for name in ("total", *kinds)], rounding)
-    depths = [penetration(x, sphere, 0.0) for sphere in scene.spheres]
-    deepest = [f"{name} {quantity(max(float(one[name]) for one in depths), 'm')}" for name in depths[0]] if depths else []
-    term = limiting_term(scene, "rk4")
-    return [
-        f"Scene of {cloth_text(scene)}, {size}, {quantity(mass, 'kg')}",
-        f"{counted(cloth.spring_count(), 'spring')} ({springs or 'none'}), {counted(pinned, 'pinned point')}",
-        f"{spheres_text([scene])}, gravity ({', '.join(f'{g:g}' for g in scene.gravity)}) m/s^2",
-        f"initial energy {total} ({', '.join(map(' '.join, zip(kinds, parts)))})",
-        f"initial penetration: {', '.join(deepest) or 'no sphere'}",
-        f"stable time step {quantity(term.max_stable_dt, 's')} with rk4, limited by {term.name}",
-    ]
+    """`bundle` with the account of a scene's work and a picture of its initial state."""
+    return bundle(str(scene.explain()), picture(scene, width=WIDTH))
 
 
 class Frame:

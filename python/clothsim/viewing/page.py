@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import zlib
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -29,7 +29,7 @@ from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for, nearest, reach
-from .legend import HEAT, VIRIDIS, point_stretch
+from .legend import HEAT, TOP_PART, VIRIDIS, point_stretch
 from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
 from .plots import curves
@@ -42,7 +42,6 @@ FLAT = 1e6  # radius of the sphere that stands for a plane, in longer sides of t
 MOST_SPHERES = 100  # whose depths a fragment shader compares; WebGL 2 warrants room for 112
 POSTER_WIDTH = 400  # pixels of the picture shown where scripts or WebGL are missing
 LEVELS = 65535
-TOP_PARTS = {"max": 1.0, "99 %": 0.99, "90 %": 0.9}  # of all values that a colour scale holds, by the name of the choice
 SHORTEST = 4.0  # s; a run that is over sooner is shown slowed down
 SPEEDS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4)
 VIEWS = ("corner", "front", "right", "top")
@@ -71,28 +70,22 @@ class Comparison:
 
     def __init__(self, runs: Mapping[str, Run], difference: bool = False) -> None:
         self.runs, self.difference = dict(runs), difference
+        self._distances = _differences(self.runs) if difference else []
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
-        """Write one self-contained page that plays the runs side by side, synchronised.
+        """Write one self-contained page that plays the runs side by side, with one slider and their curves below.
 
-        One slider moves all runs through time; below, curves of energy, stretch, penetration and contacts have a cursor
-        there. The page can be turned, moved and enlarged by mouse, fingers and keys. It colours the cloth by stretch,
-        speed, depth below a sphere or distance to the first run, and makes no request. A click on the cloth shows the
-        values of a mass point of all runs, and their curves.
-
-        Positions are rounded to 1/65535 of the run's extent on each axis (15 um on 2 m). The square roots of stretch,
-        speed and distance have 255 levels. A run that is shorter than another keeps its last frame.
-
-        `title` is the heading, by default the labels. Errors are those of `Run.to_html`.
+        docs/look.md shows its controls. `title` is the heading, by default the labels. Rounding and errors are those of
+        `Run.to_html`.
         """
         path = file_path("path", path)
         title = " and ".join(self.runs) if title is None else check.instance("title", title, str)
-        return write_bytes(path, _page(title, self.runs, self.difference).encode())
+        return write_bytes(path, self._page(title).encode())
 
     def show(self, height: int = 600) -> Frame:
         """The page for a notebook cell; `height` is 300 to 4000 pixels."""
         title, height = " and ".join(self.runs), check.integer("height", height, minimum=300, maximum=4000)
-        return Frame(_page(title, self.runs, self.difference), f"<{title}, to be played in a notebook>", height)
+        return Frame(self._page(title), f"<{title}, to be played in a notebook>", height)
 
     def picture(self, t: float | None = None, **style: Any) -> Picture:
         """The runs side by side, in one view: the stored frames nearest to the time `t` [s], by default the last ones.
@@ -106,6 +99,9 @@ class Comparison:
         height = max(map(len, shown))  # the label of a run "as printed" has a further line
         padded = [np.pad(one, ((0, height - len(one)), (0, 0), (0, 0)), constant_values=255) for one in shown]
         return Picture(np.concatenate(padded, axis=1))
+
+    def _page(self, title: str) -> str:
+        return page_text(title, page_body(title, self.runs, self._distances))
 
     def _repr_html_(self) -> str:
         return runs_html(self.runs)
@@ -123,7 +119,7 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
         Label -> run, 1 to 8 of them. Scenes and stored times may differ.
     difference : bool, default False
         Whether the page also shows the distance \|x - x_first\| to the first run, as a colour and as a curve of its root
-        mean square. Cloths have one shape then, and each time that a run has stored is one of the first run's.
+        mean square. It requires cloths of one shape, and that the first run has stored all times of the others.
 
     Returns
     -------
@@ -151,8 +147,6 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
         if not isinstance(label, str) or not isinstance(run, Run):
             raise TypeError(f"runs must be {accepted}, got {label!r}: {type(run).__name__}")
         check.instance("a label of runs", label, str)
-    if difference:
-        _differences(runs)
     return Comparison(runs, difference)
 
 
@@ -186,14 +180,10 @@ def alone(run: Run, title: str | None = None) -> Comparison:
     return Comparison({_title_of(run.scene) if title is None else check.instance("title", title, str): run})
 
 
-def _page(title: str, runs: Mapping[str, Run], difference: bool) -> str:
-    return page_text(title, page_body(title, runs, difference))
-
-
-def page_body(title: str, runs: Mapping[str, Run], difference: bool = False, more: str = "") -> str:
-    """The body of a page that plays runs, with `more` below its controls."""
+def page_body(title: str, runs: Mapping[str, Run], distances: Sequence[Mapping[str, Any]] = (), more: str = "") -> str:
+    """The body of a page that plays runs, with `more` below its controls; `distances` are those of `_differences`."""
     cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
-    meta, data = _contents(runs, cameras, difference)
+    meta, data = _contents(runs, cameras, distances)
     posters = [poster(r.scene, r.x[-1], float(r.t[-1]), camera) for r, camera in zip(runs.values(), cameras, strict=True)]
     panels = "".join(
         f'<figure class="run"><figcaption><span id="key-{k}"></span> <b>{escape(label) if len(runs) > 1 else ""}</b> '
@@ -244,8 +234,7 @@ def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
         for name in ("faces", "stretch", "speed", "depth", "difference")
         if name == "faces" or name in meta["tops"]
     )
-    tops = "".join(f"<option{' selected' if name == '99 %' else ''}>{name}</option>" for name in TOP_PARTS)
-    return filled("controls.html", speeds=speeds, modes=modes, tops=tops)
+    return filled("controls.html", speeds=speeds, modes=modes)
 
 
 def _sparse(runs: Mapping[str, Run]) -> str:
@@ -272,21 +261,21 @@ def _help(meta: Mapping[str, Any]) -> str:
     return f'<p class="small">{HELP} {red}Positions are stored to {micron:.2g} um.</p>'
 
 
-def _contents(runs: Mapping[str, Run], cameras: list[Camera], difference: bool) -> tuple[dict[str, Any], str]:
+def _contents(
+    runs: Mapping[str, Run], cameras: list[Camera], distances: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, Any], str]:
     """Settings of the page, and its script elements with the frames."""
     values = {"stretch": [point_stretch(run.scene, run.x) for run in runs.values()]}
     values["speed"] = [np.array([np.linalg.norm(v, axis=-1).ravel() for v in run.v]) for run in runs.values()]
     lines = [curves(run) for run in runs.values()]
-    if difference:
-        found = _differences(runs)
-        values["difference"] = [
-            np.zeros_like(values["speed"][0]),
-            *(one["distance"].reshape(len(one["t"]), -1) for one in found),
-        ]
-        for line, one in zip(lines[1:], found, strict=True):
+    if distances:
+        away = [one["distance"].reshape(len(one["t"]), -1) for one in distances]
+        values["difference"] = [np.zeros_like(values["speed"][0]), *away]
+        for line, one in zip(lines[1:], distances, strict=True):
             line["difference"] = one["rms"]
+    ends = {"max": 1.0, "top": TOP_PART}
     tops = {
-        name: {choice: max(float(np.quantile(one, part)) for one in each) for choice, part in TOP_PARTS.items()}
+        name: {end: max(float(np.quantile(one, part)) for one in each) for end, part in ends.items()}
         for name, each in values.items()
     }
     if 0 < max(len(run.scene.spheres) for run in runs.values()) <= MOST_SPHERES:
@@ -319,7 +308,7 @@ def _contents(runs: Mapping[str, Run], cameras: list[Camera], difference: bool) 
 
 
 def common_view(views: list[Camera]) -> Camera:
-    """A view that contains all of `views` but far wider ones, which would make the others small."""
+    """A view that contains all of `views`, except far wider ones, beside which the others would be small."""
     views = [view for view in views if view.width <= WIDER * min(one.width for one in views)]
     target = np.mean([view.target for view in views], axis=0)
     far = [2 * float(np.linalg.norm(view.target - target)) for view in views]
@@ -370,8 +359,8 @@ def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
 
     Positions of a run are integers q, 0 to 65535, between its lowest and highest coordinate on each axis: x = low + step q.
     Second differences in time, q[k] - 2 q[k-1] + q[k-2], are small where a cloth moves smoothly. Their low bytes and high
-    bytes are stored apart, which makes nearly all high bytes 0 and lets deflate remove them. A value is one of 255 levels of
-    the square root of its part of a top: the reader may colour by a small part of the largest value.
+    bytes are stored apart, which makes nearly all high bytes 0 and lets deflate remove them. A value is stored as the
+    square root of value / top, in 255 levels: a scale that ends far below the top still has many colours.
     """
     frames = len(x)
     flat = x.reshape(frames, -1, 3)
@@ -398,7 +387,8 @@ def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
 
 
 def as_ball(sphere: Sphere | Plane, t: Floats, x: Floats, cloth: Cloth) -> dict[str, Any]:
-    """A sphere of the page: radius and centres; a plane is one that is flat to the eye below the cloth's start."""
+    """A sphere of the page: radius and centres. A plane becomes a sphere so large that it looks flat below the cloth's
+    start."""
     radius, centers = sphere.radius, sphere.center_at(t)
     if isinstance(sphere, Plane):
         radius = FLAT * max(cloth.size)

@@ -16,8 +16,9 @@ from ..base.build import available_threads
 from ..base.extras import needed
 from ..engine.arrays import start_time
 from ..model.scene import Scene
+from ..run.result import deepest
 from .camera import Camera, camera_for, extremes, eye_of, is_wide, nearest
-from .legend import LEAST_WIDTH, Pixels, deepest, labelled, scale_of, values_of
+from .legend import LEAST_WIDTH, Pixels, labelled, scale_of, values_of
 from .raster import CLOTH_FRONT, DARK_SPHERE, GROUND, PIN, SPHERE, Ball, Plane, render
 
 WIDEST = 8192  # pixels; a square picture of this width takes 200 MB
@@ -37,7 +38,7 @@ class Style(NamedTuple):
     color: Any = "faces"
     limits: Any = None
     label: bool = False
-    ground: bool | float = True
+    ground: bool = True
 
 
 class Drawing:
@@ -52,7 +53,8 @@ class Drawing:
         self.label = check.boolean("label", style.label)
         if self.label and self.width < LEAST_WIDTH:
             raise ValueError(f"width must be at least {LEAST_WIDTH} with label=True, got {style.width}")
-        self.shadow, self.planes = style.ground is not False, _ground(style.ground, scene, x, t)
+        self.shadow = check.boolean("ground", style.ground)
+        self.planes = _ground(scene, x, t) if self.shadow else []
         self.camera: Camera = camera_for(style.camera, scene, x, t)
         height = self.width * self.camera.height / self.camera.width
         if not height <= WIDEST:
@@ -62,7 +64,7 @@ class Drawing:
             )
         self.values = values_of(style.color, scene, x, v)
         self.by_depth = isinstance(style.color, str) and style.color == "depth"
-        shown = deepest(scene, x, t) if self.by_depth else self.values
+        shown = deepest(scene.spheres, x, t)["triangles"] if self.by_depth else self.values
         if shown is None and style.limits is not None:
             raise ValueError(f'limits must be None with color="faces", got {check.shown(style.limits)}')
         self.scale = None if shown is None else scale_of(style.color, shown, style.limits)
@@ -106,14 +108,13 @@ class Drawing:
         return labelled(drawn, t, self.width / self.camera.width, self.scale, note)
 
 
-def _ground(asked: Any, scene: Any, x: Floats, t: Floats) -> list[Plane]:
-    """The ground, if any: at the height asked for, or below all that is framed where no wide sphere is ground or wall."""
-    if asked is False or (asked is True and any(is_wide(sphere, scene) for sphere in scene.spheres)):
+def _ground(scene: Any, x: Floats, t: Floats) -> list[Plane]:
+    """The ground below all that is framed; none where a wide sphere is the ground or a wall."""
+    if any(is_wide(sphere, scene) for sphere in scene.spheres):
         return []
     low, high = extremes(scene, x, t, np.eye(3))
     size = float(np.linalg.norm(high - low))
-    height = float(low[1]) - GROUND_GAP * size if asked is True else check.number("ground", asked)
-    return [Plane(((low[0] + high[0]) / 2, height, (low[2] + high[2]) / 2), GROUND_REACH * size)]
+    return [Plane(((low[0] + high[0]) / 2, low[1] - GROUND_GAP * size, (low[2] + high[2]) / 2), GROUND_REACH * size)]
 
 
 class Picture:
@@ -217,7 +218,7 @@ def picture(
     color: Any = "faces",
     limits: tuple[float, float] | None = None,
     label: bool = False,
-    ground: bool | float = True,
+    ground: bool = True,
 ) -> Picture:
     """Draw a cloth and its spheres, with shadows and a ground. Cloth inside a sphere is red.
 
@@ -255,9 +256,8 @@ def picture(
         Add a strip below the picture: the time, a length, and the colour scale (Pillow, extra "plot"). ``>`` at the end of
         the scale means that some values are greater. A line above the scale says "as printed" if a sphere has that
         response. In perspective the length holds in the plane through the view's target. Requires `width` >= 320.
-    ground : bool or float, default True
-        Soft shadows, and a horizontal plane: True below all that the view frames, if no sphere is as wide as the cloth; a
-        number at that height [m]. False: neither.
+    ground : bool, default True
+        Soft shadows, and a ground below all that the view frames if no sphere is as wide as the cloth.
 
     Returns
     -------

@@ -40,7 +40,7 @@ class Ball(NamedTuple):
 
 
 class Plane(NamedTuple):
-    """A plane through `point`, seen from the side of its `normal`; it has faded `radius` [m] away from the point."""
+    """A plane through `point`, seen from the side of its `normal`; it fades out up to `radius` [m] from the point."""
 
     point: npt.ArrayLike
     radius: float

@@ -68,7 +68,7 @@ def bodies(clip: Clip, frame: Frame) -> list[Body]:
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
-    """Files numbered from 1: of .obj one a frame, whose objects are the bodies, else one a frame and body."""
+    """Files numbered from 1: .obj, one for each frame, with the bodies as its objects; else one for each frame and body."""
     suffix = path.suffix.lower()
     if suffix == ".pc2":
         return _write_pc2(clip, path)

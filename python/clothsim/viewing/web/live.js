@@ -225,7 +225,7 @@ async function packed(live) {
   for (const name of names) {
     const values = Float64Array.from({ length: t.length * points }, (_, k) => live.value(name, Math.floor(k / points), k % points));
     const sorted = values.slice().sort(), part = (k) => sorted[Math.round(k * (sorted.length - 1))];
-    tops[name] = { max: part(1), "99 %": part(0.99), "90 %": part(0.9) };
+    tops[name] = { max: part(1), top: part(0.99) };
     const levels = Uint8Array.from(values, (value) => Math.round(255 * Math.sqrt(value / (part(1) || 1))));
     parts.push(levels.map((level, k) => (k < points ? level : level - levels[k - points])));
   }

@@ -69,8 +69,8 @@ function player(runs, meta, camera, live = null) {
   // The run that lasts longest, of those the one with most frames, is the clock's.
   const lead = runs.reduce((a, b) => (b.t.at(-1) > a.t.at(-1) || (b.t.at(-1) === a.t.at(-1) && b.t.length > a.t.length) ? b : a));
   const begin = () => lead.t[0], end = () => lead.t.at(-1), slider = $("time");
-  const state = { t: 0, playing: false, mode: "faces", top: "99 %", before: 0, probe: null };
-  const mode = ({ max, [state.top]: top } = meta.tops[state.mode] ?? { max: 1 }) => ({ name: state.mode, ...MODES[state.mode], max, top: top || max || 1 });
+  const state = { t: 0, playing: false, mode: "faces", before: 0, probe: null };
+  const mode = ({ max, top } = meta.tops[state.mode] ?? { max: 1 }) => ({ name: state.mode, ...MODES[state.mode], max, top: top || max || 1 });
   const curves = drawCurves(runs, (t) => { pause(); show(t); });
   const probed = (run) => {
     const [rows, columns] = run.shape, [row, column] = state.probe || [Infinity, Infinity];
@@ -158,14 +158,13 @@ function player(runs, meta, camera, live = null) {
   function legend() {
     const m = mode();
     $("legend").hidden = state.mode === "faces";
-    $("top").parentElement.hidden = state.mode === "depth" || live !== null;
     $("high").textContent = `${m.max > m.top ? "≥ " : ""}${Number((m.factor * m.top).toPrecision(2))} ${m.unit}`;
     $("bar").style.background = `linear-gradient(90deg, ${stopsOf(state.mode).map((c) => "#" + c)})`;
   }
   const buttons = { play: () => (state.playing ? pause() : play()), back: () => step(-1), forth: () => step(1) };
   for (const [id, act] of Object.entries(buttons)) $(id).addEventListener("click", act);
   slider.addEventListener("input", () => seek(slider.valueAsNumber));
-  for (const name of ["mode", "top"]) $(name).addEventListener("change", () => { state[name] = $(name).value; legend(); show(state.t, true); });
+  $("mode").addEventListener("change", () => { state.mode = $("mode").value; legend(); show(state.t, true); });
   for (const name of ["row", "column"]) $(name).addEventListener("change", () => {
     const place = [$("row"), $("column")].map((field) => field.valueAsNumber);
     if (place.every((k) => Number.isInteger(k) && k >= 0)) probe(place);
