@@ -204,8 +204,8 @@ class UnstableError(_StepError):
     Parameters
     ----------
     step : int
-        The step, counted from 0 at the start of the call, after which it was found. An energy that has run away may be found
-        up to 128 steps late. That is so in short calls. Above 16,384 mass points it is so in continuous contact.
+        The step, counted from 0 at the start of the call, after which it was found. A runaway energy may be found up to 128
+        steps late in short calls and, above 16,384 mass points, in continuous contact.
     time : float
         Time of the scene at the end of that step [s].
     point : tuple of int, optional

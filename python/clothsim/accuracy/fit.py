@@ -257,7 +257,7 @@ class Fit:
     Attributes
     ----------
     scene : Scene
-        The scene at the minimum, with any value of a parameter that is not determined.
+        The scene at the minimum; a parameter that is not determined has an arbitrary value.
     values, errors : dict
         Parameters by name, and their standard deviations; NaN where the data does not determine them.
     covariance : numpy.ndarray

@@ -145,8 +145,8 @@ def work_precision(
     windows : int, default 5
         Timed runs of each method and setting. After a run of more than 10 s the finer settings of its method are left out.
     reference : Reference, optional
-        Default: `reference(scene, duration)`, which has no frame before the end. Each setting also solves up to every frame
-        of a reference with `every`.
+        Default: `reference(scene, duration)`, which has no frame before the end. If the reference has frames, each setting
+        is also solved up to every frame.
     progress : bool, default False
         Show a progress bar (tqdm, in the extra "demo").
 

@@ -52,7 +52,7 @@ def instance(name: str, value: Any, kind: type[T]) -> T:
 
 
 def boolean(name: str, value: Any) -> bool:
-    """`value` as a bool; 0 and 1 are none."""
+    """`value` as a bool; 0 and 1 are refused."""
     return bool(value) if isinstance(value, (bool, np.bool_)) else _refuse(TypeError, name, "True or False", value)
 
 

@@ -131,7 +131,7 @@ _PLACE_ROUNDING = 1e-6
 
 
 def check_driven_pins(scenes: Sequence[Scene], x: FloatArray, t: float, frozen: Sequence[bool] = ()) -> None:
-    """Refuse positions in which a driven pin, of no frozen member, is not where its motion has it at the time `t`."""
+    """Refuse positions in which a driven pin is not where its motion puts it at the time `t`, except in frozen members."""
     for member, scene in enumerate(scenes):
         one = x[member] if x.ndim == 4 else x
         for pins in () if frozen and frozen[member] else scene.driven_pins:
@@ -148,7 +148,7 @@ def check_driven_pins(scenes: Sequence[Scene], x: FloatArray, t: float, frozen: 
 
 
 def put_driven_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, t: float, frozen: Sequence[bool] = ()) -> None:
-    """Write places and velocities of driven pins at the time `t` into a state, but for frozen members."""
+    """Write places and velocities of driven pins at the time `t` into a state, except those of frozen members."""
     for member, scene in enumerate(scenes):
         for pins in () if frozen and frozen[member] else scene.driven_pins:
             at = (pins.rows, pins.columns) if x.ndim == 3 else (member, pins.rows, pins.columns)
@@ -157,7 +157,7 @@ def put_driven_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, t: fl
 
 
 def check_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, own_x: FloatArray, own_v: FloatArray) -> None:
-    """Refuse a state in which a pin has another place or velocity than its own."""
+    """Refuse a state that would move a pin or change its velocity."""
     for member, scene in enumerate(scenes):
         one = member if x.ndim == 4 else ...
         size = max(scene.cloth.size)

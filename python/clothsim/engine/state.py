@@ -88,7 +88,7 @@ class State:
 
     @classmethod
     def own(cls, scenes: list[Scene], batched: bool, t: float, options: Options) -> State:
-        """The scenes' own states at a time [s], which nobody checks."""
+        """The scenes' own states at a time [s], unchecked."""
         x, v = own_arrays(scenes, batched)
         state = cls(scenes, batched, x.shape, x.dtype, t, options)
         state.core.load(x, v)

@@ -170,8 +170,7 @@ class Stepper:
     def set_state(self, x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None, t: float | None = None) -> None:
         """Replace the positions, the velocities or the time.
 
-        A pin stays where it is: `Cloth` with a motion for a pin drives it, with its velocity (``pins={(0, 0): cs.Linear((1,
-        0, 0))}``).
+        A pin cannot be moved here. `Cloth` takes a motion for it: ``pins={(0, 0): cs.Linear((1, 0, 0))}``.
 
         Parameters
         ----------
@@ -358,8 +357,8 @@ class Stepper:
     def impulses(self) -> npt.NDArray[np.float64]:
         """Impulse on each sphere since the stepper was made [N s], shape (spheres, 3).
 
-        An impulse is the sum over the steps of minus the momentum that responses of this sphere gave to the cloth. Moves of
-        points without velocity, such as `push_out_speed`, give none. Pinned points take no momentum.
+        It is the momentum that responses of the sphere took from the cloth, summed over the steps. Moves of points without
+        velocity, such as `push_out_speed`, give none. Pinned points take no momentum.
 
         A batch has one row per member, shape (B, spheres, 3), NaN where a member has fewer spheres. `set_state` and
         `set_scene` keep the sums, and so do snapshots. With the backend "gpu" all are NaN.

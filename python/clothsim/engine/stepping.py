@@ -34,10 +34,9 @@ _DTYPES = (np.dtype(np.float64), np.dtype(np.float32))
 def _engine(
     scene: Any, x: Any, v: Any, integrator: Any, precision: Any, threads: Any, kernel: Any, backend: Any = "cpu"
 ) -> tuple[State, dict[Any, list[State]], Any, FloatArray, FloatArray]:
-    """An engine for a call, which no other call can have meanwhile, where it is kept, and the arrays as it takes them.
+    """An engine that this call alone uses, the place where it is kept, and the arrays in the engine's form.
 
-    Arrays are checked here where they are no plain float arrays, or of a new shape; `State.step` finds numbers that are not
-    finite.
+    Only arrays of another type or a new shape are checked here; `State.step` finds numbers that are not finite.
     """
     if not (type(x) is type(v) is np.ndarray and x.dtype is v.dtype and x.dtype in _DTYPES and x.shape == v.shape):
         refuse_none(x=x, v=v)
@@ -65,7 +64,7 @@ def _engine(
 
 
 def _keep(kept: dict[Any, list[State]], key: Any, state: State) -> None:
-    """Keep an engine for the next call of its kind, but after an error."""
+    """Keep an engine for the next call of its kind, except after an error."""
     if key is None:
         return
     if key not in kept and len(kept) >= _MOST_KINDS:
@@ -121,7 +120,7 @@ def step(
     kernel : {"auto", "gather", "edge"}, default "auto"
         "edge", which "auto" stands for, computes each spring once and is the fastest. "gather" computes each mass point
         from its neighbours with the arithmetic of the compute shader: exact roots and divisions, and nothing fused. So
-        every instruction set and the shader give the same bits, and a step takes 2.7 times as long.
+        every instruction set and the shader give the same bits, and a step takes three to four times as long.
     backend : {"cpu", "gpu"}, default "cpu"
         "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather". With "gpu", `threads` is refused.
 

@@ -320,12 +320,12 @@ class Block:
         self.bindings = self.device.handle.create_bind_group(layout=self.pipelines.layout, entries=entries)
 
     def upload(self, parts: Sequence[np.ndarray]) -> None:
-        """Upload the state out of that of the whole batch, in the form of `split`."""
+        """Upload this block's part of the batch's state, in the form of `split`."""
         for buffer, planes in zip(self.kept, parts, strict=True):
             self._write(buffer, planes[self.members])
 
     def download(self, parts: Sequence[np.ndarray]) -> None:
-        """Write the state into that of the whole batch; members outside the block keep their values."""
+        """Write this block's state into the batch's; members outside the block keep their values."""
         for part, buffer in zip(parts, self.kept, strict=True):
             values = np.frombuffer(self.device.handle.queue.read_buffer(buffer), self.real)
             part[self.members] = values[: 6 * len(self.members) * self.points].reshape(-1, 6, self.points)
@@ -345,7 +345,8 @@ class Block:
             self._write_contacts([0.0])
 
     def _write_contacts(self, times: Sequence[float]) -> None:
-        """Write `contacts` (contact.wgsl). `times` are before the first step and after each; one where no sphere moves."""
+        """Write `contacts` (contact.wgsl). `times` are those before the first step and after each; a single one where no
+        sphere moves."""
         table = np.zeros((len(times), len(self.scenes), len(self.features.spheres), CONTACT_SIZE), self.wide)
         for k, plan in enumerate(self.plans):
             values, row = plan.contact_table(list(times), self.origins[k], self._dt, self.single), table[:, k]

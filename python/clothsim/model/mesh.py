@@ -109,7 +109,8 @@ def point_radii2(x: Floats) -> Floats:
 
 
 def _circle2(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Squared radius of the smallest circle around triangles: around the longest side, or through all corners."""
+    """Squared radius of the smallest circle that holds a triangle: its longest side is a diameter, or all corners lie on
+    it."""
     sides = np.stack([((p - q) ** 2).sum(axis=-1) for p, q in ((a, b), (b, c), (c, a))])
     longest, product = sides.max(axis=0), sides.prod(axis=0)
     area2 = (np.cross(b - a, c - a) ** 2).sum(axis=-1)  # of the parallelogram

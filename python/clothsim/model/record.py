@@ -85,7 +85,7 @@ class Record:
         return type(self)(**{**self._values(), **changes})
 
     def _copy(self: Self, forget: Collection[str], **values: Any) -> Self:
-        """A copy with other values, which are checked already, and with all that is kept of this record but `forget`."""
+        """A copy with other values, already checked, that shares what this record has cached, except `forget`."""
         made = object.__new__(type(self))
         made.__dict__.update(self.__dict__, **values)
         for name in forget:

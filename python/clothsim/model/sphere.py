@@ -259,10 +259,9 @@ class Sphere(Obstacle):
         each offset.
     restitution : float, optional
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. Default: 0 with
-        "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute
-        has this number, and ``replace(response=...)`` the default of the new response. With
-        "continuous", if a point would bounce and return within one step, it stays at the surface and keeps
-        the speed of the bounce.
+        "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute holds the number in use;
+        ``replace(response=...)`` takes the default of the new response. With "continuous", if a point would bounce and
+        return within one step, it stays at the surface and keeps the speed of the bounce.
     friction : float, default 0.0
         Coefficient of Coulomb friction, >= 0.
     as_printed : bool, default False
@@ -331,7 +330,7 @@ class Plane(Obstacle):
     """A plane that keeps cloth on the side to which its normal points: a floor or a wall, a sphere of no curvature.
 
     It stands where a `Sphere` stands, in `Scene.spheres` too, and has the laws of its responses. The distance of a point is
-    its height over the plane. A flat triangle is out where its corners are, so that a plane needs no offset.
+    its height over the plane. A triangle is outside if its corners are, so a plane needs no offset.
 
     Parameters
     ----------

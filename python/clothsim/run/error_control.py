@@ -3,8 +3,8 @@
 The request is for the rms error over the mass points at the end of the run: ``atol + rtol * size``.
 The size is the longer side of the cloth.
 
-The estimate is the distance of the run from a better run of the same scene. The better run takes
-other steps, so it rounds otherwise, and the distance holds what rounding adds.
+The estimate is the distance of the run from a better run of the same scene. The better run takes other steps and rounds
+differently, so the distance includes rounding errors.
 
 A search is a function from the trajectories so far to the job of the next run, or to the end: a generator that yields a
 `Job`, is sent its `Trajectory`, and returns the trajectory to hand over and its error. `refined` is the search for dop853 in
@@ -163,14 +163,14 @@ def _smallest(job: Job) -> float:
 
 
 def _unseen(job: Job, **changes: object) -> Job:
-    """A run that nobody sees: without frames, unless a force changes at them."""
+    """A run that is not returned: it has no frames, unless a force changes at them."""
     return replace(job, shown=False, frames=job.frames if job.force else Schedule(), **changes)  # type: ignore[arg-type]
 
 
 def _at_tolerance(job: Job, tolerance: float) -> Step:
     """A run at a tolerance of a step [m].
 
-    If it runs away at the tolerance, because stiff motion is let grow up to it, it is done again at a smaller one.
+    If it runs away, because the tolerance lets stiff motion grow, it is repeated at a smaller tolerance.
     """
     smallest = _smallest(job)
     tolerance = max(tolerance, smallest)
@@ -202,7 +202,7 @@ def _fixed(job: Job, dt: float) -> Job:
 def refined(job: Job, asked: float, done: list[Trajectory], plain: RunOptions | None = None) -> Search:
     """The run of dop853 whose error is at most `asked` [m], rms, or the best one found.
 
-    `plain`: options of a fixed step that will do as well, at the longest that is stable. That costs less than a finer run.
+    `plain`: options of a run at the longest stable step, which is returned if it is accurate enough, because it costs less.
     """
     tolerance = yield from _first_tolerance(job, asked)
     before = first = yield from _at_tolerance(job, tolerance)
@@ -249,7 +249,7 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: RunOptions | 
 
 
 def _first_tolerance(job: Job, asked: float) -> Generator[Job, Trajectory, float]:
-    """The tolerance of a step whose run should have about the error that is asked for [m].
+    """The tolerance of a step [m] that should give a run about the error asked for.
 
     The number of steps times tolerance^(1/p) measures how far the motion goes, at any tolerance. Errors
     of damped motion are forgotten.
@@ -434,7 +434,7 @@ class _Better:
                 return error
 
     def tighten(self, part: float) -> bool:
-        """Let the better run have a smaller tolerance, well below this part of the present one; False at the end."""
+        """Give the better run a smaller tolerance, well below this part of the present one; False if there is none."""
         if self._tolerance <= self._smallest:
             return False
         self._tolerance = max(SMALL * part * self._tolerance, self._smallest)

@@ -287,7 +287,7 @@ def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progres
 
 
 def interrupted(so_far: Callable[[], Any]) -> NoReturn:
-    """Raise RunInterrupted with the run so far. A second Ctrl-C is held back meanwhile, or begins this again."""
+    """Raise RunInterrupted with the run so far. A second Ctrl-C is held back meanwhile, or starts this again."""
     while True:
         try:
             with Interrupts():

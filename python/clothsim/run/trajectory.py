@@ -232,8 +232,8 @@ def _begun(job: Job) -> State:
 class Recorder:
     """A job in progress: advances `state`, and keeps the frames and the counts of its runs.
 
-    `steps` counts accepted steps. `live` has the members of a batch that go on, and `failed` each other's error, with its
-    run so far.
+    `steps` counts accepted steps. `live` has the members of a batch that go on, `failed` the error and the run so far of
+    each other member.
     """
 
     def __init__(self, job: Job, watch: Watch) -> None:

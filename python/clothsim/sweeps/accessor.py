@@ -32,8 +32,8 @@ class ClothsimAccessor:
     def plot(self, kind: str | None = None, **options: Any) -> Any:
         """Draw the plot that suits the sweep best, or the named kind: "convergence", "stability" or "heatmap".
 
-        A Dataset of `stability_map` or `work_precision` has one plot, that of the command. `ax` may be given: axes of
-        matplotlib, one or two of them for `work_precision`. The axes are returned.
+        A Dataset of `stability_map` or `work_precision` has one plot. `ax` may be given: axes of matplotlib, one or two of
+        them for `work_precision`. The axes are returned.
         """
         return later("viewing.plots").plot(self._dataset, kind, **options)
 

@@ -90,7 +90,8 @@ class Settings:
 
 @dataclass(frozen=True)
 class Member:
-    """A cloth to run, with its index in the sweep, its time step [s], which is NaN with error control, and the limit."""
+    """A cloth to run, with its index in the sweep, its time step [s] (NaN with error control) and its guaranteed step
+    [s]."""
 
     index: int
     scene: Scene

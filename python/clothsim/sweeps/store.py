@@ -93,7 +93,7 @@ class Results:
         self.coordinates.append(Coordinate("component", "component", np.array(["x", "y", "z"])))
 
     def _add(self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], **more: int) -> None:
-        """Add a variable; `more` has its own dimensions and their lengths."""
+        """Add a variable; `more` maps its own dimensions to their lengths."""
         if name in {*self.grid.dimensions, *(c.name for c in self.coordinates)}:
             raise ValueError(f"metrics: a function must not be named {name!r}, a coordinate of this sweep is")
         values = self._allocate(name, (*self.grid.shape, *more.values()), dtype, fill)
@@ -324,7 +324,7 @@ def read_attrs(path: Path) -> dict[str, Any]:
 def read(path: Path, group: Any, names: Iterable[str] = ()) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """The arrays that have a value for each member, `names` among them, and the values of all arrays but the frames.
 
-    A ValueError names an array that is damaged or lacks a chunk. Of frames it is only seen whether they are there.
+    A ValueError names an array that is damaged or lacks a chunk. Frames are only checked for their presence.
     """
     arrays, values, name = dict[str, Any](), dict[str, np.ndarray](), "status"
     try:
