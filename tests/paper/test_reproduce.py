@@ -16,7 +16,7 @@ from clothsim.paper.findings import findings, number
 from clothsim.paper.report import cuts, page_section
 from matplotlib.image import imread
 
-SMALL = Settings((2e-4, 4e-4, 2e-4), study_dts=(1.6e-3,), runs=2, windows=2, window_frames=5, speedup_steps=20, part=0.02)
+SMALL = Settings((2e-4, 4e-4, 2e-4), study_dts=(1.6e-3,), runs=2, timed_frames=10, speedup_steps=20, part=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +38,8 @@ def cell(report, experiment, method, variant, frame):
 def test_full_run_takes_the_papers_frames_and_step():
     assert FULL.dt == (5e-6, 5e-6, 5e-6) and cuts(FULL) == []
     assert FRAMES == {"1": (150, 500, 800), "2": (200, 1300, 3100)}
-    assert (FULL.runs, FULL.window_frames, FULL.steps_per_frame()) == (10, 200, 320)
-    assert len(cuts(QUICK)) == 8
+    assert (FULL.runs, FULL.timed_frames, FULL.steps_per_frame()) == (10, 800, 320)
+    assert len(cuts(QUICK)) == 7
 
 
 def test_a_cell_equals_the_stepped_scene(report):

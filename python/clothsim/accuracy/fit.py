@@ -156,7 +156,7 @@ class Clock:
 
 
 def derivatives(scene: Scene, parameters: Sequence[Parameter], clock: Clock, most: int = 3) -> tuple[Motion, Floats, Floats]:
-    """The motion of `scene`, its changes per scale of each parameter, and the last term of these.
+    """The motion of `scene`, its changes per scale of each parameter, and the last term of each change.
 
     Each is a difference of three positions, for the values -1, 0 and 1 of the parameter or, at a bound, 0, 1 and 2. With
     `most` = 4 values the term of third order corrects it.
@@ -309,7 +309,8 @@ class Fit:
 
 
 class _Problem:
-    """Residuals in sigmas, and their Jacobian, over coordinates that are 0 at the start: logarithms where they can be."""
+    """Residuals in sigmas and their Jacobian, as functions of coordinates that are 0 at the start: logarithms of positive
+    parameters, else their changes."""
 
     def __init__(self, scene: Scene, names: Sequence[str], times: Floats, data: Floats, measured: Any) -> None:
         self.scene, self.names, self.times = scene, names, times

@@ -249,7 +249,7 @@ def _solved(method: Method, scene: Scene, duration: float, setting: float) -> tu
 def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     """True at the points of the Pareto front: no other point has both a smaller error and a smaller cost.
 
-    A point with an error or a cost that is not finite is not on it.
+    Points whose error or cost is not finite are left out.
     """
     error, cost = np.asarray(rms, dtype=float), np.asarray(cost, dtype=float)
     error = np.where(np.isfinite(error) & np.isfinite(cost), error, np.inf)

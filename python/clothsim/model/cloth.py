@@ -246,7 +246,7 @@ class Cloth(Record):
         Parameters
         ----------
         family : {"structural", "shear", "bend"}, optional
-            Default: all families present. One that this cloth leaves out has 0.
+            Default: all families present. A family that this cloth leaves out has 0 springs.
 
         Examples
         --------

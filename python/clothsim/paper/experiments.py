@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -55,8 +55,7 @@ class Settings:
     frame_dt: float = 1.6e-3
     study_dts: tuple[float, ...] = (1e-4, 4e-4, 1.6e-3)  # the last: a step a frame
     runs: int = 10
-    windows: int = 4
-    window_frames: int = 200
+    timed_frames: int = 800
     speedup_steps: int = 20_000
     part: float = 1.0
     picture_width: int = 520
@@ -67,7 +66,7 @@ class Settings:
 
 
 FULL = Settings()
-QUICK = Settings((4e-5, 8e-5, 5e-5), 1.6e-3, (4e-4, 1.6e-3), 3, 2, 100, speedup_steps=500, part=0.4, picture_width=400)
+QUICK = Settings((4e-5, 8e-5, 5e-5), 1.6e-3, (4e-4, 1.6e-3), 3, 200, speedup_steps=500, part=0.4, picture_width=400)
 
 
 @dataclass
@@ -227,28 +226,24 @@ def _in_turns(jobs: dict[str, Any], repeats: int, steps: int, advance: Callable[
 
 
 def frame_rates(settings: Settings, advance: Callable[[int], object] = bool) -> dict[str, Any]:
-    """Experiment 3: all cases on the falling cloth, on one thread, in turns; "each": steps/s in each window.
+    """Experiment 3: all cases on the falling cloth, on one thread, in turns; "each": steps/s in each run.
 
     A frame is its steps and one copy of the positions, as a renderer needs.
     """
     dt, frame_steps = settings.dt[2], settings.steps_per_frame()
     steps = settings.steps_per_frame(dt)
 
-    def windows(scene: cs.Scene) -> Iterator[None]:
-        for _ in range(settings.runs):
-            stepper = cs.Stepper(scene, threads=1)
-            for _ in range(settings.windows):
-                for _ in range(settings.window_frames):
-                    stepper.advance(steps, dt)
-                    stepper.positions  # noqa: B018
-                yield
+    def fall(scene: cs.Scene) -> None:
+        stepper = cs.Stepper(scene, threads=1)
+        for _ in range(settings.timed_frames):
+            stepper.advance(steps, dt)
+            stepper.positions  # noqa: B018
 
     scenes = with_responses(cs.scenes.paper_static(), CASES)
-    jobs: dict[str, Any] = {name: windows(scene).__next__ for name, scene in scenes.items()}
-    rows = _in_turns(jobs, settings.runs * settings.windows, steps * settings.window_frames, advance)
+    jobs = {name: partial(fall, scene) for name, scene in scenes.items()}
+    rows = _in_turns(jobs, settings.runs, steps * settings.timed_frames, advance)
     for row in rows:
         row["frames_per_second"] = row["steps_per_second"] / frame_steps
-        row["each"] = np.median(np.reshape(row["each"], (settings.runs, -1)), axis=0).tolist()
     return {"rows": rows, "frame_steps": frame_steps}
 
 

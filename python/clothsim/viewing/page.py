@@ -138,15 +138,14 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
     <Comparison of 'reflect', 'ray'>
     """
     difference = check.boolean("difference", difference)
-    accepted = f"a mapping of 1 to {MOST_RUNS} labels to runs"
+    accepted = f"runs must be a mapping of 1 to {MOST_RUNS} labels to runs"
     if not isinstance(runs, Mapping):
-        raise TypeError(f"runs must be {accepted}, got {type(runs).__name__}")
+        raise TypeError(f"{accepted}, got {type(runs).__name__}")
     if not 1 <= len(runs) <= MOST_RUNS:
-        raise ValueError(f"runs must be {accepted}, got {len(runs)}")
+        raise ValueError(f"{accepted}, got {len(runs)}")
     for label, run in runs.items():
-        if not isinstance(label, str) or not isinstance(run, Run):
-            raise TypeError(f"runs must be {accepted}, got {label!r}: {type(run).__name__}")
         check.instance("a label of runs", label, str)
+        check.instance(f"runs[{label!r}]", run, Run)
     return Comparison(runs, difference)
 
 

@@ -133,12 +133,7 @@ class Picture:
     """
 
     def __init__(self, pixels: Pixels) -> None:
-        given = np.asarray(pixels)
-        if given.dtype != np.uint8 or given.ndim != 3 or given.shape[2] != 3 or not given.size:
-            raise ValueError(
-                f"pixels must be a uint8 array of shape (height, width, 3), got shape {given.shape} and dtype {given.dtype}"
-            )
-        self.pixels = np.array(given, order="C")
+        self.pixels = np.array(pixels, order="C")
         self.pixels.flags.writeable = False
 
     def save(self, path: str | Path) -> Path:
