@@ -1,24 +1,25 @@
 """Film the live page in headless Chromium: `python tools/film_live.py FILE.webp`.
 
-Needs Chromium, ffmpeg and playwright. A mouse takes the sphere and leads it below and into the cloth. The page is paused and
+Needs Chromium, Pillow and playwright. A mouse takes the sphere and leads it below and into the cloth. The page is paused and
 takes the steps of each picture at once. So the film runs in real time, made on any machine. WebGPU runs on the processor.
 """
 
 from __future__ import annotations
 
 import math
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from shutil import which
 
 import clothsim as cs
+from PIL import Image
 from playwright.sync_api import sync_playwright
 
 FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
 FLAGS += ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"]
 RATE, SECONDS = 15, 4.0  # pictures a second, length of the film
+SIZE = 480, 375  # pixels
 DT = 5e-4  # s
 # The steps of a picture; the button takes the last of them, and draws.
 STEPS = """async (steps) => {
@@ -58,20 +59,9 @@ def main() -> None:
             tab.evaluate(STEPS, round(1 / RATE / DT))
             tab.screenshot(path=folder / f"{k:03}.png")
         chromium.close()
-        pictures = ["-framerate", str(RATE), "-i", str(folder / "%03d.png")]
-        coding = [
-            "-vf",
-            "scale=480:-2:flags=lanczos",
-            "-c:v",
-            "libwebp_anim",
-            "-quality",
-            "70",
-            "-compression_level",
-            "6",
-            "-loop",
-            "0",
-        ]
-        subprocess.run(["ffmpeg", "-v", "error", "-y", *pictures, *coding, str(file)], check=True)
+        first, *others = (Image.open(name).convert("RGB").resize(SIZE) for name in sorted(folder.glob("*.png")))
+        options = {"save_all": True, "duration": round(1000 / RATE), "loop": 0, "quality": 70, "method": 6}
+        first.save(file, append_images=others, **options)
 
 
 if __name__ == "__main__":

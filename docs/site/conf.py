@@ -86,7 +86,9 @@ def as_mathml(display: str) -> Any:
         from docutils.nodes import SkipNode
 
         tag = "div" if display == "block" else "span"
-        translator.body.append(f'<{tag} style="overflow-x: auto">{convert(node.astext(), display=display)}</{tag}>')
+        translator.body.append(
+            f'<{tag} style="overflow-x: auto; padding: 0.4em 0">{convert(node.astext(), display=display)}</{tag}>'
+        )
         raise SkipNode
 
     return visit
