@@ -6,6 +6,9 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.viewing.camera import camera_for
+from clothsim.viewing.exports import Clip
+from clothsim.viewing.formats.meshes import bodies
+from clothsim.viewing.plots import curves
 
 GAP = 0.49  # m below the flat sheet
 CLOTH = cs.Cloth((24, 24), mass=0.3, stiffness=200.0, damping=0.02)
@@ -83,12 +86,13 @@ def test_cloth_below_a_plane_is_red():
 
 
 @pytest.mark.parametrize("z_up", [False, True])
-def test_an_exported_plane_is_a_square_on_it_below_the_cloth(z_up):
-    exports, meshes = pytest.importorskip("clothsim.viewing.exports"), pytest.importorskip("clothsim.viewing.formats.meshes")
+def test_a_plane_is_touched_and_exported_as_a_square_on_it_below_the_cloth(z_up):
     run = cs.simulate(cs.Scene(LOOSE, WALL), 0.4, dt=1e-3, fps=10)
-    clip = exports.Clip(run, None, z_up)
+    contacts = curves(run)["contacts"]
+    assert contacts[0] == 0 and contacts[-1] == LOOSE.shape[0] * LOOSE.shape[1]
+    clip = Clip(run, None, z_up)
     for k in (0, len(clip) - 1):
-        _, square = meshes.bodies(clip, clip[k])
+        _, square = bodies(clip, clip[k])
         places = square.positions[:, [0, 2, 1]] * [1, 1, -1] if z_up else square.positions
         assert np.abs(WALL.height(places, run.t[k])).max() < 1e-12
         a, b, c = places[square.corners[0]]

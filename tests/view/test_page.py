@@ -163,7 +163,7 @@ def test_runs_play_in_step_by_the_clock_and_end_on_their_last_frames(both, runs,
     page.tab.wait_for_timeout(700)
     wall1, t1 = page.tab.evaluate(read)
     assert wall1 - wall0 > 500
-    assert t1 - t0 == pytest.approx((wall1 - wall0) / 64_000, abs=1e-5)
+    assert t1 - t0 == pytest.approx((wall1 - wall0) / 64_000, abs=1e-4)
     page.tab.click("#play")
     paused = page.tab.evaluate("page.state.t")
     page.tab.wait_for_timeout(150)
