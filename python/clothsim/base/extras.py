@@ -6,8 +6,6 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-from .on_demand import later
-
 
 def how_to_install(extra: str) -> str:
     """The command that installs an extra into the environment in which clothsim is installed already."""
@@ -21,7 +19,7 @@ def needed(name: str, what: str, extra: str = "sweep") -> Any:
     except ImportError as error:
         raise ImportError(reason_of(error, name, what, extra)) from error
     if name == "xarray":
-        later("sweeps.accessor")  # registers `Dataset.clothsim`
+        from ..sweeps import accessor  # noqa: F401  # registers `Dataset.clothsim`
     return module
 
 

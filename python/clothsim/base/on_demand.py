@@ -1,4 +1,4 @@
-"""Names and modules that are imported at their first use, because a simulation does not need them."""
+"""Public names that are imported at their first use, because a simulation does not need them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,3 @@ def on_demand(
     names = {*namespace["__all__"], *also, *(name for name in namespace if name.startswith("__"))}
     return get, lambda: sorted(names)
 
-
-def later(name: str) -> Any:
-    """The module ``clothsim.name`` of a later room, for a method that the room serves (docs/dev/rooms.md)."""
-    return import_module(f"clothsim.{name}")

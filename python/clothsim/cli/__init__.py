@@ -11,11 +11,11 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from importlib import import_module
 from typing import NoReturn
 
 import clothsim as cs
 
-from ..base.on_demand import later
 from ..base.progress import print_above
 
 COMMANDS = {
@@ -51,7 +51,7 @@ def _parser(chosen: str | None) -> argparse.ArgumentParser:
     for name, text in COMMANDS.items():
         command = subparsers.add_parser(name, help=text, description=text, allow_abbrev=False)
         if name == chosen:
-            module = later(f"cli.{name}")
+            module = import_module(f"{__name__}.{name}")
             command.set_defaults(run=module.run, command=name)
             module.add_arguments(command)
             command.add_argument("--json", action="store_true", help="print JSON instead of text")

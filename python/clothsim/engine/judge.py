@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..base.on_demand import later
 from ..errors import ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
 from ..methods.bound import limiting_term
 from ..model.as_core import in_cells
@@ -113,7 +112,7 @@ class Judge:
         )
 
     def _warn_of_growth(self, member: int, dt: float) -> None:
-        max_stable_dt = later("stability.limit").max_stable_dt
+        from ..stability.limit import max_stable_dt
 
         self.given.add("grown")
         try:

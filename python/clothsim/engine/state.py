@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..base.on_demand import later
 from ..methods.bound import guaranteed_dt
 from ..methods.integration import integrators, warn_of_order
 from ..model.as_core import core_cloth
@@ -54,7 +53,7 @@ class State:
         self.threads = 1
         plans, stable_dt = self._compiled(scenes)
         if options.backend == "gpu":
-            Simulation = later("gpu.simulation").Simulation
+            from ..gpu.simulation import Simulation
 
             simulation = Simulation(scenes, t, options.precision)
             self.core = cast("_core.Simulation", simulation)  # has the methods that are used here

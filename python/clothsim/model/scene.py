@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check, frozen
-from ..base.on_demand import later
 from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
 from .motion import Keyframes, Motion
@@ -219,13 +218,16 @@ class Scene(Record):
         >>> cs.Scene(cs.Cloth(mass=0.2)).explain(integrator="velocity_verlet")["limited_by"]
         'the damping of structural and bend springs, 100 N s/m, limits it; below 0.647 N s/m the stiffness would'
         """
+        from ..engine.explain import explain
+
         check.no_argument(unknown)
-        return later("engine.explain").explain(self, precision, kernel, threads, integrator)
+        return explain(self, precision, kernel, threads, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Lines, and a picture of the initial state, for a notebook."""
-        made: dict[str, Any] = later("viewing.notebook").scene_bundle(self)
-        return made
+        from ..viewing.notebook import scene_bundle
+
+        return scene_bundle(self)
 
     def to_live_html(self, path: str | Path, dt: float | None = None, title: str | None = None) -> Path:
         """Write one self-contained page that simulates the scene in a browser, and return its path.
@@ -257,8 +259,9 @@ class Scene(Record):
         ...     path.name, path.stat().st_size < 400_000
         ('live.html', True)
         """
-        made: Path = later("gpu.live_page").live_page(self, path, dt, title)
-        return made
+        from ..gpu.live_page import live_page
+
+        return live_page(self, path, dt, title)
 
     def to_dict(self) -> dict[str, Any]:
         return {"schema": SCHEMA, **super().to_dict()}

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base import files as _files
 from ..base.extras import needed
-from ..base.on_demand import later
 from ..engine import snapshot
 from ..engine.snapshot import Snapshot
 from ..measure.measures import energy, largest_stretch, penetration
@@ -189,8 +188,9 @@ class Run:
         >>> both.t.tolist(), both.report["steps"]
         ([0.0, 0.02, 0.05], 500)
         """
-        made: Run = later("run.simulate").resume(self, duration, every, times, fps, force, callback, progress)
-        return made
+        from .simulate import resume
+
+        return resume(self, duration, every, times, fps, force, callback, progress)
 
     def at(self, row: int, column: int) -> dict[str, Floats]:
         """One mass point over the stored frames.
@@ -361,7 +361,9 @@ class Run:
         >>> run.picture(t=0.01, width=200)
         <Picture of 200 x 129 pixels>
         """
-        return later("viewing.picture").picture_of_run(self, frame, t, path, **style)
+        from ..viewing.picture import picture_of_run
+
+        return picture_of_run(self, frame, t, path, **style)
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
@@ -385,7 +387,9 @@ class Run:
         >>> [axes.get_ylabel() for axes in run.plot().axes]
         ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
         """
-        return later("viewing.plots").plot_run(self, path)
+        from ..viewing.plots import plot_run
+
+        return plot_run(self, path)
 
     def animate(self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, **style: Any) -> Path:
         """Write a film of the run.
@@ -412,8 +416,9 @@ class Run:
         ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
         'swing.gif'
         """
-        made: Path = later("viewing.animation").animate(self, path, fps, speed, **style)
-        return made
+        from ..viewing.animation import animate
+
+        return animate(self, path, fps, speed, **style)
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the run in a browser; `clothsim.compare` plays several side by side.
@@ -438,8 +443,9 @@ class Run:
         ...     path.name, path.stat().st_size < 500_000
         ('run.html', True)
         """
-        made: Path = later("viewing.page").alone(self, title).to_html(path)
-        return made
+        from ..viewing.page import alone
+
+        return alone(self, title).to_html(path)
 
     def show(self, *, height: int = 760) -> Any:
         """Play the run in a notebook: the page of `to_html` in a frame of the cell.
@@ -455,12 +461,15 @@ class Run:
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
-        return later("viewing.page").alone(self).show(height)
+        from ..viewing.page import alone
+
+        return alone(self).show(height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """The lines of `print`, and a picture of the last frame, for a notebook."""
-        made: dict[str, Any] = later("viewing.notebook").run_bundle(self)
-        return made
+        from ..viewing.notebook import run_bundle
+
+        return run_bundle(self)
 
     def export(self, path: str | os.PathLike[str], fps: float | None = None, z_up: bool = False) -> list[Path]:
         """Write the run as files for other programs, in the format that the suffix names.
@@ -509,8 +518,9 @@ class Run:
         ...     [file.name for file in run.export(folder + "/cloth.pc2")]
         ['cloth.pc2', 'cloth.obj']
         """
-        made: list[Path] = later("viewing.exports").export(self, path, fps, z_up)
-        return made
+        from ..viewing.exports import export
+
+        return export(self, path, fps, z_up)
 
 
 def load_run(path: str | os.PathLike[str]) -> Run:

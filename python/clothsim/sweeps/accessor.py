@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import xarray
 
-from ..base.on_demand import later
 from ..errors import ContactError, UnstableError
 from ..model.motion import motion_from_dict
 from ..model.scene import Scene
@@ -35,7 +34,9 @@ class ClothsimAccessor:
         A Dataset of `stability_map` or `work_precision` has one plot. `ax` may be given: axes of matplotlib, one or two of
         them for `work_precision`. The axes are returned.
         """
-        return later("viewing.plots").plot(self._dataset, kind, **options)
+        from ..viewing.plots import plot
+
+        return plot(self._dataset, kind, **options)
 
     @property
     def provenance(self) -> dict[str, Any]:

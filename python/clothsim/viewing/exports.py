@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -13,7 +14,6 @@ import numpy as np
 
 from ..base import Floats, check, files
 from ..base.extras import needed
-from ..base.on_demand import later
 from ..base.progress import ProgressBar
 from ..model.mesh import triangles
 from ..run.trajectory import interpolated
@@ -40,7 +40,7 @@ def checked(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType
         )
     if FORMATS[suffix] == "usd":
         needed("pxr", f"export to {suffix}", "export")
-    return path, later(f"viewing.formats.{FORMATS[suffix]}")
+    return path, import_module(f"{__package__}.formats.{FORMATS[suffix]}")
 
 
 def export(
