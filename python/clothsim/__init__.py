@@ -91,7 +91,7 @@ from .base.build import build_config
 from .model.cloth import Cloth
 from .errors import ContactError, ContactWarning, OrderWarning, RunInterrupted, StabilityWarning, UnstableError
 from .model.mesh import thread_grid, triangles
-from .methods.integration import integrators
+from .methods.integrators import integrators
 from .measure.measures import energy, largest_stretch, penetration
 from .stability.limit import max_stable_dt
 from .model.motion import Keyframes, Linear, Reciprocate, Sinusoid

@@ -47,7 +47,7 @@ Integrator: TypeAlias = (
     ]
     | str
 )
-"""Names of integrators. Any str passes, as `clothsim.integrators` also knows other spellings."""
+"""Names of integrators; any other str passes too."""
 
 Every: TypeAlias = float | Literal["step"]
 """Time between stored frames [s], steps between them (an int), or each step."""

@@ -7,7 +7,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.base import files
-from clothsim.methods.integration import integrators
+from clothsim.methods.integrators import integrators
 
 SCENE = cs.scenes.paper_swing()
 CLOTH = SCENE.cloth.replace(shape=(6, 7), mass=21.0)

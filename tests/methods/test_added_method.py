@@ -7,20 +7,20 @@ import math
 import clothsim as cs
 import numpy as np
 from clothsim import _core
-from clothsim.methods import data, integration
-from clothsim.methods.amplification import amplification
+from clothsim.methods import integrators
+from clothsim.methods.region import amplification_matrix
 
 theta = 1 / (2 - 2 ** (1 / 3))
 drifts, kicks = [theta / 2, (1 - theta) / 2, (1 - theta) / 2, theta / 2], [theta, 1 - 2 * theta, theta]
 _core.add_splitting("forest_ruth", drifts, kicks)
-data.METHODS["forest_ruth"] = data.method_data(_core.methods()["forest_ruth"])
-record = integration._record("forest_ruth", 4, "a splitting", "Forest and Ruth", symplectic=True, order_damped=1)
-integration._INTEGRATORS._entries["forest_ruth"] = record
+integrators._PROPERTIES["forest_ruth"] = 4, 1, True
+integrators.METHODS["forest_ruth"] = integrators._integrator("forest_ruth", _core.methods()["forest_ruth"])
 
 method = cs.integrators()["forest_ruth"]
 assert (method.family, method.stages, method.explicit, method.adaptive) == ("splitting", 3, True, False)
 assert 1.5 < method.imaginary_limit < 1.6, method.imaginary_limit  # known: 1.5734
-assert amplification("forest_ruth", method.imaginary_limit * 1.01, 0.0) > 1.001
+beyond = amplification_matrix("forest_ruth", method.imaginary_limit * 1.01, 0.0)
+assert abs(np.linalg.eigvals(beyond)).max() > 1.001
 
 scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
 errors, counts = [], np.array([64, 96, 128])

@@ -1,4 +1,4 @@
-"""Which term limits the step, in messages and in `explain`; orders with damping; long runs; masks."""
+"""Which term limits the step, in messages and in `explain`; orders with damping."""
 
 import warnings
 
@@ -54,9 +54,8 @@ def test_below_the_value_the_other_kind_limits():
 
 def test_warning_error_and_explain_name_it():
     scene = cs.Scene(cs.Cloth((5, 5), mass=0.01))
-    found = limiting_term(scene, "rk4")
-    assert scene.explain()["limited_by"] == str(found) and "damping" in str(found) and "below" in str(found)
-    term = found.at(1e-3)
+    term = str(limiting_term(scene, "rk4"))
+    assert scene.explain()["limited_by"] == term and "damping" in term and "below" in term
     stepper = cs.Stepper(scene)
     with pytest.raises(cs.UnstableError) as error, pytest.warns(cs.StabilityWarning) as warned:
         stepper.advance(10_000, 1e-3)
@@ -81,28 +80,3 @@ def test_pefrl_with_damping_is_announced():
         assert "order 1" in message and "order 4" in message and "rk4" in message
     for call in calls(free):
         assert not given(cs.OrderWarning, call)
-
-
-@pytest.mark.parametrize(
-    "features, factor",
-    [({"stiffness": 35_000.0, "damping": 100.0}, 1.7), ({"stiffness": 1e6, "damping": 0.0}, 20.0), ({"damping": 3e3}, 1.05)],
-    ids=str,
-)
-def test_the_value_that_a_warning_names_makes_the_time_step_stable(features, factor):
-    """A quarter more does not. The value is that of this time step, not the one at which the other term takes over."""
-    cloth = cs.Cloth((12, 12), mass=70.0, **features)
-    scene = cs.Scene(cloth)
-    term = limiting_term(scene, "rk4")
-    dt = factor * term.max_stable_dt
-    (message,) = given(cs.StabilityWarning, lambda: cs.Stepper(scene).advance(1, dt))
-    value = float(message.split(" is stable at ")[1].split()[0])
-    name = "damping" if term.kind == "damping" else "stiffness"
-    assert cs.max_stable_dt(scene.replace(cloth=cloth.replace(**{name: value}))) >= dt
-    assert cs.max_stable_dt(scene.replace(cloth=cloth.replace(**{name: 1.25 * value}))) < dt
-
-
-def test_a_warning_says_when_the_other_term_limits_the_time_step_too():
-    scene = cs.Scene(cs.Cloth((12, 12), mass=0.3, stiffness=100.0, damping=0.1))
-    (message,) = given(cs.StabilityWarning, lambda: cs.Stepper(scene).advance(1, 5e-3))
-    limit = cs.max_stable_dt(scene.replace(cloth=scene.cloth.replace(stiffness=0.0)))
-    assert message.endswith(f"without it the damping limits the time step to {limit:.3g} s")

@@ -286,8 +286,8 @@ class Fit:
 
     def __repr__(self) -> str:
         reasons = self.report["reasons"]
-        lines = [(n, f"{v:.6g}", f"+- {self.errors[n]:.2g}", reasons[n]) for n, v in self.values.items()]
-        text = aligned(("parameter", "value", "one sigma", ""), lines, left=(0, 3))
+        rows = [(n, f"{v:.6g}", f"+- {self.errors[n]:.2g}", reasons[n]) for n, v in self.values.items()]
+        text = aligned([("parameter", "value", "one sigma", ""), *rows], left=(0, 3))
         return text + f"\n{self.report['reason']}".rstrip()
 
     def plot(self, ax: Any = None) -> Any:

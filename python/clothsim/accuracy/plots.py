@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.plots import BLACK, BLUE, COLORS, GREY, label_lines, shown_axes, style
-from ..methods.integration import integrators
+from ..methods.integrators import integrators
 
 if TYPE_CHECKING:
     from .fit import Fit

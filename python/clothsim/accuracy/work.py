@@ -22,8 +22,7 @@ from ..engine.options import PRECISIONS
 from ..errors import OrderWarning, StabilityWarning, UnstableError
 from ..measure.measures import energy
 from ..methods.bound import stable_dt
-from ..methods.data import integrator_name
-from ..methods.integration import integrators
+from ..methods.integrators import integrator_name, integrators
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Integrator, Precision
@@ -366,7 +365,7 @@ class Convergence:
             (f"{dt:.4g}", f"{rms:.2e}", f"{largest:.2e}", order, "*" * bool(fit))
             for dt, rms, largest, order, fit in zip(self.dt, self.rms, self.max, orders, self.fitted, strict=True)
         ]
-        table = aligned(("dt [s]", "rms [m]", "max [m]", "order", ""), rows, left=())
+        table = aligned([("dt [s]", "rms [m]", "max [m]", "order", ""), *rows], left=())
         return f"{self.integrator}, {self.precision}: {fitted}\n{table}"
 
     __repr__ = __str__

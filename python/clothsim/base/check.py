@@ -10,7 +10,8 @@ import math
 import numbers
 import os
 import reprlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+import sys
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -41,7 +42,7 @@ _INSTEAD = {
 
 
 def no_argument(unknown: Mapping[str, object]) -> None:
-    """Refuse unknown keyword arguments, and name the right ones if they are known."""
+    """Refuse unknown keyword arguments, and say what serves instead."""
     for name in unknown:
         raise TypeError(f"unknown argument {name!r}{_INSTEAD.get(name, '')}")
 
@@ -56,28 +57,20 @@ def boolean(name: str, value: Any) -> bool:
     return bool(value) if isinstance(value, (bool, np.bool_)) else _refuse(TypeError, name, "True or False", value)
 
 
-def _real(value: Any) -> Any:
+def real(value: Any) -> Any:
     """`value` if it is one real number, also in an array without dimensions, else None. A bool is none."""
     value = value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
     return value if isinstance(value, numbers.Real) and not isinstance(value, bool) else None
 
 
-def is_number(value: Any) -> bool:
-    """Whether `value` is one real number."""
-    return _real(value) is not None
-
-
-def _within(name: str, value: Any, to: Callable[[Any], Any], accepted: str, low: float, high: float, above: bool) -> Any:
-    real = _real(value)
-    good = isinstance(real, numbers.Real if to is float else numbers.Integral)
-    try:
-        result = to(real) if good else math.nan
-    except OverflowError:  # float(10**400)
-        result = math.nan
-    if low <= result <= high and abs(result) < math.inf and not (above and result == low):
-        return result
+def _within(name: str, value: Any, kind: type, accepted: str, low: float, high: float, above: bool = False) -> Any:
+    given = real(value)
+    good = isinstance(given, kind)
+    # Python compares large integers exactly: 10**400 is too large for a float.
+    if good and low <= given <= high and abs(given) <= sys.float_info.max and not (above and given == low):
+        return given
     bounds = [f" {'>' if above else '>='} {low:.12g}"] if low > -math.inf else []
-    bounds += [f" <= {high:.12g}"] if high < INT64_MAX or (good and real > high) else []
+    bounds += [f" <= {high:.12g}"] if high < INT64_MAX or (good and given > high) else []
     _refuse(ValueError if good else TypeError, name, accepted + " and".join(bounds), value)
 
 
@@ -87,14 +80,14 @@ def number(
     """`value` as a finite float >= `minimum` (> with `exclusive`) and <= `maximum`."""
     if type(value) is float and minimum < value < maximum:
         return value
-    return float(_within(name, value, float, "a finite number", minimum, maximum, exclusive))
+    return float(_within(name, value, numbers.Real, "a finite number", minimum, maximum, exclusive))
 
 
 def integer(name: str, value: Any, *, minimum: float = -math.inf, maximum: int = INT64_MAX) -> int:
     """`value` as an int with `minimum` <= value <= `maximum`; 2.0 is not an integer."""
     if type(value) is int and minimum <= value <= maximum:
         return value
-    return int(_within(name, value, int, "an integer", minimum, maximum, False))
+    return int(_within(name, value, numbers.Integral, "an integer", minimum, maximum))
 
 
 def items(name: str, value: Any, count: int | None, what: str, least: int = 0) -> list[Any]:
@@ -102,10 +95,9 @@ def items(name: str, value: Any, count: int | None, what: str, least: int = 0) -
     accepted = f"a sequence of {f'at least {least} ' * bool(least) if count is None else f'{count} '}{what}"
     if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
         _refuse(TypeError, name, accepted, value)
-    listed = list(value) if not isinstance(value, np.ndarray) or value.ndim == 1 else None
-    if listed is None or not (least if count is None else count) <= len(listed) <= (len(listed) if count is None else count):
+    if np.ndim(value) != 1 if isinstance(value, np.ndarray) else len(value) < least or count not in (None, len(value)):
         _refuse(ValueError, name, accepted, value)
-    return listed
+    return list(value)
 
 
 def vector(name: str, value: Any, length: int = 3) -> Any:
@@ -159,15 +151,6 @@ def path(name: str, value: Any, accepted: str = "a path") -> Path:
     if not isinstance(value, (str, os.PathLike)):
         _refuse(TypeError, name, accepted, value)
     return Path(value) if str(value) and "\0" not in str(value) else _refuse(ValueError, name, accepted, value)
-
-
-def folder(name: str, value: Any) -> Path:
-    """`value` as the path of a folder that exists or can be made."""
-    where = path(name, value, "the path of a folder")
-    for one in (where, *where.parents):
-        if one.is_file():
-            raise ValueError(f"{name} must be a folder, got {str(where)!r}: {str(one)!r} is a file")
-    return where
 
 
 def as_array(name: str, value: Any, accepted: str, kinds: str = "iuf") -> np.ndarray:

@@ -32,4 +32,3 @@ def on_demand(
 
     names = {*namespace["__all__"], *also, *(name for name in namespace if name.startswith("__"))}
     return get, lambda: sorted(names)
-

@@ -48,13 +48,7 @@ class ProgressBar:
                 tqdm = needed("tqdm.auto", "progress=True", "demo").tqdm
             # With None, tqdm itself finds out whether stderr is a terminal.
             bar = tqdm(disable=False if in_notebook() else None, **options)
-            if not bar.disable:
-                self.bar, self._show_warning, warnings.showwarning = bar, warnings.showwarning, self._above
-
-    def _above(self, *warning: Any, **options: Any) -> None:
-        """Show a warning above the bar, as it would have been shown without."""
-        with self.bar.external_write_mode(file=sys.stderr):
-            self._show_warning(*warning, **options)
+            self.bar = None if bar.disable else bar
 
     def advance(self, count: float = 1) -> None:
         if self.bar is not None:
@@ -69,8 +63,6 @@ class ProgressBar:
         """Leave the bar as it is and start a new line."""
         if self.bar is not None:
             self.bar.close()
-            if warnings.showwarning == self._above:  # else somebody has replaced it since
-                warnings.showwarning = self._show_warning
 
     def __enter__(self) -> ProgressBar:
         return self

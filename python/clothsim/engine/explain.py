@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from .. import _core
-from ..base.table import ReadOnly, aligned
+from ..base.table import aligned
 from ..methods.bound import limiting_term
-from ..methods.data import METHODS
-from ..methods.integration import integrators
+from ..methods.integrators import integrators
 from ..model.as_core import in_cells
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
@@ -18,7 +17,7 @@ from .options import Options
 from .plan import core_plan
 
 
-class Explanation(ReadOnly[Any]):
+class Explanation(dict[str, Any]):
     """Work of a step of a scene, and the parts left out: a mapping that prints as a text.
 
     Examples
@@ -30,7 +29,7 @@ class Explanation(ReadOnly[Any]):
     """
 
     def __str__(self) -> str:
-        return aligned((), [(name.replace("_", " "), _text(value)) for name, value in self.items()], left=(0, 1))
+        return aligned([(name.replace("_", " "), _text(value)) for name, value in self.items()], left=(0, 1))
 
     __repr__ = __str__
 
@@ -73,7 +72,8 @@ def explain(
     kernel = options.chosen_kernel
     plan = core_plan(scene, options)
     compensated = precision == "single"
-    fused = METHODS[integrator].in_kernels and not (kernel == "gather" and cloth.driven)
+    stages = method.stages_damped if cloth.damped else method.stages
+    fused = method.in_kernels and not (kernel == "gather" and cloth.driven)
     everything = {
         **{f"{family} springs": family in cloth.springs for family in FAMILIES},
         "spring damping": any(cloth.family_damping.values()),
@@ -97,9 +97,7 @@ def explain(
             "contact_costs": tuple(_contact_cost(s, precision) for s in scene.spheres),
             "integrator": integrator,
             "order": method.order_of(scene),
-            "force_evaluations_per_step": (
-                method.evaluations_per_step(cloth.damped) if method.explicit else "as many as Newton's method takes"
-            ),
+            "force_evaluations_per_step": (stages if method.explicit else "as many as Newton's method takes"),
             "max_stable_dt": term.max_stable_dt,
             "limited_by": str(term),
             "step_loop": "fused" if fused else "stage by stage",

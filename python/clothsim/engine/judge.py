@@ -40,8 +40,8 @@ class Judge:
         limit, member = min(((self._max_stable_dt[k], k) for k in active), default=(dt, 0))
         if dt > limit:
             self.given.add("dt")
-            term = limiting_term(self._scenes[member], self._integrator).at(dt)
-            warn_of_dt(dt, limit, self._integrator, self._named(member), term)
+            term = limiting_term(self._scenes[member], self._integrator)
+            warn_of_dt(dt, limit, self._integrator, self._named(member), str(term))
 
     def outcome(self, outcome: dict[str, Any], dt: float) -> None:
         """Give a warning for each finding of the core, and raise an error for a failed step."""
@@ -135,6 +135,5 @@ class Judge:
         }
         if outcome["trapped"]:
             raise ContactError(**found)
-        term = limiting_term(scene, self._integrator)
-        words = term.at(dt) if dt > term.max_stable_dt else str(term)
-        raise UnstableError(**found, dt=dt, max_stable_dt=self._max_stable_dt[member], term=words)
+        term = str(limiting_term(scene, self._integrator))
+        raise UnstableError(**found, dt=dt, max_stable_dt=self._max_stable_dt[member], term=term)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from .. import _core
 from ..base import check
 from ..base.build import available_threads
-from ..methods.data import integrator_name
+from ..methods.integrators import integrator_name
 from ..typing import Backend, Kernel, Precision
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..methods.bound import guaranteed_dt
-from ..methods.integration import integrators, warn_of_order
+from ..methods.integrators import integrators, warn_of_order
 from ..model.as_core import core_cloth
 from ..model.motion import Linear
 from ..model.scene import Scene

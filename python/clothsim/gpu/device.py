@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from ..base.extras import reason_of
+from ..base.extras import needed
 
 ADAPTER_VARIABLE = "CLOTHSIM_GPU_ADAPTER"
 # float64, and the integers of its size that `keep` takes it through.
@@ -27,11 +27,8 @@ _LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 @cache
 def load_wgpu() -> Any:
     """The module wgpu, or an ImportError that names the extra."""
-    try:
-        import wgpu
-        from wgpu.backends.wgpu_native import extras
-    except ImportError as error:
-        raise ImportError(reason_of(error, "wgpu", "backend 'gpu'", "gpu")) from error
+    wgpu = needed("wgpu", "backend 'gpu'", "gpu")
+    extras = needed("wgpu.backends.wgpu_native", "backend 'gpu'", "gpu").extras
     # OpenGL, and Mesa's layer that asks a display for its adapter, write to stderr if there is no display.
     if "XDG_RUNTIME_DIR" not in os.environ:
         os.environ.setdefault("NODEVICE_SELECT", "1")

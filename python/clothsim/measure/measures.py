@@ -148,7 +148,7 @@ def _times(t: npt.ArrayLike | None, sphere: Sphere | Plane, batch: tuple[int, ..
                 "per member of a batch, such as penetration(run.x, sphere, run.t)"
             )
         return 0.0
-    if check.is_number(t):
+    if check.real(t) is not None:
         return check.number("t", t)
     return check.array("t", t, batch, "finite times, one per member of x, or one for all")
 

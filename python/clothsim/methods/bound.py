@@ -51,73 +51,23 @@ class LimitingTerm:
     values: tuple[float, ...]  # of the term, for each family [N/m] or [N s/m]
     below: tuple[float, ...]  # where the other kind limits the step, all families reduced in proportion; 0 if there is none
     max_stable_dt: float  # the guaranteed time step [s]
-    omega: float  # bound of the cloth's frequencies [1/s]
-    delta: float  # bound of its damping rates [1/s]
     integrator: str
-
-    @property
-    def name(self) -> str:
-        """Kind and families, such as "the damping of structural and shear springs"."""
-        if self.kind == "nothing":
-            return "nothing"
-        if self.kind == "method":
-            return f"{self.integrator}, which amplifies undamped motion at every time step"
-        *most, last = [f for f in self.families if f != "points"] or [""]
-        springs = f"the {self.kind} of {', '.join(most)}{' and ' * bool(most)}{last} springs" if last else ""
-        return " and ".join([part for part in (springs, "the drag of points" * ("points" in self.families)) if part])
 
     def __str__(self) -> str:
         if self.kind == "nothing":
             return "nothing limits it"
         if self.kind == "method":
             return f"{self.integrator} amplifies undamped motion at every time step"
-        text = f"{self.name}, {self._listed(self.values)}, limits it"
-        return f"{text}; below {self._listed(self.below)} the {self._other} would" if any(self.below) else text
-
-    def at(self, dt: float) -> str:
-        """The term in words, with the values at which a time step `dt` above the guarantee is stable."""
-        if self.kind in ("nothing", "method"):
-            return str(self)
-        text = f"{self.name}, {self._listed(self.values)}, limits it"
-        part = self.part_at(dt)
-        if part > 0:
-            at = tuple(_rounded_down(part * one) for one in self.values)
-            return f"{text}; dt = {dt:g} s is stable at {self._listed(at)}"
-        alone = (self.omega, 0.0) if self.kind == "damping" else (0.0, self.delta)
-        limit = box_limit(self.integrator, *alone)
-        return f"{text}; without it the {self._other} limits the time step to {limit:.3g} s"
-
-    def part_at(self, dt: float) -> float:
-        """The largest factor in [0, 1] on the term's values for which `dt` is guaranteed to be stable, or 0."""
-
-        def stable(part: float) -> bool:
-            if self.kind == "damping":
-                return box_limit(self.integrator, self.omega, part * self.delta) >= dt
-            return box_limit(self.integrator, math.sqrt(part) * self.omega, self.delta) >= dt
-
-        exponent = -20.0  # parts below 1e-20 are those of another cloth
-        if not stable(10**exponent):
-            return 0.0
-        step = -exponent
-        while step > 1e-4:  # of a decade: four digits
-            step /= 2
-            if exponent + step < 0 and stable(10 ** (exponent + step)):
-                exponent += step
-        return float(10**exponent)
-
-    @property
-    def _other(self) -> str:
-        return "stiffness" if self.kind == "damping" else "damping"
+        *most, last = [f for f in self.families if f != "points"] or [""]
+        springs = [f"the {self.kind} of {', '.join(most)}{' and ' * bool(most)}{last} springs"] if last else []
+        name = " and ".join([*springs, *["the drag of points"] * ("points" in self.families)])
+        other = "stiffness" if self.kind == "damping" else "damping"
+        text = f"{name}, {self._listed(self.values)}, limits it"
+        return f"{text}; below {self._listed(self.below)} the {other} would" if any(self.below) else text
 
     def _listed(self, numbers: tuple[float, ...]) -> str:
         different = dict.fromkeys(f"{one:.3g}" for one in numbers)
         return f"{' and '.join(different)} {'N/m' if self.kind == 'stiffness' else 'N s/m'}"
-
-
-def _rounded_down(value: float) -> float:
-    """A value to three digits, so that the printed number is stable too."""
-    digits = 2 - math.floor(math.log10(value)) if value > 0 else 0
-    return math.floor(value * 10.0**digits) / 10.0**digits
 
 
 def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
@@ -136,9 +86,9 @@ def _term_of(cloth: Cloth, integrator: str) -> LimitingTerm:
     limit = box_limit(integrator, omega, delta)
     alone = box_limit(integrator, omega, 0.0), box_limit(integrator, 0.0, delta)
     if not math.isfinite(limit):
-        return LimitingTerm("nothing", (), (), (), limit, omega, delta, integrator)
+        return LimitingTerm("nothing", (), (), (), limit, integrator)
     if limit == 0:
-        return LimitingTerm("method", (), (), (), limit, omega, delta, integrator)
+        return LimitingTerm("method", (), (), (), limit, integrator)
     if alone[1] < alone[0]:
         kind, values, factor = "damping", c, alone[1] / alone[0]
         left = {f: bounds(damping={**c, f: 0.0})[1] for f in c}
@@ -152,4 +102,4 @@ def _term_of(cloth: Cloth, integrator: str) -> LimitingTerm:
     fall = {f: whole - rest for f, rest in left.items()}
     named = tuple(f for f in fall if fall[f] >= _TIE * max(fall.values()))
     given = tuple(values[f] for f in named)
-    return LimitingTerm(kind, named, given, tuple(factor * one for one in given), limit, omega, delta, integrator)
+    return LimitingTerm(kind, named, given, tuple(factor * one for one in given), limit, integrator)

@@ -302,7 +302,7 @@ class Cloth(Record):
 
 
 def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]:
-    if check.is_number(value):
+    if check.real(value) is not None:
         return check.number("mass", value, minimum=0, exclusive=True)
     accepted = "finite numbers > 0 (or one number, the total mass)"
     masses = check.array("mass", value, shape, accepted)

@@ -428,7 +428,7 @@ def continuous(obstacle: Sphere | Plane, **changes: Any) -> Sphere | Plane:
 
 
 def _offset(value: Any) -> Offset | float:
-    if check.is_number(value):
+    if check.real(value) is not None:
         return check.number("offset", value, minimum=0)
     if not isinstance(value, str):
         raise TypeError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {check.shown(value)}")

@@ -56,7 +56,7 @@ def reproduce(
         raise ValueError(f"experiments must be some of {EXPERIMENTS}, got {tuple(experiments)!r}")
     threads = int(cs.build_config()["threads"]) if threads is None else check.integer("threads", threads, minimum=1)
     settings = settings or (QUICK if quick else FULL)
-    folder = check.folder("out", out).resolve()
+    folder = check.path("out", out, "the path of a folder").resolve()
     folder.mkdir(parents=True, exist_ok=True)
     entries: dict[str, Any] = {}
     report = {"settings": asdict(settings), "cuts": pages.cuts(settings), "provenance": provenance(), "experiments": entries}

@@ -25,7 +25,7 @@ import numpy as np
 from ..base import Floats
 from ..errors import UnstableError
 from ..methods.bound import usable_dt
-from ..methods.integration import integrators
+from ..methods.integrators import integrators
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .frames import Schedule

@@ -18,8 +18,7 @@ from ..engine.arrays import checked_state, scenes_of
 from ..engine.snapshot import take
 from ..engine.state import own_arrays
 from ..errors import ContactError, RunInterrupted, UnstableError
-from ..methods.data import integrator_name
-from ..methods.integration import warn_of_order
+from ..methods.integrators import integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Every, Integrator, Kernel, Precision
 from .error_control import estimate_of, size_of, solve

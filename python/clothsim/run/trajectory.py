@@ -25,7 +25,7 @@ from ..engine.snapshot import Snapshot, of_members
 from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import guaranteed_dt, stable_dt
-from ..methods.data import METHODS
+from ..methods.integrators import METHODS
 from ..model.as_core import core_cloth, in_cells
 from ..model.mesh import point_radii2
 from ..model.scene import Scene

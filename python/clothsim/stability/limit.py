@@ -35,11 +35,9 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..engine.arrays import scenes_of
-from ..methods.amplification import splitting_step
 from ..methods.bound import stable_dt
-from ..methods.data import METHODS, integrator_name
-from ..methods.integration import integrators
-from ..methods.region import mode_limit, notched
+from ..methods.integrators import METHODS, integrator_name, integrators
+from ..methods.region import mode_limit, notched, splitting_step
 from ..model.scene import Scene
 from ..typing import Integrator
 

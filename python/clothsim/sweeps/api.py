@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from ..base import check
 from ..base.build import build_config, provenance
-from ..base.extras import check_installed, needed
+from ..base.extras import needed
 from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
 from ..errors import warn_caller
@@ -122,7 +122,7 @@ def sweep(
         needed("zarr", "store=...")
     check.no_argument(unknown)
     if check.boolean("progress", progress):
-        check_installed("tqdm", "progress=True")
+        needed("tqdm", "progress=True")
     check.instance("scene", scene, Scene)
     grid = make_grid(over)
     chosen = choose_metrics(metrics)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..base import check
-from ..methods.data import integrator_name
+from ..methods.integrators import integrator_name
 from ..model.fields import NUMERICS, check_name, units
 from ..model.record import Record
 

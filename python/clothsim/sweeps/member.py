@@ -12,7 +12,7 @@ import numpy as np
 from ..base import Floats, check
 from ..engine.options import Options
 from ..methods.bound import guaranteed_dt, stable_dt, usable_dt
-from ..methods.data import integrator_name
+from ..methods.integrators import integrator_name
 from ..model.as_core import core_cloth, core_spheres
 from ..model.fields import RUN, change_scene
 from ..model.scene import Scene

@@ -174,7 +174,7 @@ class Store(Results):
 
     def __init__(self, path: Path, resume: bool, identity: dict[str, Any], session: dict[str, Any], *sweep: Any) -> None:
         super().__init__(*sweep)
-        self.path, self.zarr = check.folder("store", path), needed("zarr", "store=...")
+        self.path, self.zarr = path, needed("zarr", "store=...")
         self.session, self.sessions, self._identity = session, [session], identity
         self._arrays: dict[str, Any] = {}
         self._chunks = _chunks(self.grid.shape)

@@ -23,7 +23,7 @@ from ..base.build import available_threads, build_config
 from ..base.interrupts import Interrupts
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
-from ..methods.integration import integrators, warn_of_order
+from ..methods.integrators import integrators, warn_of_order
 from ..model.fields import RUN
 from ..model.scene import Scene
 from ..run.frames import Schedule, as_every

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..base import Floats, check, files
-from ..base.extras import how_to_install, needed
+from ..base.extras import needed
 from ..base.progress import ProgressBar
 from .legend import Pixels
 from .picture import Drawing, Style, file_path
@@ -143,7 +143,7 @@ def _ffmpeg() -> str:
         return found
     raise RuntimeError(
         "an MP4 film needs ffmpeg, which is neither on the PATH nor in the package imageio-ffmpeg: install the program "
-        f"(Debian, Ubuntu: apt-get install ffmpeg) or {how_to_install('film')}, or write .webp or .gif instead"
+        "(Debian, Ubuntu: apt-get install ffmpeg) or run pip install 'clothsim[film]', or write .webp or .gif instead"
     )
 
 

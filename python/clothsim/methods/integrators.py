@@ -1,18 +1,22 @@
-"""The time integration methods, with their cost and their stable steps (`region` has the theory)."""
+"""The time integration methods as data: properties and coefficients, which the core has. `region` has their theory."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ..base.table import ReadOnly, aligned
+import numpy as np
+
+from .. import _core
+from ..base import check
+from ..base.table import aligned
 from ..errors import OrderWarning, warn_caller
-from .data import METHODS
-from .region import axis_limit
 
 if TYPE_CHECKING:
     from ..model.scene import Scene
+
+Weights = tuple[float, list[float], list[float]]
 
 
 @dataclass(frozen=True, repr=False)
@@ -27,26 +31,28 @@ class Integrator:
         Power of the time step with which the error of a smooth motion falls, without and with damping; see `order_of`.
     symplectic : bool
         Whether the energy of an undamped scene stays bounded over any number of steps.
-    description, source : str
-        Purpose, and the source of the coefficients.
     family : str
         "runge_kutta" (explicit), "splitting" or "implicit".
-    stages, stages_damped : int
-        Force evaluations per step of a scene without and with damping.
     adaptive : bool
         Whether the method estimates its error, so that `simulate` can choose the step by it.
+    stages, stages_damped : int
+        Force evaluations per step of a scene without and with damping.
     """
 
     name: str
     order: int
     order_damped: int
     symplectic: bool
-    description: str
-    source: str
     family: str
+    adaptive: bool
     stages: int
     stages_damped: int
-    adaptive: bool
+    in_kernels: bool  # whether the kernels take whole steps
+    terms: tuple[float, ...]  # Runge-Kutta: factors of the powers of z, from 1 on, by which a step multiplies exp(z)
+    splitting: tuple[list[float], list[float]]  # as many drifts and kicks, in turn, as parts of the step
+    # The explicit method that replaces a splitting where there is damping. For each stage and for the result: factors of
+    # the velocity in x, and of the accelerations in x and in v.
+    weights_damped: tuple[Weights, ...]
 
     @property
     def explicit(self) -> bool:
@@ -61,11 +67,15 @@ class Integrator:
     @property
     def imaginary_limit(self) -> float:
         """Largest stable omega * dt of the undamped oscillator, to nine digits; 0 if every step amplifies it."""
+        from .region import axis_limit
+
         return axis_limit(self.name, damping=False)
 
     @property
     def real_limit(self) -> float:
         """Largest stable delta * dt of pure damping, to nine digits."""
+        from .region import axis_limit
+
         return axis_limit(self.name, damping=True)
 
     def order_of(self, scene: Scene) -> int:
@@ -80,91 +90,62 @@ class Integrator:
         """
         return self.order_damped if scene.cloth.damped else self.order
 
-    def evaluations_per_step(self, damped: bool) -> int:
-        """Force evaluations per step of a scene with or without damping."""
-        return self.stages_damped if damped else self.stages
-
     def __repr__(self) -> str:
         stages, kind = self._traits
         return f"<Integrator {self.name}: order {self.order}, stages {stages}, {kind}>"
 
     @property
-    def _traits(self) -> tuple[str, ...]:
-        """The properties as printed text."""
-        order = "" if self.damped else " (damped: order 1)"
+    def _traits(self) -> tuple[str, str]:
+        """Stages and kind as text."""
         damped = "" if self.stages_damped == self.stages else f" (damped: {self.stages_damped})"
-        return (
-            f"{self.stages}{damped}",
-            ("explicit" if self.explicit else "implicit")
-            + ", adaptive" * self.adaptive
-            + ", symplectic" * self.symplectic
-            + order,
-        )
+        kind = "explicit" if self.explicit else "implicit"
+        order = "" if self.damped else f" (damped: order {self.order_damped})"
+        return f"{self.stages}{damped}", kind + ", adaptive" * self.adaptive + ", symplectic" * self.symplectic + order
 
 
-def _record(
-    name: str, order: int, description: str, source: str, *, symplectic: bool = False, order_damped: int | None = None
-) -> Integrator:
-    data = METHODS[name]
-    own = data.family, data.stages, data.stages_damped, data.adaptive
-    return Integrator(name, order, order_damped or order, symplectic, description, source, *own)
+# Order, order with damping, and whether the method is symplectic.
+_PROPERTIES = {
+    "rk4": (4, 4, False),
+    "explicit_euler": (1, 1, False),
+    "semi_implicit_euler": (1, 1, True),
+    "velocity_verlet": (2, 2, True),
+    "pefrl": (4, 1, True),
+    "dopri5": (5, 5, False),
+    "dop853": (8, 8, False),
+    "implicit_midpoint": (2, 2, True),
+}
 
 
-_TABLE = (
-    _record("rk4", 4, "classic Runge-Kutta, the paper's: the default", "Kutta, Z. Math. Phys. 46 (1901)"),
-    _record(
-        "explicit_euler",
-        1,
-        "drift and kick at once: amplifies undamped motion at every time step, to be seen beside the others",
-        "Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd ed., eq I.7.3",
-    ),
-    _record(
-        "semi_implicit_euler",
-        1,
-        "kick, then drift: what games use",
-        "Hairer, Lubich, Wanner: Geometric Numerical Integration, eq I.1.9",
-        symplectic=True,
-    ),
-    _record(
-        "velocity_verlet",
-        2,
-        "kick, drift, kick; the second kick takes the velocity predicted by Euler's method, which "
-        "keeps order 2 with damping, at two evaluations a step then",
-        "Swope et al., J. Chem. Phys. 76 (1982) 637",
-        symplectic=True,
-    ),
-    _record(
-        "pefrl",
-        4,
-        "position-extended Forest-Ruth-like splitting: small error constant, for undamped scenes; of order 1 with damping",
-        "Omelyan, Mryglod, Folk, Comput. Phys. Commun. 146 (2002) 188, eq 20",
-        symplectic=True,
-        order_damped=1,
-    ),
-    _record(
-        "dopri5",
-        5,
-        "Dormand-Prince 5(4): errors of 1e-3 to 1e-7 of the size",
-        "Dormand, Prince, J. Comput. Appl. Math. 6 (1980) 19",
-    ),
-    _record(
-        "dop853",
-        8,
-        "Dormand-Prince 8(5,3): small errors at the least cost",
-        "Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd ed., II.5, dop853.f",
-    ),
-    _record(
-        "implicit_midpoint",
-        2,
-        "Newton's method with a sparse factorisation: stays bounded at huge steps, at the price of "
-        "the error that order 2 has there",
-        "Hairer, Lubich, Wanner: Geometric Numerical Integration, eq I.1.7",
-        symplectic=True,
-    ),
-)
+def _terms(tableau: list[list[float]], order: int, stages: int) -> tuple[float, ...]:
+    """The stability polynomial. Up to the order it is that of exp(z); the further terms are b A^(k-1) 1.
+
+    In long double, as the terms of dop853 cancel.
+    """
+    whole = np.array(tableau, np.longdouble)
+    a, row = whole[:stages, :stages], whole[stages, :stages]
+    terms, factorial = [1.0], 1
+    for k in range(1, stages + 1):
+        factorial *= k
+        terms.append(1 / factorial if k <= order else float(row.sum()))
+        row = row @ a
+    return tuple(terms)
 
 
-class _Integrators(ReadOnly[Integrator]):
+def _integrator(name: str, facts: dict[str, Any]) -> Integrator:
+    """A method that the core has described."""
+    drifts, kicks = facts.get("splitting", ((), ()))
+    tableau = facts.get("tableau")
+    return Integrator(
+        name,
+        *_PROPERTIES[name],
+        **{key: facts[key] for key in ("family", "adaptive", "stages", "stages_damped", "in_kernels")},
+        terms=_terms(tableau, facts["order"], facts["stages"]) if tableau else (),
+        splitting=(list(drifts), [*kicks, 0.0]),
+        weights_damped=tuple(facts.get("damped", ())),
+    )
+
+
+class _Integrators(dict[str, Integrator]):
     """The methods by name; it prints as a table."""
 
     def __repr__(self) -> str:
@@ -173,10 +154,11 @@ class _Integrators(ReadOnly[Integrator]):
             stages, kind = one._traits
             limits = (f"{limit:.3f}" for limit in (one.imaginary_limit, one.real_limit))
             rows.append((one.name, str(one.order), stages, *limits, kind))
-        return aligned((), rows, left=range(6))
+        return aligned(rows, left=range(6))
 
 
-_INTEGRATORS = _Integrators({method.name: method for method in _TABLE})
+METHODS = _Integrators({name: _integrator(name, facts) for name, facts in _core.methods().items()})
+"""Each method by name, in the order in which the methods are documented."""
 
 
 def integrators() -> Mapping[str, Integrator]:
@@ -185,7 +167,7 @@ def integrators() -> Mapping[str, Integrator]:
     Returns
     -------
     mapping of str to Integrator
-        Read-only. It prints as a table.
+        It prints as a table.
 
     Examples
     --------
@@ -201,12 +183,17 @@ def integrators() -> Mapping[str, Integrator]:
     dop853 8 12 True 5.9604
     implicit_midpoint 2 1 False inf
     """
-    return _INTEGRATORS
+    return _Integrators(METHODS)
+
+
+def integrator_name(name: Any, *more: str, argument: str = "integrator") -> str:
+    """`name` if it is the name of a method, or one of `more`, such as "auto"."""
+    return check.choice(argument, name, (*more, *METHODS))
 
 
 def warn_of_order(integrator: str, scene: Scene) -> bool:
     """Give an `OrderWarning` where damping lowers the order of this integrator; return True if it was given."""
-    method = _INTEGRATORS[integrator]
+    method = METHODS[integrator]
     if lower := method.order_of(scene) < method.order:
         warn_caller(
             f"{integrator} is of order {method.order_damped} for a scene with damping, not of order "
