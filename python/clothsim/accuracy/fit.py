@@ -25,7 +25,7 @@ from ..base.progress import Stopwatch
 from ..base.table import aligned
 from ..methods.bound import stable_dt
 from ..model.fields import change_scene, check_name, units
-from ..model.scene import Scene
+from ..model.scene import Scene, stops_of
 from ..model.sphere import Sphere
 from ..run.result import Run
 from ..run.simulate import simulate
@@ -134,7 +134,7 @@ class Clock:
     def __init__(self, scene: Scene, times: Floats, rtol: float) -> None:
         """With steps so short that positions should be off by at most `rtol` of the cloth's size."""
         self.times, self.size, self.finer = times, max(scene.cloth.size), 1.0
-        self.stops = sorted({*times.tolist(), *scene.stops(0.0, float(times[-1]))} - {0.0})
+        self.stops = sorted({*times.tolist(), *stops_of(scene, 0.0, float(times[-1]))} - {0.0})
         coarse = self.counts(scene)
         x, y = (self.run([scene], counts) for counts in (coarse + -(-coarse // 4), coarse))
         off = np.abs(x.x - y.x)[:, times <= min(x.known, y.known)].max(initial=0.0) / (rtol * self.size)

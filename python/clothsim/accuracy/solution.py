@@ -21,7 +21,7 @@ from ..engine.stepper import SilentStepper
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.as_core import core_pins
-from ..model.scene import Scene
+from ..model.scene import Scene, stops_of
 from ..model.sphere import continuous
 from ..run.trajectory import PAUSE
 
@@ -161,7 +161,7 @@ def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
     """The reference with frames at 0 and at `times`."""
     threads, free = available_threads(), scene.replace(spheres=())
     # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
-    stops = sorted({*times, *free.stops(0.0, times[-1])})
+    stops = sorted({*times, *stops_of(free, 0.0, times[-1])})
     frames = np.searchsorted(stops, times)
     # A continuous sphere misses no contact between two states, and does nothing without one. Without spheres the
     # extrapolation comes first: it finds out whether forces are smooth.

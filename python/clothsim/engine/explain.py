@@ -12,7 +12,7 @@ from ..methods.integrators import integrators
 from ..model.as_core import in_cells
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
-from ..model.sphere import CONTACT_COSTS, Plane, Sphere
+from ..model.sphere import Plane, Sphere
 from .options import Options
 from .plan import core_plan
 
@@ -52,16 +52,6 @@ def _radius_text(sphere: Sphere | Plane, cloth: Cloth) -> str:
     return f"contact radius {sphere.contact_radius(cloth):.6g} m"
 
 
-def _contact_cost(sphere: Sphere | Plane, precision: str) -> dict[str, float]:
-    """Measured time of a step over a step without spheres."""
-    if sphere.response != "continuous":
-        return {"untouched": 1.0}
-    cost = CONTACT_COSTS["none" if isinstance(sphere.offset, float) else sphere.offset]
-    touched = cost.touched_in_single if precision == "single" else cost.touched
-    drapes = {"on light drapes": cost.drape_mean, "at worst": cost.drape_worst}
-    return {"untouched": cost.untouched, "all points touched": touched, **drapes}
-
-
 def explain(
     scene: Scene, precision: str = "double", kernel: str = "auto", threads: int | None = None, integrator: str = "rk4"
 ) -> Explanation:
@@ -94,7 +84,6 @@ def explain(
             "collision_passes": tuple(
                 f"{s.response}{' (as printed)' if s.as_printed else ''}, {_radius_text(s, cloth)}" for s in scene.spheres
             ),
-            "contact_costs": tuple(_contact_cost(s, precision) for s in scene.spheres),
             "integrator": integrator,
             "order": method.order_of(scene),
             "force_evaluations_per_step": (stages if method.explicit else "as many as Newton's method takes"),

@@ -7,17 +7,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from ..base import check, frozen
 from ..typing import Family, Numbers, Pins, Shape
 from .mesh import checked_shape
-from .motion import Motion
-from .pins import checked_pins, groups_of
+from .motion import Motion, checked_motion, motion_from_dict
 from .record import Record
+
+PinField = tuple[tuple[int, int], ...] | Mapping[tuple[int, int], Motion | None]
 
 FAMILIES: tuple[Family, ...] = get_args(Family)
 """The spring families, in the order in which they are computed and listed."""
@@ -28,21 +30,17 @@ SPRING_DTYPE = np.dtype(
 
 # Per family and direction, the (row, column) offsets of the spring's two ends from a cell's
 # corner: the order of the spring table.
-_ENDS: tuple[tuple[Family, tuple[int, int], tuple[int, int]], ...] = (
-    ("structural", (0, 0), (0, 1)),
-    ("structural", (0, 0), (1, 0)),
-    ("shear", (0, 0), (1, 1)),
-    ("shear", (0, 1), (1, 0)),
-    ("bend", (0, 0), (0, 2)),
-    ("bend", (0, 0), (2, 0)),
+_ENDS = tuple(
+    (family, *ends)
+    for family, r, c in _core.spring_kinds
+    for ends in (((0, 0), (r, c)), *[((0, c), (r, 0))] * bool(r and c))
 )
-
 
 # What can be replaced beside everything else: arrays and pins stay.
 _FORCES = {"stiffness", "damping"}
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Cloth(Record):
     """A rectangular sheet of mass points and springs (Kim et al., section 2; defaults Table 2).
 
@@ -118,71 +116,50 @@ class Cloth(Record):
     {'structural': 35000.0, 'shear': 1000.0}
     """
 
-    shape: tuple[int, int] = (32, 32)
-    size: tuple[float, float] = (1.0, 1.0)
-    mass: float | npt.NDArray[np.float64] = 512.0
-    stiffness: float | Mapping[str, float] = 35_000.0
-    damping: float | Mapping[str, float] = 100.0
-    drag: float = 0.0
-    springs: tuple[Family, ...] = ("structural", "shear", "bend")
-    pins: tuple[tuple[int, int], ...] | Mapping[tuple[int, int], Motion | None] = ((0, 0), (-1, 0))
+    shape: tuple[int, int]
+    size: tuple[float, float]
+    mass: float | npt.NDArray[np.float64]
+    stiffness: float | Mapping[str, float]
+    damping: float | Mapping[str, float]
+    drag: float
+    springs: tuple[Family, ...]
+    pins: PinField
 
-    if TYPE_CHECKING:  # the constructor takes more than the fields hold
-
-        def __init__(
-            self,
-            shape: Shape = (32, 32),
-            size: Numbers = (1.0, 1.0),
-            mass: npt.ArrayLike = 512.0,
-            stiffness: float | Mapping[str, float] = 35_000.0,
-            damping: float | Mapping[str, float] = 100.0,
-            drag: float = 0.0,
-            springs: Iterable[Family] = ("structural", "shear", "bend"),
-            pins: Pins = ((0, 0), (-1, 0)),
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        shape = checked_shape(self.shape, least=2)
-        springs = _springs(self.springs)
-        size = check.vector("size", self.size, 2)
+    def __init__(
+        self,
+        shape: Shape = (32, 32),
+        size: Numbers = (1.0, 1.0),
+        mass: npt.ArrayLike = 512.0,
+        stiffness: float | Mapping[str, float] = 35_000.0,
+        damping: float | Mapping[str, float] = 100.0,
+        drag: float = 0.0,
+        springs: Iterable[Family] = ("structural", "shear", "bend"),
+        pins: Pins = ((0, 0), (-1, 0)),
+    ) -> None:
+        shape, springs = checked_shape(shape, least=2), _springs(springs)
+        size = check.vector("size", size, 2)
         for k in range(2):
             check.number(f"size[{k}]", size[k], minimum=0, exclusive=True)
         self._set(
             shape=shape,
             size=size,
-            mass=_mass(self.mass, shape),
-            stiffness=_per_family("stiffness", self.stiffness, springs),
-            damping=_per_family("damping", self.damping, springs),
-            drag=check.number("drag", self.drag, minimum=0),
+            mass=_mass(mass, shape),
+            stiffness=_per_family("stiffness", stiffness, springs),
+            damping=_per_family("damping", damping, springs),
+            drag=check.number("drag", drag, minimum=0),
             springs=springs,
-            pins=checked_pins(self.pins, shape),
+            pins=_checked_pins(pins, shape),
         )
-        self._check_rates()
-
-    def _check_rates(self) -> None:
-        """Refuse values whose accelerations overflow: stability limits and steps would be NaN."""
-        least = float(self.mass_per_point.min())
-        largest = max([*self.family_stiffness.values(), *self.family_damping.values(), self.drag, 1.0])
-        # Squared frequencies are at most sum_j K (1/m_i + 1/m_j) over the 12 springs of a point, below 32 K / m.
-        if least == 0.0 or math.isinf(32.0 * largest / least):
-            raise ValueError(
-                "mass must be large enough for stiffness / mass and damping / mass to be finite numbers, got "
-                f"{least:g} kg for a mass point, and {largest:g} as the largest stiffness or damping"
-            )
 
     def replace(self, **changes: Any) -> Cloth:
         if not changes.keys() <= _FORCES:
             return super().replace(**changes)
-        cloth = self._copy(("_core",), **{name: _per_family(name, one, self.springs) for name, one in changes.items()})
-        cloth._check_rates()
-        return cloth
-
-    replace.__doc__ = Record.replace.__doc__
+        return self._copy(("_core",), **{name: _per_family(name, one, self.springs) for name, one in changes.items()})
 
     def to_dict(self) -> dict[str, Any]:
         if not isinstance(self.pins, Mapping):
             return super().to_dict()
-        return {**self.replace(pins=()).to_dict(), "pins": groups_of(self.pins)}
+        return {**self.replace(pins=()).to_dict(), "pins": _groups_of(self.pins)}
 
     @property
     def rows(self) -> int:
@@ -324,3 +301,62 @@ def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mappin
         return check.number(name, value, minimum=0)
     given = check.keys(name, value, springs, required=springs)
     return MappingProxyType({f: check.number(f"{name}[{f!r}]", given[f], minimum=0) for f in springs})
+
+
+def _groups_of(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, Any]]:
+    """Pins with motions as plain data: the points of each motion."""
+    groups: dict[Motion | None, list[list[int]]] = {}
+    for pair, motion in pins.items():
+        groups.setdefault(motion, []).append(list(pair))
+    return [
+        {"points": points, **({} if motion is None else {"motion": motion.to_dict()})} for motion, points in groups.items()
+    ]
+
+
+def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
+    """The argument `pins` of a cloth, checked."""
+    accepted = f"pins must be (row, column) pairs, a mapping of such pairs to motions, or a boolean array of shape {shape}"
+    if isinstance(value, Mapping):
+        return _driven_pins(value, shape)
+    if isinstance(value, (list, tuple)) and value and all(isinstance(one, Mapping) for one in value):
+        return _driven_pins(_from_groups(value), shape)  # as in to_dict
+    if isinstance(value, (str, bytes)) or not np.iterable(value):
+        raise TypeError(f"{accepted}, got {check.shown(value)}")
+    if isinstance(value, np.ndarray) and value.dtype == np.bool_:
+        if value.shape != shape:
+            raise ValueError(f"{accepted}, got a boolean array of shape {value.shape}")
+        return tuple((int(r), int(c)) for r, c in np.argwhere(value))
+    pins = []
+    for k, pair in enumerate(value):
+        r, c = check.items(f"pins[{k}]", pair, 2, "integers (row, column)")
+        r, c = (
+            check.integer(f"pins[{k}][{axis}]", p, minimum=-n, maximum=n - 1)
+            for axis, (p, n) in enumerate(zip((r, c), shape, strict=True))
+        )
+        pins.append((r, c))
+    return tuple(pins)
+
+
+def _driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
+    """The pins of a mapping; without any motion the pairs alone."""
+    pairs = _checked_pins(list(value), shape)
+    motions = [checked_motion(f"pins[{pair}]", motion) for pair, motion in zip(pairs, value.values())]
+    points = [(r % shape[0], c % shape[1]) for r, c in pairs]
+    if len(set(points)) < len(points):
+        twice = next(point for point in points if points.count(point) > 1)
+        raise ValueError(f"pins must name each point once, got {twice} twice")
+    if all(motion is None for motion in motions):
+        return tuple(pairs)
+    return MappingProxyType(dict(zip(pairs, motions)))
+
+
+def _from_groups(groups: Sequence[Mapping[str, Any]]) -> dict[tuple[int, int], Motion | None]:
+    pins: dict[tuple[int, int], Motion | None] = {}
+    for k, group in enumerate(groups):
+        given = check.keys(f"pins[{k}]", group, ("points", "motion"), required=("points",))
+        motion = given.get("motion")
+        motion = motion_from_dict(motion) if isinstance(motion, Mapping) else motion
+        for pair in given["points"]:
+            row, column = check.items(f"pins[{k}] points", pair, 2, "integers (row, column)")
+            pins[row, column] = motion
+    return pins

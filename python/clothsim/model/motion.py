@@ -18,7 +18,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -47,7 +47,7 @@ _MOST_STOPS = 1_000_000  # of a motion in a run, each of which costs a step
 
 class BaseMotion(Record):
     kind: ClassVar[str]
-    relative: ClassVar[bool] = True  # displacements count from the start, not from the origin
+    relative = True  # displacements count from the start, not from the origin
     _period, _phase = 0.0, 0.0  # s, 1; no period: not periodic
 
     @cached_property
@@ -72,7 +72,7 @@ class BaseMotion(Record):
         Parameters
         ----------
         t : float or array_like
-            Time [s]; any shape, negative times too.
+            Time [s].
         center0 : sequence of 3 floats
             The ``center`` of the sphere [m].
 
@@ -90,7 +90,7 @@ class BaseMotion(Record):
         Parameters
         ----------
         t : float or array_like
-            Time [s]; any shape, negative times too.
+            Time [s].
 
         Examples
         --------
@@ -138,7 +138,7 @@ def _times(t: npt.ArrayLike) -> Vectors:
     return check.array("t", t, what="a finite number or an array of finite numbers")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Linear(BaseMotion):
     """Constant velocity: c(t) = c0 + velocity t, with c0 the sphere's ``center``.
 
@@ -161,19 +161,15 @@ class Linear(BaseMotion):
 
     kind: ClassVar[str] = "linear"
 
-    if TYPE_CHECKING:  # the constructors take more than the fields hold
-
-        def __init__(self, velocity: Numbers) -> None: ...
-
-    def __post_init__(self) -> None:
-        self._set(velocity=check.vector("velocity", self.velocity))
+    def __init__(self, velocity: Numbers) -> None:
+        self._set(velocity=check.vector("velocity", velocity))
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:
         return _pieces([0.0], [1.0], (np.zeros((1, 3)), [self.velocity]))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Reciprocate(BaseMotion):
     """Back and forth about the sphere's ``center``, fast at first and slow at the turning points.
 
@@ -217,34 +213,24 @@ class Reciprocate(BaseMotion):
     """
 
     direction: tuple[float, float, float]
-    distance: float = 1.0
-    period: float = 3.6
-    deceleration: float = 5.0
-    phase: float = 0.0
+    distance: float
+    period: float
+    deceleration: float
+    phase: float
 
     kind: ClassVar[str] = "reciprocate"
 
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            direction: Numbers,
-            distance: float = 1.0,
-            period: float = 3.6,
-            deceleration: float = 5.0,
-            phase: float = 0.0,
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        direction = check.vector("direction", self.direction)
-        if math.hypot(*direction) == 0.0:
-            raise ValueError(f"direction must not be the zero vector, got {self.direction!r}")
+    def __init__(
+        self, direction: Numbers, distance: float = 1.0, period: float = 3.6, deceleration: float = 5.0, phase: float = 0.0
+    ) -> None:
+        if not any(vector := check.vector("direction", direction)):
+            raise ValueError(f"direction must not be the zero vector, got {direction!r}")
         self._set(
-            direction=direction,
-            distance=check.number("distance", self.distance, minimum=0, exclusive=True),
-            period=check.number("period", self.period, minimum=0, exclusive=True),
-            deceleration=check.number("deceleration", self.deceleration, minimum=0),
-            phase=_phase(self.phase),
+            direction=vector,
+            distance=check.number("distance", distance, minimum=0, exclusive=True),
+            period=check.number("period", period, minimum=0, exclusive=True),
+            deceleration=check.number("deceleration", deceleration, minimum=0),
+            phase=_phase(phase),
         )
         self._set(_period=self.period, _phase=self.phase)
 
@@ -257,7 +243,7 @@ class Reciprocate(BaseMotion):
         return _pieces([0.0, 0.5], 0.5, [-0.5 * ways, ways])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Sinusoid(BaseMotion):
     """Harmonic motion about the sphere's ``center``: c(t) = c0 + amplitude sin(2 pi (frequency t + phase)).
 
@@ -284,19 +270,15 @@ class Sinusoid(BaseMotion):
 
     amplitude: tuple[float, float, float]
     frequency: float
-    phase: float = 0.0
+    phase: float
 
     kind: ClassVar[str] = "sinusoid"
 
-    if TYPE_CHECKING:
-
-        def __init__(self, amplitude: Numbers, frequency: float, phase: float = 0.0) -> None: ...
-
-    def __post_init__(self) -> None:
+    def __init__(self, amplitude: Numbers, frequency: float, phase: float = 0.0) -> None:
         self._set(
-            amplitude=check.vector("amplitude", self.amplitude),
-            frequency=check.number("frequency", self.frequency, minimum=0, exclusive=True),
-            phase=_phase(self.phase),
+            amplitude=check.vector("amplitude", amplitude),
+            frequency=check.number("frequency", frequency, minimum=0, exclusive=True),
+            phase=_phase(phase),
         )
         self._set(_period=1.0 / self.frequency, _phase=self.phase)
 
@@ -306,7 +288,7 @@ class Sinusoid(BaseMotion):
         return _pieces([0.0, 0.5], 0.5, [], amplitude=np.outer((1, -1), self.amplitude), angle=math.pi)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Keyframes(BaseMotion):
     """A table of times and centres or displacements, with straight lines or a smooth curve between them.
 
@@ -345,32 +327,29 @@ class Keyframes(BaseMotion):
     """
 
     times: Vectors
-    centers: Vectors | None = None
-    offsets: Vectors | None = None
-    smooth: bool = False
+    centers: Vectors | None
+    offsets: Vectors | None
+    smooth: bool
 
     kind: ClassVar[str] = "keyframes"
 
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            times: Numbers,
-            centers: npt.ArrayLike | None = None,
-            offsets: npt.ArrayLike | None = None,
-            smooth: bool = False,
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        count = len(check.items("times", self.times, None, "finite numbers", 2))
-        times = check.array("times", self.times, (count,))
-        later = np.concatenate([[True], np.diff(times) > 0])
-        check.check_all("times", times, later, "strictly increasing")
-        given = {name: getattr(self, name) for name in ("centers", "offsets") if getattr(self, name) is not None}
+    def __init__(
+        self,
+        times: Numbers,
+        centers: npt.ArrayLike | None = None,
+        offsets: npt.ArrayLike | None = None,
+        smooth: bool = False,
+    ) -> None:
+        count = len(check.items("times", times, None, "finite numbers", 2))
+        times = check.array("times", times, (count,))
+        check.check_all("times", times, np.diff(times, prepend=-np.inf) > 0, "strictly increasing")
+        places = {"centers": centers, "offsets": offsets}
+        given = {name: check.array(name, value, (count, 3)) for name, value in places.items() if value is not None}
         if len(given) != 1:
             raise ValueError(f"one of centers and offsets must be given, got {' and '.join(given) or 'none of them'}")
-        self._set(times=frozen(times), smooth=check.boolean("smooth", self.smooth), relative="offsets" in given)
-        self._set(**{n: frozen(check.array(n, v, (count, 3))) for n, v in given.items()})
+        ((name, table),) = given.items()
+        self._set(times=frozen(times), smooth=check.boolean("smooth", smooth), relative=name == "offsets")
+        self._set(**{**dict.fromkeys(places), name: frozen(table)})
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:

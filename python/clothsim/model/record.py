@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+import inspect
 from collections.abc import Collection, Mapping
 from functools import partial
 from types import MappingProxyType
@@ -124,6 +124,6 @@ class Record:
     @classmethod
     def _arguments(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
         """`data` as a dict, its keys checked; `more` are keys beside the arguments."""
-        fields = dataclasses.fields(cls)  # type: ignore[arg-type]
-        required = [*more, *(f.name for f in fields if f.default is dataclasses.MISSING)]
-        return check.keys(cls.__name__, data, [*more, *(f.name for f in fields)], required)
+        arguments = inspect.signature(cls).parameters
+        required = [name for name, one in arguments.items() if one.default is one.empty]
+        return check.keys(cls.__name__, data, [*more, *arguments], [*more, *required])

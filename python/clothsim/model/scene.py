@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,6 @@ from ..base import check, frozen
 from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
 from .motion import Keyframes, Motion
-from .pins import DrivenPins
 from .record import Record
 from .sphere import Plane, Sphere
 
@@ -27,7 +26,21 @@ SCHEMA = 2
 _PLACE_ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True)
+class DrivenPins:
+    """Pins that share a motion."""
+
+    motion: Motion
+    rows: npt.NDArray[np.int64]  # of their points
+    columns: npt.NDArray[np.int64]
+    starts: npt.NDArray[np.float64]  # (pins, 3): the ``center0`` with which each begins at its initial position [m]
+
+    def places_at(self, t: float) -> npt.NDArray[np.float64]:
+        """Places at the time `t` [m], shape (pins, 3)."""
+        return np.broadcast_to(self.motion._center(np.array(t), self.starts), self.starts.shape)
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Scene(Record):
     """A cloth, the spheres it meets, gravity and the initial state.
 
@@ -69,27 +82,22 @@ class Scene(Record):
     """
 
     cloth: Cloth
-    spheres: tuple[Sphere | Plane, ...] = ()
-    gravity: tuple[float, float, float] = (0.0, -9.80665, 0.0)
-    position: npt.NDArray[np.float64] | None = None
-    velocity: npt.NDArray[np.float64] | None = None
-    force: npt.NDArray[np.float64] | None = None
+    spheres: tuple[Sphere | Plane, ...]
+    gravity: tuple[float, float, float]
+    position: npt.NDArray[np.float64] | None
+    velocity: npt.NDArray[np.float64] | None
+    force: npt.NDArray[np.float64] | None
 
-    if TYPE_CHECKING:  # the constructor takes more than the fields hold
-
-        def __init__(
-            self,
-            cloth: Cloth,
-            spheres: Sphere | Plane | Iterable[Sphere | Plane] = (),
-            gravity: Numbers = (0.0, -9.80665, 0.0),
-            position: npt.ArrayLike | None = None,
-            velocity: npt.ArrayLike | None = None,
-            force: npt.ArrayLike | None = None,
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        cloth = check.instance("cloth", self.cloth, Cloth)
-        position, velocity = self.position, self.velocity
+    def __init__(
+        self,
+        cloth: Cloth,
+        spheres: Sphere | Plane | Iterable[Sphere | Plane] = (),
+        gravity: Numbers = (0.0, -9.80665, 0.0),
+        position: npt.ArrayLike | None = None,
+        velocity: npt.ArrayLike | None = None,
+        force: npt.ArrayLike | None = None,
+    ) -> None:
+        check.instance("cloth", cloth, Cloth)
         if position is not None:
             position = frozen(check.array("position", position, (*cloth.shape, 3)))
         if velocity is not None:
@@ -102,11 +110,12 @@ class Scene(Record):
                         "Cloth(pins={(row, column): cs.Linear(velocity)}) drives a pin"
                     )
         self._set(
-            spheres=_spheres(self.spheres),
-            gravity=check.vector("gravity", self.gravity),
+            cloth=cloth,
+            spheres=_spheres(spheres),
+            gravity=check.vector("gravity", gravity),
             position=position,
             velocity=velocity,
-            force=None if self.force is None else frozen(check.array("force", self.force, (*cloth.shape, 3))),
+            force=None if force is None else frozen(check.array("force", force, (*cloth.shape, 3))),
         )
         for (r, c), motion in cloth.driven.items():
             if not isinstance(motion, Keyframes):  # the others begin where the pin is
@@ -125,8 +134,6 @@ class Scene(Record):
             if cloth.size is own.size:  # all other arguments fit
                 return self._copy(("engines", "_plans"), cloth=cloth)
         return super().replace(**changes)
-
-    replace.__doc__ = Record.replace.__doc__
 
     @property
     def initial_position(self) -> npt.NDArray[np.float64]:
@@ -159,26 +166,6 @@ class Scene(Record):
             begin = 0.0 if isinstance(motion, Keyframes) else motion.center_at(0.0, (0, 0, 0))
             groups.append(DrivenPins(motion, rows, columns, places - begin))
         return groups
-
-    def stops(self, begin: float, end: float) -> list[float]:
-        """Times at which pieces of the motions of pins and spheres end. Steps of error control end there.
-
-        These are the turning points of `Reciprocate` and `Sinusoid` and the times of `Keyframes`. Between two of them every
-        motion is smooth, and a step sees all of it.
-
-        Parameters
-        ----------
-        begin, end : float
-            Only times between these two count [s].
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> [round(t, 9) for t in cs.scenes.paper_moving().stops(0.0, 4.0)]
-        [1.89, 3.99]
-        """
-        motions = {pins.motion for pins in self.driven_pins} | {one.motion for one in self.spheres if one.motion}
-        return sorted({t for motion in motions for t in motion._stops(begin, end)})
 
     def explain(
         self,
@@ -278,6 +265,15 @@ class Scene(Record):
             raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
         arguments["spheres"] = tuple((Plane if {"normal", "point"} & set(one) else Sphere).from_dict(one) for one in spheres)
         return cls(**arguments)
+
+
+def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
+    """Times between `begin` and `end` at which motions of pins and spheres turn, or pass a time of their table [s].
+
+    Between two of them every motion is smooth: error control ends its steps there.
+    """
+    motions = {pins.motion for pins in scene.driven_pins} | {one.motion for one in scene.spheres if one.motion}
+    return sorted({t for motion in motions for t in motion._stops(begin, end)})
 
 
 def _spheres(value: Any) -> tuple[Sphere | Plane, ...]:

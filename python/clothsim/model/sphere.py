@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -23,24 +23,6 @@ _RESTITUTION = {"continuous": 0.0, "ray": 1.0, "reflect": 1.0}  # where none is 
 OFFSETS: tuple[Offset, ...] = get_args(Offset)
 
 
-class ContactCost(NamedTuple):
-    """Time of a step with "continuous" over a step without spheres, by `python benchmarks/contact offsets`."""
-
-    untouched: float
-    touched: float  # by all mass points
-    touched_in_single: float
-    drape_mean: float  # largest of several light drapes
-    drape_worst: float  # 50 steps of these
-
-
-CONTACT_COSTS: dict[Offset, ContactCost] = {
-    "cell": ContactCost(1.0, 1.4, 1.7, 6.6, 11.1),
-    "edge": ContactCost(1.0, 1.3, 1.4, 2.0, 2.7),
-    "none": ContactCost(1.0, 1.3, 1.4, 1.9, 2.8),
-}
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class Obstacle(Record):
     """What a sphere and a plane have in common."""
 
@@ -57,111 +39,75 @@ class Obstacle(Record):
         @property
         def offset(self) -> Offset | float: ...
 
+    def _set_response(self, motion: Any, response: Any, restitution: Any, friction: Any) -> None:
+        self._set(
+            motion=checked_motion("motion", motion),
+            response=check.choice("response", response, RESPONSES),
+            _has_own_restitution=restitution is not None,
+            restitution=_RESTITUTION[response]
+            if restitution is None
+            else check.number("restitution", restitution, minimum=0, maximum=1),
+            friction=check.number("friction", friction, minimum=0),
+        )
+
     def _values(self) -> dict[str, Any]:
         values = super()._values()
         return values if self._has_own_restitution else {**values, "restitution": None}
 
     @classmethod
     def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
-        """The sphere or plane that `data` (as from ``to_dict``) describes.
-
-        Parameters
-        ----------
-        data : mapping
-            Arguments of the constructor; `motion` a mapping with its "kind".
-
-        Returns
-        -------
-        Sphere or Plane
-
-        Raises
-        ------
-        ValueError
-            For an unknown key or a value that the constructor refuses.
-        TypeError
-            If `data` is not a mapping.
-
-        Examples
-        --------
-        >>> import clothsim as cs
-        >>> cs.Sphere.from_dict({"radius": 0.1, "motion": {"kind": "linear", "velocity": [0, 1, 0]}}).motion
-        Linear(velocity=(0.0, 1.0, 0.0))
-        """
         arguments = cls._arguments(data)
         if arguments.get("motion") is not None:
             arguments["motion"] = motion_from_dict(arguments["motion"])
         return cls(**arguments)
 
     def center_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
-        """Centre at the time `t`.
+        """Centre at the time `t` [m], the shape of `t` with 3 appended.
 
         Parameters
         ----------
         t : float or array_like, default 0.0
             Time [s].
 
-        Returns
-        -------
-        numpy.ndarray
-            Positions [m], the shape of `t` with 3 appended.
-
         Examples
         --------
         >>> import clothsim as cs
-        >>> sphere = cs.Sphere(radius=0.25, motion=cs.Linear(velocity=(0, 1, 0)))
-        >>> sphere.center_at(0.5)
+        >>> cs.Sphere(motion=cs.Linear(velocity=(0, 1, 0))).center_at(0.5)
         array([0. , 0.5, 0. ])
         """
         return (self.motion or _STILL).center_at(t, self.center)
 
     def velocity_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
-        """Velocity of the centre at the time `t`.
+        """Velocity of the centre at the time `t` [m/s], the shape of `t` with 3 appended.
 
         Parameters
         ----------
         t : float or array_like, default 0.0
             Time [s].
 
-        Returns
-        -------
-        numpy.ndarray
-            Velocities [m/s], the shape of `t` with 3 appended.
-
         Examples
         --------
         >>> import clothsim as cs
-        >>> sphere = cs.Sphere(radius=0.25, motion=cs.Linear(velocity=(0, 1, 0)))
-        >>> sphere.velocity_at(0.5)
+        >>> cs.Sphere(motion=cs.Linear(velocity=(0, 1, 0))).velocity_at(0.5)
         array([0., 1., 0.])
         """
         return (self.motion or _STILL).velocity_at(t)
 
     def offset_length(self, cloth: Cloth) -> float:
-        """Length that the contact radius adds to the true radius.
+        """Length that the contact radius adds to the true radius [m].
 
-        With `offset` "edge" the length is O = sqrt((D/2)^2 + R^2) - R (eq 13 of Kim et al.). R is the radius, and D the
-        largest distance between neighbours at rest. The form (D/2)^2 / (sqrt((D/2)^2 + R^2) + R) loses no digits for
-        small D.
-
-        With "cell" there is no fixed length. The value is then the most that a corner of an
-        unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell, the
-        radius of the smallest circle around its triangles, and at most R.
+        For "edge" it is O = sqrt((D/2)^2 + R^2) - R (eq 13 of Kim et al.), with R the radius and D the largest distance
+        between neighbours at rest. "cell" has no fixed length: the value is the most that a corner of an unstretched cell
+        needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell, at most R.
 
         Parameters
         ----------
         cloth : Cloth
             The cloth that meets this sphere.
 
-        Returns
-        -------
-        float
-            Offset [m].
-
         Examples
         --------
         >>> import clothsim as cs
-        >>> cs.Sphere(offset=0.01).offset_length(cs.Cloth())
-        0.01
         >>> cs.Sphere(radius=1.5, offset="edge").offset_length(cs.Cloth(shape=(2, 2), size=(4, 4)))
         1.0
         """
@@ -170,10 +116,8 @@ class Obstacle(Record):
             return self.offset
         if self.offset == "none":  # a plane has no offset
             return 0.0
-        diagonal = math.hypot(*cloth.spacing)
-        if self.offset == "cell":
-            return float(_core.edge_offset(self.radius, min(diagonal, 2 * self.radius)))
-        return float(_core.edge_offset(self.radius, max(cloth.spacing)))
+        widest = max(cloth.spacing) if self.offset == "edge" else min(math.hypot(*cloth.spacing), 2 * self.radius)
+        return _core.edge_offset(self.radius, widest)
 
     def height(self, x: npt.ArrayLike, t: float = 0.0) -> npt.NDArray[np.float64]:
         """Height of places over the surface at the time `t` [m]; below it negative.
@@ -197,32 +141,23 @@ class Obstacle(Record):
         )
 
     def contact_radius(self, cloth: Cloth) -> float:
-        """Distance from the centre below which a mass point is in contact.
-
-        With `offset` "cell" points have no fixed distance. The value is then the distance of a
-        corner of an unstretched cell when the middle of the longest side touches.
+        """Distance from the centre below which a mass point is in contact [m]: ``radius`` + ``offset_length(cloth)``.
 
         Parameters
         ----------
         cloth : Cloth
             The cloth that meets this sphere.
 
-        Returns
-        -------
-        float
-            ``radius`` + ``offset_length(cloth)`` [m].
-
         Examples
         --------
         >>> import clothsim as cs
-        >>> sphere = cs.Sphere(radius=0.25, offset=0.01)
-        >>> sphere.contact_radius(cs.Cloth())
+        >>> cs.Sphere(radius=0.25, offset=0.01).contact_radius(cs.Cloth())
         0.26
         """
         return self.radius + self.offset_length(cloth)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Sphere(Obstacle):
     """A sphere that cloth cannot enter, with continuous contact or the two responses of Kim et al. (section 5).
 
@@ -255,8 +190,7 @@ class Sphere(Obstacle):
         sphere, so a small sphere needs a finer cloth; otherwise you get a `ContactWarning`. With "ray"
         and "reflect" the cells are those at rest.
         "edge" is the length of eq 13, which keeps the middle of an unstretched structural spring
-        outside. "none" is 0, and a number is that length [m], >= 0. `Scene.explain` gives the cost of
-        each offset.
+        outside. "none" is 0, and a number is that length [m], >= 0.
     restitution : float, optional
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. Default: 0 with
         "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute holds the number in use;
@@ -281,51 +215,41 @@ class Sphere(Obstacle):
     0.251038
     """
 
-    center: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    radius: float = 0.25
-    motion: Motion | None = None
-    response: Response = "continuous"
-    offset: Offset | float = "cell"
-    restitution: float = None  # type: ignore[assignment]  # a number once the response is known
-    friction: float = 0.0
-    as_printed: bool = False
-    push_out_speed: float = 1.0
+    center: tuple[float, float, float]
+    radius: float
+    motion: Motion | None
+    response: Response
+    offset: Offset | float
+    restitution: float
+    friction: float
+    as_printed: bool
+    push_out_speed: float
 
-    if TYPE_CHECKING:  # the constructor takes more than the fields hold
-
-        def __init__(
-            self,
-            center: Numbers = (0.0, 0.0, 0.0),
-            radius: float = 0.25,
-            motion: Motion | None = None,
-            response: Response = "continuous",
-            offset: Offset | float = "cell",
-            restitution: float | None = None,
-            friction: float = 0.0,
-            as_printed: bool = False,
-            push_out_speed: float = 1.0,
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        center: Numbers = (0.0, 0.0, 0.0),
+        radius: float = 0.25,
+        motion: Motion | None = None,
+        response: Response = "continuous",
+        offset: Offset | float = "cell",
+        restitution: float | None = None,
+        friction: float = 0.0,
+        as_printed: bool = False,
+        push_out_speed: float = 1.0,
+    ) -> None:
         self._set(
-            motion=checked_motion("motion", self.motion),
-            center=check.vector("center", self.center),
-            radius=check.number("radius", self.radius, minimum=0, exclusive=True),
-            response=check.choice("response", self.response, RESPONSES),
-            offset=_offset(self.offset),
-            _has_own_restitution=self.restitution is not None,
-            restitution=_RESTITUTION[self.response]
-            if self.restitution is None
-            else check.number("restitution", self.restitution, minimum=0, maximum=1),
-            friction=check.number("friction", self.friction, minimum=0),
-            as_printed=check.boolean("as_printed", self.as_printed),
-            push_out_speed=check.number("push_out_speed", self.push_out_speed, minimum=0, exclusive=True),
+            center=check.vector("center", center),
+            radius=check.number("radius", radius, minimum=0, exclusive=True),
+            offset=_offset(offset),
+            as_printed=check.boolean("as_printed", as_printed),
+            push_out_speed=check.number("push_out_speed", push_out_speed, minimum=0, exclusive=True),
         )
-        if self.as_printed and self.response == "continuous":
+        self._set_response(motion, response, restitution, friction)
+        if self.as_printed and response == "continuous":
             raise ValueError("as_printed must be False with response 'continuous', which the paper does not have")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Plane(Obstacle):
     """A plane that keeps cloth on the side to which its normal points: a floor or a wall, a sphere of no curvature.
 
@@ -346,11 +270,6 @@ class Plane(Obstacle):
     restitution, friction : float, optional
         As for `Sphere`.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument is not as above; the message names it, what came and what is accepted.
-
     Examples
     --------
     >>> import clothsim as cs
@@ -361,44 +280,36 @@ class Plane(Obstacle):
     True
     """
 
-    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    normal: tuple[float, float, float] = (0.0, 1.0, 0.0)
-    motion: Motion | None = None
-    response: Response = "continuous"
-    restitution: float = None  # type: ignore[assignment]  # a number once the response is known
-    friction: float = 0.0
-
-    if TYPE_CHECKING:  # the constructor takes more than the fields hold
-
-        def __init__(
-            self,
-            point: Numbers = (0.0, 0.0, 0.0),
-            normal: Numbers = (0.0, 1.0, 0.0),
-            motion: Motion | None = None,
-            response: Response = "continuous",
-            restitution: float | None = None,
-            friction: float = 0.0,
-        ) -> None: ...
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    motion: Motion | None
+    response: Response
+    restitution: float
+    friction: float
 
     radius: ClassVar[float] = math.inf  # what a sphere has of its own
     offset: ClassVar[Offset] = "none"
     as_printed: ClassVar[bool] = False
     push_out_speed: ClassVar[float] = 1.0
 
-    def __post_init__(self) -> None:
-        point, normal = check.vector("point", self.point), check.vector("normal", self.normal)
-        if not any(normal):
-            raise ValueError("normal must be a direction, got (0, 0, 0)")
-        like = Sphere(point, 1.0, self.motion, self.response, "none", self.restitution, self.friction)
-        self._set(
-            point=point,
-            normal=normal,
-            response=like.response,
-            _has_own_restitution=self.restitution is not None,
-            restitution=like.restitution,
-            friction=like.friction,
-            center=like.center,
-        )
+    def __init__(
+        self,
+        point: Numbers = (0.0, 0.0, 0.0),
+        normal: Numbers = (0.0, 1.0, 0.0),
+        motion: Motion | None = None,
+        response: Response = "continuous",
+        restitution: float | None = None,
+        friction: float = 0.0,
+    ) -> None:
+        self._set(point=check.vector("point", point), normal=check.vector("normal", normal))
+        if not any(self.normal):
+            raise ValueError(f"normal must not be the zero vector, got {normal!r}")
+        self._set_response(motion, response, restitution, friction)
+
+    @property
+    def center(self) -> tuple[float, float, float]:
+        """The `point`, as a sphere has a `center`."""
+        return self.point
 
     @property
     def unit_normal(self) -> npt.NDArray[np.float64]:
@@ -428,11 +339,9 @@ def continuous(obstacle: Sphere | Plane, **changes: Any) -> Sphere | Plane:
 
 
 def _offset(value: Any) -> Offset | float:
-    if check.real(value) is not None:
-        return check.number("offset", value, minimum=0)
     if not isinstance(value, str):
-        raise TypeError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {check.shown(value)}")
+        return check.number("offset", value, minimum=0)
     if value not in OFFSETS:
         instead = "; use 'cell', and more mass points where a sphere is smaller than a cell" if value == "face" else ""
-        raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {check.shown(value)}{instead}")
-    return OFFSETS[OFFSETS.index(value)]
+        raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {value!r}{instead}")
+    return value

@@ -28,7 +28,7 @@ from ..methods.bound import guaranteed_dt, stable_dt
 from ..methods.integrators import METHODS
 from ..model.as_core import core_cloth, in_cells
 from ..model.mesh import point_radii2
-from ..model.scene import Scene
+from ..model.scene import Scene, stops_of
 from ..model.sphere import Plane, Sphere
 from .frames import NEGLIGIBLE, Moment, Schedule
 
@@ -381,7 +381,7 @@ class Recorder:
         state.judge.given.add("grown")  # the steps are the method's own
         state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, job.duration / _SAMPLES)
         (_, begin), *inner, (_, end) = self.moments
-        stops = {*job.scene.stops(begin, end), end}
+        stops = {*stops_of(job.scene, begin, end), end}
         if self._force:
             stops.update(t for _, t in inner)
         # Steps that are given are accepted at any finite error.

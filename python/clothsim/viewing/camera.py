@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,7 @@ DIRECTIONS = {
 """Named views: from the scene towards the eye. A cloth with the default pins swings across "front"."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Camera:
     """A view of a scene.
 
@@ -62,21 +62,17 @@ class Camera:
     target: tuple[float, float, float]
     width: float
     height: float
-    distance: float | None = None
+    distance: float | None
 
-    if TYPE_CHECKING:  # the constructor takes more than the fields hold
-
-        def __init__(
-            self, direction: Numbers, target: Numbers, width: float, height: float, distance: float | None = None
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        for name in ("direction", "target"):
-            object.__setattr__(self, name, check.vector(name, getattr(self, name)))
-        if not any(self.direction):
-            raise ValueError(f"direction must not be the zero vector, got {self.direction!r}")
-        for name in ("width", "height", *(() if self.distance is None else ("distance",))):
-            object.__setattr__(self, name, check.number(name, getattr(self, name), minimum=0, exclusive=True))
+    def __init__(
+        self, direction: Numbers, target: Numbers, width: float, height: float, distance: float | None = None
+    ) -> None:
+        lengths = {"width": width, "height": height, "distance": distance}
+        made = {name: check.vector(name, value) for name, value in (("direction", direction), ("target", target))}
+        made |= {n: v if v is None else check.number(n, v, minimum=0, exclusive=True) for n, v in lengths.items()}
+        if not any(made["direction"]):
+            raise ValueError(f"direction must not be the zero vector, got {direction!r}")
+        self.__dict__.update(made)
 
     def axes(self) -> Floats:
         """Right, up and towards-the-eye unit vectors as rows, shape (3, 3).
