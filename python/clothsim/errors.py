@@ -48,30 +48,6 @@ def warn_caller(message: str, category: type[Warning]) -> None:
     warnings.warn(message, category, stacklevel=level)
 
 
-def warn_of_dt(dt: float, limit: float, integrator: str, member: int | None, term: str) -> None:
-    """Give a `StabilityWarning`; `term` says which term limits the step."""
-    which = "this scene" if member is None else f"batch member {member}"
-    if limit == 0:
-        text = f"no dt is guaranteed to be stable for {which} with {integrator}: {term}"
-    else:
-        text = (
-            f"dt = {dt:g} s is above {limit:.3g} s, up to which {integrator} is guaranteed to be stable for {which}; {term}"
-        )
-    warn_caller(text, StabilityWarning)
-
-
-def warn_of_growth(t: float, dt: float, limit: float, integrator: str, member: int | None) -> None:
-    """Give a `StabilityWarning` about energy that the time step has made."""
-    which = "" if member is None else f" of batch member {member}"
-    advice = "take a dt below it" if limit < dt else "states before it bear less; take a smaller dt"
-    reach = f"is stable at that state up to {limit:.3g} s: {advice}" if limit else "is stable there at no time step"
-    warn_caller(
-        f"energy{which} grows out of nothing: at t = {t:g} s more than half of the kinetic and elastic "
-        f"energy was made by the time step dt = {dt:g} s; {integrator} {reach}",
-        StabilityWarning,
-    )
-
-
 class OrderWarning(UserWarning):
     """The integrator does not keep its order for this scene.
 

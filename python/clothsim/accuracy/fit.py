@@ -22,7 +22,7 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base.extras import needed
 from ..base.progress import Stopwatch
-from ..base.table import aligned
+from ..base.text import aligned
 from ..methods.bound import stable_dt
 from ..model.fields import change_scene, check_name, units
 from ..model.scene import Scene, stops_of

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check, frozen
 from ..base.build import available_threads
-from ..engine.stepper import SilentStepper
+from ..engine.stepper import Stepper
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.as_core import core_pins
@@ -197,7 +197,7 @@ class Motion(NamedTuple):
 
 def motion(scenes: Sequence[Scene], times: Sequence[float], counts: Sequence[int], threads: int | None = None) -> Motion:
     """The scenes at `times` [s], increasing and > 0, with `counts` equal steps up to each."""
-    stepper = SilentStepper(scenes if len(scenes) > 1 else scenes[0], integrator=METHOD, threads=threads)
+    stepper = Stepper(scenes if len(scenes) > 1 else scenes[0], integrator=METHOD, threads=threads)
     x = np.full((len(scenes), len(times), *scenes[0].cloth.shape, 3), np.nan)
     t, failure, pause = 0.0, "", PAUSE.get()
     for k, (end, count) in enumerate(zip(times, counts, strict=True)):

@@ -17,7 +17,7 @@ from ..base import Floats, check
 from ..base.build import build_config
 from ..base.extras import needed
 from ..base.progress import ProgressBar
-from ..base.table import aligned
+from ..base.text import aligned
 from ..engine.options import PRECISIONS
 from ..errors import OrderWarning, StabilityWarning, UnstableError
 from ..measure.measures import energy

@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from .. import _core
-from ..base.table import aligned
+from ..base.text import aligned
 from ..methods.bound import limiting_term
 from ..methods.integrators import integrators
 from ..model.as_core import in_cells
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
 from ..model.sphere import Plane, Sphere
-from .options import Options
-from .plan import core_plan
+from .options import Options, core_plan
 
 
 class Explanation(dict[str, Any]):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..errors import ContactError, ContactWarning, UnstableError, warn_caller, warn_of_dt, warn_of_growth
+from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError, warn_caller
 from ..methods.bound import limiting_term
 from ..model.as_core import in_cells
 from ..model.scene import Scene
@@ -40,8 +40,13 @@ class Judge:
         limit, member = min(((self._max_stable_dt[k], k) for k in active), default=(dt, 0))
         if dt > limit:
             self.given.add("dt")
-            term = limiting_term(self._scenes[member], self._integrator)
-            warn_of_dt(dt, limit, self._integrator, self._named(member), str(term))
+            which = f"batch member {member}" if self._batched else "this scene"
+            text = (
+                f"dt = {dt:g} s is above {limit:.3g} s, up to which {self._integrator} is guaranteed to be stable for {which}"
+                if limit
+                else f"no dt is guaranteed to be stable for {which} with {self._integrator}"
+            )
+            warn_caller(f"{text}; {limiting_term(self._scenes[member], self._integrator)}", StabilityWarning)
 
     def outcome(self, outcome: dict[str, Any], dt: float) -> None:
         """Give a warning for each finding of the core, and raise an error for a failed step."""
@@ -119,7 +124,13 @@ class Judge:
             limit = max_stable_dt(self._scenes[member], self._integrator, *self._state(member))
         except ValueError:  # points too near for a direction; no reason to end the run
             limit = self._max_stable_dt[member]
-        warn_of_growth(self._core.time, dt, limit, self._integrator, self._named(member))
+        advice = "take a dt below it" if limit < dt else "states before it bear less; take a smaller dt"
+        reach = f"is stable at that state up to {limit:.3g} s: {advice}" if limit else "is stable there at no time step"
+        warn_caller(
+            f"energy{self._of(member)} grows out of nothing: at t = {self._core.time:g} s more than half of the kinetic and "
+            f"elastic energy was made by the time step dt = {dt:g} s; {self._integrator} {reach}",
+            StabilityWarning,
+        )
 
     def _raise_error(self, outcome: dict[str, Any], dt: float) -> None:
         member, point = outcome["member"], outcome["point"]

@@ -1,19 +1,17 @@
-"""The options that every stepping function takes, checked once."""
+"""The options that every stepping function takes, checked once, and the plan of the core for a scene with them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, get_args
+from dataclasses import dataclass
+from typing import Any, get_args
 
 from .. import _core
 from ..base import check
 from ..base.build import available_threads
 from ..methods.integrators import integrator_name
+from ..model.as_core import core_cloth, core_pins, core_spheres
+from ..model.scene import Scene
 from ..typing import Backend, Kernel, Precision
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
-
 
 PRECISIONS: tuple[Precision, ...] = ("double", "single")
 KERNELS: tuple[Kernel, ...] = get_args(Kernel)
@@ -21,13 +19,14 @@ BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 # Mass points from which one cloth is stepped by all threads. Smaller ones gain less than the threads would take from others.
 _LEAST_POINTS_OF_TEAM = 16_384
+_MOST_PLANS = 8  # kept for a scene
 
 
 @dataclass(frozen=True)
 class Options:
     """The options of the steps, as `step` takes them.
 
-    Made once from the arguments of a call, and handed down to the core. An integrator's alias becomes its name.
+    Made once from the arguments of a call, and handed down to the core.
     """
 
     integrator: str = "rk4"
@@ -39,7 +38,7 @@ class Options:
     def __post_init__(self) -> None:
         check.choice("precision", self.precision, PRECISIONS)
         check.choice("kernel", self.kernel, KERNELS)
-        object.__setattr__(self, "integrator", integrator_name(self.integrator))
+        integrator_name(self.integrator)
         if check.choice("backend", self.backend, BACKENDS) == "gpu":
             self._check_gpu()
         if self.threads is not None:
@@ -54,10 +53,6 @@ class Options:
             if value not in accepted:
                 raise ValueError(f"{name} must be {' or '.join(map(repr, accepted))} with backend 'gpu', got {value!r}")
 
-    def replace(self, **changes: Any) -> Self:
-        """A copy with other values."""
-        return replace(self, **changes)
-
     @property
     def chosen_kernel(self) -> str:
         """The kernel that "auto" stands for."""
@@ -69,3 +64,30 @@ class Options:
             return self.threads
         most = _core.most_threads if shape[0] * shape[1] >= _LEAST_POINTS_OF_TEAM else members
         return 1 if most == 1 else min(most, available_threads())
+
+
+def kept_plan(scene: Scene, options: Options) -> _core.Plan:
+    """The plan of a scene, compiled once: it cannot change."""
+    plans: dict[Any, _core.Plan] = scene.__dict__.setdefault("_plans", {})
+    key = options.precision, options.kernel, options.integrator, _core.choose_instruction_set("")
+    plan = plans.get(key)
+    if plan is None:
+        if len(plans) >= _MOST_PLANS:
+            plans.pop(next(iter(plans)), None)
+        plan = plans[key] = core_plan(scene, options)
+    return plan
+
+
+def core_plan(scene: Scene, options: Options) -> _core.Plan:
+    """The scene as the core takes it, with the kernels of the chosen instruction set."""
+    return _core.Plan(
+        cloth=core_cloth(scene.cloth),
+        gravity=scene.gravity,
+        force=scene.force,
+        **core_pins(scene),
+        spheres=core_spheres(scene),
+        precision=options.precision,
+        kernel=options.chosen_kernel,
+        instruction_set="",
+        integrator=options.integrator,
+    )

@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check, frozen
-from ..model.scene import Scene
-from ..model.wording import cloth_text, counted, spheres_text
+from ..base.text import counted
+from ..model.scene import Scene, cloth_text, spheres_text
 from ..typing import Backend, Integrator, Kernel, Precision
-from .arrays import FloatArray, check_driven_pins, scenes_of, sphere_targets
 from .options import Options
 from .snapshot import Snapshot, take
-from .state import State
+from .state import FloatArray, State, check_driven_pins, scenes_of, sphere_targets
 
 
 class Stepper:
@@ -57,7 +56,6 @@ class Stepper:
     """
 
     __slots__ = ("_options", "_scene", "_state")  # a new attribute, such as `dt`, would change nothing
-    _announces = True  # gives warnings of the order
 
     def __init__(
         self,
@@ -78,11 +76,7 @@ class Stepper:
         self._options = Options(integrator, precision, threads, kernel, backend)
         self._scene = scene
         self._state = State.checked(scene, x, v, t, self._options)
-        self._announce()
-
-    def _announce(self) -> None:
-        if self._announces:
-            self._state.warn_of_order()
+        self._state.warn_of_order()
 
     def advance(
         self, steps: int, dt: float, centers: Mapping[int, Sequence[float] | npt.NDArray[np.float64]] | None = None
@@ -225,7 +219,7 @@ class Stepper:
         check_driven_pins(scenes * (len(old.scenes) // len(scenes)), self.positions, self.time, old.core.frozen)
         old.set_scene(scene)
         self._scene = scene
-        self._announce()
+        self._state.warn_of_order()
 
     def set_force(self, force: npt.ArrayLike) -> None:
         """Set the force on each mass point from now on, such as the wind of the next frame.
@@ -304,7 +298,7 @@ class Stepper:
         state = State(scenes, len(shape) == 4, shape, snapshot.dtype, snapshot.time, stepper._options)
         state.core.restore(snapshot.core)
         stepper._state = state
-        stepper._announce()
+        state.warn_of_order()
         return stepper
 
     @property
@@ -386,15 +380,9 @@ class Stepper:
 
     def __repr__(self) -> str:
         scenes, shape = self._state.scenes, self._state.shape
-        batch = f"a batch of {shape[0]}, each " if len(shape) == 4 else ""
+        what = cloth_text(scenes[0])
+        what = f"a batch of {shape[0]}, each {what}" if len(shape) == 4 else f"{what}, {spheres_text(scenes[0])}"
         how = f"{self._state.integrator} in {self._options.precision}, kernel {self.kernel}"
         return (
-            f"<Stepper of {batch}{cloth_text(scenes[0])}, {spheres_text(scenes)}; t = {self.time:.6g} s; "
-            f"{how}, {counted(self.threads, 'thread')}, {self.instruction_set}>"
+            f"<Stepper of {what}; t = {self.time:.6g} s; {how}, {counted(self.threads, 'thread')}, {self.instruction_set}>"
         )
-
-
-class SilentStepper(Stepper):
-    """A stepper for use inside the package: its caller warns of lower orders."""
-
-    _announces = False

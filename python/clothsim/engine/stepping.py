@@ -17,10 +17,8 @@ from ..base import check
 from ..model.as_core import in_cells
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
-from .arrays import FloatArray, check_driven_pins, checked_state, refuse_none, scenes_of, start_time, state_arrays
-from .options import Options
-from .plan import core_plan
-from .state import State
+from .options import Options, core_plan
+from .state import FloatArray, State, check_driven_pins, scenes_of, start_time, state_arrays
 
 # Larger states are stepped so long that a new engine does not count, and their engines would hold memory.
 _MOST_BYTES = 1 << 22
@@ -39,7 +37,6 @@ def _engine(
     Only arrays of another type or a new shape are checked here; `State.step` finds numbers that are not finite.
     """
     if not (type(x) is type(v) is np.ndarray and x.dtype is v.dtype and x.dtype in _DTYPES and x.shape == v.shape):
-        refuse_none(x=x, v=v)
         x, v = state_arrays(x, v, scenes_of(scene), not isinstance(scene, Scene))
     kept: dict[Any, list[State]] = {}
     key: Any = None
@@ -58,7 +55,7 @@ def _engine(
                 pass
     options = Options(integrator, precision, threads, kernel, backend)
     scenes, batched = scenes_of(scene), not isinstance(scene, Scene)
-    x, v = checked_state(x, v, scenes, batched, precision)
+    x, v = state_arrays(x, v, scenes, batched, precision)
     members = len(x) if x.ndim == 4 and not batched else 1
     return State(scenes * members, x.ndim == 4, x.shape, x.dtype, 0.0, options), kept, key, x, v
 

@@ -24,8 +24,7 @@ from .. import _core
 from ..base import check
 from ..base.files import write_bytes
 from ..base.progress import in_notebook
-from ..engine.options import Options
-from ..engine.plan import core_plan
+from ..engine.options import Options, core_plan
 from ..errors import ContactError, UnstableError
 from ..methods.region import border_of_region
 from ..model.as_core import core_sphere

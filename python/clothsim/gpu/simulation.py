@@ -16,8 +16,7 @@ import numpy as np
 
 from .. import _core
 from ..base.interrupts import Interrupts
-from ..engine.options import Options
-from ..engine.plan import core_plan
+from ..engine.options import Options, core_plan
 from ..model.mesh import GROUP
 from ..model.scene import Scene
 from . import device as devices

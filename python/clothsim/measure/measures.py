@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..engine.arrays import scenes_of, state_arrays
+from ..engine.state import scenes_of, state_arrays
 from ..model.as_core import core_cloth, core_sphere
 from ..model.scene import Scene
 from ..model.sphere import Plane, Sphere

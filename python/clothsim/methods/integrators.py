@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from ..base import check
-from ..base.table import aligned
+from ..base.text import aligned
 from ..errors import OrderWarning, warn_caller
 
 if TYPE_CHECKING:

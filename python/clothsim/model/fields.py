@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..base import Floats, check
+from ..base.text import counted
 from .cloth import FAMILIES, Cloth
 from .motion import MOTIONS
 from .scene import Scene
 from .sphere import Plane, Sphere, place_name
-from .wording import counted
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel")
 """Names that change how a cloth is computed, not which cloth."""

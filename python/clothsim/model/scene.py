@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import check, frozen
+from ..base.text import counted
 from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
 from .motion import Keyframes, Motion
@@ -274,6 +276,23 @@ def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
     """
     motions = {pins.motion for pins in scene.driven_pins} | {one.motion for one in scene.spheres if one.motion}
     return sorted({t for motion in motions for t in motion._stops(begin, end)})
+
+
+def cloth_text(scene: Scene) -> str:
+    rows, columns = scene.cloth.shape
+    return f"{rows} x {columns} mass points"
+
+
+def spheres_text(scene: Scene) -> str:
+    """Number of spheres and their responses."""
+    spheres = scene.spheres
+    if not spheres:
+        return "no sphere"
+    kinds = Counter(
+        f"{'moving, ' if s.motion else ''}response {s.response}{' as printed' if s.as_printed else ''}" for s in spheres
+    )
+    parts = [kind if n == len(spheres) else f"{n} {kind}" for kind, n in kinds.items()]
+    return f"{counted(len(spheres), 'sphere')} ({'; '.join(parts)})"
 
 
 def _spheres(value: Any) -> tuple[Sphere | Plane, ...]:

@@ -392,7 +392,7 @@ class _Better:
     """The better run, which others are compared with."""
 
     def __init__(self, job: Job, tolerance: float) -> None:
-        options = job.options.replace(integrator="dop853", precision="double", backend="cpu")
+        options = replace(job.options, integrator="dop853", precision="double", backend="cpu")
         self._job = _unseen(job, options=options, dt=None)
         self._smallest = _smallest(self._job)
         self._tolerance = tolerance

@@ -15,12 +15,12 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base import files as _files
 from ..base.extras import needed
+from ..base.text import counted, joules, quantity
 from ..engine import snapshot
 from ..engine.snapshot import Snapshot
 from ..measure.measures import energy, largest_stretch, penetration
-from ..model.scene import Scene
+from ..model.scene import Scene, cloth_text, spheres_text
 from ..model.sphere import Plane, Sphere
-from ..model.wording import cloth_text, counted, joules, quantity, spheres_text
 from ..typing import Every, Report
 from .report import joined
 from .trajectory import Continuation, Force
@@ -585,7 +585,7 @@ def _lines(run: Run) -> list[str]:
     scene, t, report = run.scene, run.t, run.report
     stopped = f", stopped early ({report['stopped']})" if report and report["stopped"] else ""
     lines = [
-        f"Run of {cloth_text(scene)}, {spheres_text([scene])}",
+        f"Run of {cloth_text(scene)}, {spheres_text(scene)}",
         f"{counted(len(t), 'frame')} from t = {t[0]:.6g} to {t[-1]:.6g} s{stopped}",
     ]
     if not report:

@@ -18,9 +18,8 @@ import numpy as np
 
 from ..base import Floats, check
 from ..base.progress import ProgressBar
-from ..engine.arrays import scenes_of
-from ..engine.state import State
-from ..engine.stepper import SilentStepper
+from ..engine.state import State, scenes_of
+from ..engine.stepper import Stepper
 from ..engine.stepping import acceleration
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
@@ -204,8 +203,8 @@ class _Relaxation:
         damping = {f: _SPRING_DAMPING * math.sqrt(k * mean) for f, k in cloth.family_stiffness.items()}
         return self._plain.replace(cloth=cloth.replace(damping=damping, drag=2 * omega * mean))
 
-    def _stepper_of(self, scene: Scene, x: Floats) -> SilentStepper:
-        stepper = SilentStepper(scene, x, np.zeros_like(x), t=0.0, integrator=_INTEGRATOR, threads=self._options.threads)
+    def _stepper_of(self, scene: Scene, x: Floats) -> Stepper:
+        stepper = Stepper(scene, x, np.zeros_like(x), t=0.0, integrator=_INTEGRATOR, threads=self._options.threads)
         stepper._state.judge.given |= {"dt", "grown"}
         return stepper
 

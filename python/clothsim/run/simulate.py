@@ -14,9 +14,8 @@ import numpy.typing as npt
 from ..base import check
 from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
-from ..engine.arrays import checked_state, scenes_of
 from ..engine.snapshot import take
-from ..engine.state import own_arrays
+from ..engine.state import own_arrays, scenes_of, state_arrays
 from ..errors import ContactError, RunInterrupted, UnstableError
 from ..methods.integrators import integrator_name, warn_of_order
 from ..model.scene import Scene
@@ -179,9 +178,9 @@ def simulate(
             "as seconds (a float), or fps or times"
         )
     if integrator == "auto":
-        options = options.replace(integrator="dop853", precision="double")
+        options = dataclasses.replace(options, integrator="dop853", precision="double")
     if options.precision == "single":
-        checked_state(*own_arrays(scenes, batched), scenes, batched, "single")
+        state_arrays(*own_arrays(scenes, batched), scenes, batched, "single")
     job = Job(scenes, batched, duration, options, frames, force, dt)
     error = _DEFAULT_RTOL * size_of(scenes[0]) if asked is None else asked
 
@@ -190,7 +189,9 @@ def simulate(
             runs, errors = run_batch(job, watch)
             return _raise_first([errors[k] for k in sorted(errors)], runs)
         if dt is None:
-            found = solve(job, error, watch, options.replace(integrator="rk4", precision=precision) if plain else None)
+            found = solve(
+                job, error, watch, dataclasses.replace(options, integrator="rk4", precision=precision) if plain else None
+            )
             return _run(found.trajectory, controlled=found, asked=error)
         run = Recorder(job, watch).run().trajectory()
         return _run(run, controlled=estimate_of(job, run) if estimate_error else None)

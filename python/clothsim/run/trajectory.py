@@ -19,10 +19,9 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import Floats, check
-from ..engine.arrays import put_driven_pins
 from ..engine.options import Options
 from ..engine.snapshot import Snapshot, of_members
-from ..engine.state import State
+from ..engine.state import State, put_driven_pins
 from ..errors import ContactError, UnstableError
 from ..methods.bound import guaranteed_dt, stable_dt
 from ..methods.integrators import METHODS

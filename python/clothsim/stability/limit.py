@@ -34,7 +34,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..engine.arrays import scenes_of
+from ..engine.state import scenes_of
 from ..methods.bound import stable_dt
 from ..methods.integrators import METHODS, integrator_name, integrators
 from ..methods.region import mode_limit, notched, splitting_step

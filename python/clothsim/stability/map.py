@@ -14,7 +14,7 @@ from ..base.extras import needed
 from ..base.plots import BLACK, BLUE, RED, shown_axes
 from ..base.progress import ProgressBar
 from ..engine.options import Options
-from ..engine.stepper import SilentStepper
+from ..engine.stepper import Stepper
 from ..errors import UnstableError
 from ..measure.measures import energy
 from ..model.scene import Scene
@@ -46,7 +46,7 @@ def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **optio
     noise = speed * np.random.default_rng(0).normal(size=x.shape) * ~cloth.pinned[..., None]
     size = (cloth.mass_per_point[..., None] * noise**2).sum() / 2
     start = energy(scene, x, v + noise)
-    stepper = SilentStepper(scene, x, v + noise, **{"threads": 1, **options})
+    stepper = Stepper(scene, x, v + noise, **{"threads": 1, **options})
     stepper._state.judge.given.add("dt")
     for done in range(0, steps, _CHECKED):
         try:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ..base import Floats, check, files
 from ..base.build import available_threads
 from ..base.extras import needed
-from ..engine.arrays import start_time
+from ..engine.state import start_time
 from ..model.scene import Scene
 from ..run.result import deepest
 from .camera import Camera, camera_for, extremes, eye_of, is_wide, nearest

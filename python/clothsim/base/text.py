@@ -1,8 +1,22 @@
-"""Tables of text."""
+"""Numbers and tables as text."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+
+
+def joules(energies: Sequence[float]) -> list[str]:
+    """Energies with their unit; rounding errors of the largest one print as 0."""
+    rounding = 1e-15 * max(map(abs, energies))
+    return [quantity(0.0 if abs(one) < rounding else one, "J") for one in energies]
+
+
+def counted(number: int, noun: str) -> str:
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def quantity(value: float, unit: str) -> str:
+    return f"{value:.4g} {unit}"
 
 
 def aligned(rows: Sequence[Sequence[str]], left: Collection[int] = (0,)) -> str:
