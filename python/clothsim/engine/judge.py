@@ -41,11 +41,10 @@ class Judge:
         if dt > limit:
             self.given.add("dt")
             which = f"batch member {member}" if self._batched else "this scene"
-            text = (
-                f"dt = {dt:g} s is above {limit:.3g} s, up to which {self._integrator} is guaranteed to be stable for {which}"
-                if limit
-                else f"no dt is guaranteed to be stable for {which} with {self._integrator}"
-            )
+            stable = f"guaranteed to be stable for {which}"
+            text = f"no dt is {stable} with {self._integrator}"
+            if limit:
+                text = f"dt = {dt:g} s is above {limit:.3g} s, up to which {self._integrator} is {stable}"
             warn_caller(f"{text}; {limiting_term(self._scenes[member], self._integrator)}", StabilityWarning)
 
     def outcome(self, outcome: dict[str, Any], dt: float) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, NoReturn, TypeVar, cast, overload
 
 import numpy as np
@@ -178,7 +178,7 @@ def simulate(
             "as seconds (a float), or fps or times"
         )
     if integrator == "auto":
-        options = dataclasses.replace(options, integrator="dop853", precision="double")
+        options = replace(options, integrator="dop853", precision="double")
     if options.precision == "single":
         state_arrays(*own_arrays(scenes, batched), scenes, batched, "single")
     job = Job(scenes, batched, duration, options, frames, force, dt)
@@ -189,9 +189,7 @@ def simulate(
             runs, errors = run_batch(job, watch)
             return _raise_first([errors[k] for k in sorted(errors)], runs)
         if dt is None:
-            found = solve(
-                job, error, watch, dataclasses.replace(options, integrator="rk4", precision=precision) if plain else None
-            )
+            found = solve(job, error, watch, replace(options, integrator="rk4", precision=precision) if plain else None)
             return _run(found.trajectory, controlled=found, asked=error)
         run = Recorder(job, watch).run().trajectory()
         return _run(run, controlled=estimate_of(job, run) if estimate_error else None)
@@ -215,7 +213,7 @@ def _one_by_one(scenes: list[Scene], *arguments: Any, **options: Any) -> list[Ru
         try:
             runs.append(simulate(scene, *arguments, **options))
         except (UnstableError, ContactError) as error:
-            errors.append(dataclasses.replace(error, member=k))
+            errors.append(replace(error, member=k))
             errors[-1].run = error.run
             runs.append(error.run)
         except RunInterrupted as interrupt:
