@@ -86,13 +86,13 @@ from typing import TYPE_CHECKING
 from . import errors as errors
 from . import scenes
 from . import typing as typing
-from .base.on_demand import on_demand as _on_demand
+from .base.extras import on_demand as _on_demand
 from .base.build import build_config
 from .model.cloth import Cloth
 from .errors import ContactError, ContactWarning, OrderWarning, RunInterrupted, StabilityWarning, UnstableError
 from .model.mesh import thread_grid, triangles
 from .methods.integrators import integrators
-from .measure.measures import energy, largest_stretch, penetration
+from .measure import energy, largest_stretch, penetration
 from .stability.limit import max_stable_dt
 from .model.motion import Keyframes, Linear, Reciprocate, Sinusoid
 from .model.scene import Scene
@@ -108,8 +108,7 @@ from .engine.stepping import acceleration, reference_step, step
 
 if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
-    from .accuracy.fit import Fit, fit
-    from .accuracy.fit import sensitivity
+    from .accuracy.fit import Fit, fit, sensitivity
     from .gpu.live_page import view
     from .stability.map import stability_map
     from .sweeps.api import sweep
@@ -180,23 +179,16 @@ __all__ = [
 __getattr__, __dir__ = _on_demand(
     globals(),
     {
-        "Convergence": ".accuracy",
-        "Fit": ".accuracy.fit",
-        "Reference": ".accuracy",
-        "convergence": ".accuracy",
-        "fit": ".accuracy.fit",
-        "reference": ".accuracy",
-        "sensitivity": ".accuracy.fit",
-        "work_precision": ".accuracy",
-        "stability_map": ".stability.map",
-        "open_sweep": ".sweeps.store",
-        "sweep": ".sweeps.api",
-        "sweepable": ".model.fields",
-        "Camera": ".viewing.camera",
-        "Picture": ".viewing.picture",
-        "picture": ".viewing.picture",
-        "compare": ".viewing.page",
-        "view": ".gpu.live_page",
+        ".accuracy": ("Convergence", "Reference", "convergence", "reference", "work_precision"),
+        ".accuracy.fit": ("Fit", "fit", "sensitivity"),
+        ".stability.map": ("stability_map",),
+        ".sweeps.store": ("open_sweep",),
+        ".sweeps.api": ("sweep",),
+        ".model.fields": ("sweepable",),
+        ".viewing.camera": ("Camera",),
+        ".viewing.picture": ("Picture", "picture"),
+        ".viewing.page": ("compare",),
+        ".gpu.live_page": ("view",),
     },
     also=("errors", "typing"),
 )

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .base.on_demand import on_demand as _on_demand
+from .base.extras import on_demand as _on_demand
 from .model.ready import PAPER_DT, hanging, oscillator, paper_moving, paper_static, paper_swing
 
 if TYPE_CHECKING:
@@ -10,5 +10,5 @@ if TYPE_CHECKING:
 
 __all__ = ["PAPER_DT", "hanging", "hard_cases", "oscillator", "paper_moving", "paper_static", "paper_swing"]
 
-__getattr__, __dir__ = _on_demand(globals(), {"hard_cases": "clothsim.hard_cases"})
+__getattr__, __dir__ = _on_demand(globals(), {"clothsim.hard_cases": ("hard_cases",)})
 del TYPE_CHECKING

@@ -1,6 +1,6 @@
 """Trusted solutions, and the errors of other methods, measured against them. See docs/accuracy.md."""
 
-from ..base.on_demand import on_demand as _on_demand
+from ..base.extras import on_demand as _on_demand
 from .solution import Reference, reference
 from .work import Convergence, Method, convergence, work_precision
 

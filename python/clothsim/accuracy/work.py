@@ -20,7 +20,7 @@ from ..base.progress import ProgressBar
 from ..base.text import aligned
 from ..engine.options import PRECISIONS
 from ..errors import OrderWarning, StabilityWarning, UnstableError
-from ..measure.measures import energy
+from ..measure import energy
 from ..methods.bound import stable_dt
 from ..methods.integrators import integrator_name, integrators
 from ..model.scene import Scene

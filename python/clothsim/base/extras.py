@@ -1,9 +1,16 @@
-"""Packages beyond NumPy, imported when they are needed."""
+"""Packages beyond NumPy, and slow modules of public names, imported when they are needed."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
+
+_LEFT = {
+    **dict.fromkeys(("cotton", "denim"), "examples/light_fabric.py has its figures"),
+    "fastest": "python benchmarks/peers --errors, in a clone, finds the fastest runs",
+}
+"""Names of an earlier version, and what serves instead."""
 
 
 def needed(name: str, what: str, extra: str = "sweep") -> Any:
@@ -19,3 +26,25 @@ def needed(name: str, what: str, extra: str = "sweep") -> Any:
     if name == "xarray":
         from ..sweeps import accessor  # noqa: F401  # registers `Dataset.clothsim`
     return module
+
+
+def on_demand(
+    namespace: dict[str, Any], modules: Mapping[str, Sequence[str]], also: Sequence[str] = ()
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """`__getattr__` and `__dir__` of the module with that namespace (PEP 562).
+
+    `modules` has the names of each module, relative to the package. `dir` lists `__all__`, the names
+    of Python itself and those in `also`.
+    """
+    package = namespace["__name__"]
+    places = {name: module for module, names in modules.items() for name in names}
+
+    def get(name: str) -> Any:
+        if name not in places:
+            left = f"; {_LEFT[name]}" if name in _LEFT else ""
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{left}")
+        value = namespace[name] = getattr(import_module(places[name], package), name)
+        return value
+
+    names = {*namespace["__all__"], *also, *(name for name in namespace if name.startswith("__"))}
+    return get, lambda: sorted(names)

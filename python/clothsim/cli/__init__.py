@@ -1,4 +1,4 @@
-"""The `clothsim` command: one module per subcommand, with ``add_arguments(parser)`` and ``run(args)``.
+"""The `clothsim` command.
 
 Exit codes: 0 done, 1 the computation failed or a part is not installed, 2 wrong input, 130 interrupted. Every failure is
 one line on stderr.
@@ -11,20 +11,12 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from importlib import import_module
 from typing import NoReturn
 
 import clothsim as cs
 
 from ..base.progress import print_above
-
-COMMANDS = {
-    "run": "Simulate a scene, print its report, and write files of it.",
-    "live": "Write a page that simulates a scene in the browser, by WebGPU.",
-    "reproduce": "Run the experiments of Kim et al. and write a report.",
-    "info": "Print version, compiler, instruction sets, threads, libraries and graphics adapters.",
-}
-"""The help of every command; each is a module of this package."""
+from .commands import COMMANDS
 
 IN_PYTHON = {
     "sweep": 'cs.sweep(scene, {"stiffness": [1e3, 1e4]}, duration=1.0, store="s.zarr")',
@@ -44,16 +36,15 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser(chosen: str | None) -> argparse.ArgumentParser:
-    """The parser of the whole command line. Only the module of the chosen command is imported."""
+    """The parser of the whole command line, with the arguments of the chosen command."""
     top = _Parser(prog="clothsim", description="Mass-spring cloth meeting spheres.")
     top.add_argument("--version", action="version", version=f"clothsim {cs.__version__}")
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
-    for name, text in COMMANDS.items():
+    for name, (text, add_arguments, run) in COMMANDS.items():
         command = subparsers.add_parser(name, help=text, description=text, allow_abbrev=False)
         if name == chosen:
-            module = import_module(f"{__name__}.{name}")
-            command.set_defaults(run=module.run, command=name)
-            module.add_arguments(command)
+            command.set_defaults(run=run, command=name)
+            add_arguments(command)
             command.add_argument("--json", action="store_true", help="print JSON instead of text")
     return top
 

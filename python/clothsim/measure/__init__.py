@@ -1,1 +1,188 @@
-"""A state in, a number out: energy, penetration, stretch."""
+"""Measures of a state: energy, penetration depth, and the stable time step of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import _core
+from ..base import check
+from ..engine.state import scenes_of, state_arrays
+from ..model.as_core import core_cloth, core_sphere
+from ..model.scene import Scene
+from ..model.sphere import Plane, Sphere
+
+Value = float | npt.NDArray[np.float64]
+
+
+def _refuse_overflow(what: str, values: npt.NDArray[np.float64], **states: npt.NDArray[np.float64]) -> None:
+    """Raise a ValueError that names the point whose size makes a measure overflow.
+
+    `values` is the measure, with the members along its first axis. `states` are positions or velocities by name, shape
+    (B, rows, columns, 3).
+    """
+    bad = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    if not len(bad):
+        return
+    member = int(bad[0])
+    name = max(states, key=lambda one: np.abs(states[one][member]).max())
+    one = np.abs(states[name][member])
+    row, column, k = (int(n) for n in np.unravel_index(one.argmax(), one.shape))
+    which = "" if len(values) == 1 else f" of batch member {member}"
+    raise ValueError(
+        f"{name} must be small enough for {what} to be a finite number, got "
+        f"{float(states[name][member, row, column, k])!r} at mass point {(row, column)}{which}"
+    )
+
+
+def energy(scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]:
+    """Kinetic and elastic energy, the potentials of gravity and of forces on points, and the total.
+
+    ::
+
+        kinetic = sum m v^2 / 2,   elastic = sum K (l - L)^2 / 2,   gravity = - sum m g . x,
+        force = - sum F . x
+
+    Parameters
+    ----------
+    scene : Scene or sequence of Scene
+        Its masses, springs, gravity and force are used. Of a sequence, each for its member of the batch.
+    x, v : array_like
+        Positions [m] and velocities [m/s], shape (rows, columns, 3) or (B, rows, columns, 3).
+
+    Returns
+    -------
+    dict
+        "kinetic", "elastic", "gravity", "force" and "total" [J], floats, or arrays of shape (B,) for a
+        batch. The energies of gravity and force are 0 at the origin.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above, or so large that the energy is no finite number; the
+        message names the mass point.
+
+    Examples
+    --------
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.oscillator(stiffness=100.0, amplitude=0.1)
+    >>> round(cs.energy(scene, scene.initial_position, scene.initial_velocity)["total"], 12)
+    0.5
+    """
+    scenes = scenes_of(scene)
+    x, v = state_arrays(x, v, scenes, not isinstance(scene, Scene))
+    x, v = x.astype(np.float64), v.astype(np.float64)
+    batch = (x, v) if x.ndim == 4 else (x[None], v[None])
+    scenes = scenes if len(scenes) > 1 else scenes * len(batch[0])
+    parts = np.array([_core.energy(core_cloth(s.cloth), s.gravity, s.force, *one) for s, *one in zip(scenes, *batch)])
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = parts.sum(axis=1)
+    _refuse_overflow("the energy", np.column_stack([parts, total]), x=batch[0], v=batch[1])
+    values = dict(zip(("kinetic", "elastic", "gravity", "force"), parts.T))
+    values["total"] = total
+    return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
+
+
+def penetration(x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | None = None) -> dict[str, Value]:
+    """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
+
+    Depths count from the sphere's true radius, without the offset. The depth of a triangle is exact: it is the depth of
+    the triangle's place nearest to the centre. The triangles are those of `triangles`. In a chain (one row or column) its
+    links count.
+
+    Parameters
+    ----------
+    x : array_like
+        Positions [m], shape (rows, columns, 3) or (B, rows, columns, 3).
+    sphere : Sphere or Plane
+        At its place at time `t`.
+    t : float or array_like, optional
+        Time of `x` [s], or of each member of a batch, shape (B,): ``penetration(run.x, sphere,
+        run.t)``. Required where the sphere moves; else it has no effect.
+
+    Returns
+    -------
+    dict
+        "points" and "triangles": depths [m], >= 0; floats, or arrays of shape (B,) for a batch.
+
+    Examples
+    --------
+    The corners of a level square just touch a sphere; its middle dips in:
+
+    >>> import clothsim as cs
+    >>> sphere = cs.Sphere(center=(0.5, -1.0, 0.5), radius=1.5 ** 0.5)
+    >>> depth = cs.penetration(cs.Cloth(shape=(2, 2)).rest_positions, sphere)
+    >>> depth["points"], round(depth["triangles"], 6)
+    (0.0, 0.224745)
+    """
+    if not isinstance(sphere, Plane):
+        check.instance("sphere", sphere, Sphere)
+    accepted = "an array of shape (rows, columns, 3) or (B, rows, columns, 3) of finite numbers"
+    x = check.as_array("x", x, accepted)
+    if x.ndim not in (3, 4) or x.shape[-1] != 3 or 0 in x.shape:
+        raise ValueError(f"x must be {accepted}, got shape {x.shape}")
+    x = np.ascontiguousarray(x, dtype=np.float64)
+    check.check_all("x", x, np.isfinite(x), accepted, points=True)
+    rows, columns = x.shape[-3:-1]
+    batch = x.reshape(-1, rows, columns, 3)
+    times = np.asarray(_times(t, sphere, x.shape[:-3]), float)
+    if not np.isfinite(sphere.center_at(times)).all():
+        raise ValueError(f"t must be a time at which the centre of the sphere is finite, got {check.shown(t)}")
+    core = core_sphere(sphere)
+    depths = np.array(
+        [_core.penetration(rows, columns, one, core, at) for one, at in zip(batch, np.broadcast_to(times, len(batch)))]
+    )
+    _refuse_overflow("the depth", depths, x=x.reshape(-1, rows, columns, 3))
+    values = dict(zip(("points", "triangles"), depths.T))
+    return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
+
+
+def _times(t: npt.ArrayLike | None, sphere: Sphere | Plane, batch: tuple[int, ...]) -> npt.ArrayLike:
+    """`t` checked: one time, or one per member of a batch of this shape, () or (B,)."""
+    if t is None:
+        if sphere.motion is not None:
+            raise ValueError(
+                "t must be given, as the sphere moves: give the time of x in seconds, or one time "
+                "per member of a batch, such as penetration(run.x, sphere, run.t)"
+            )
+        return 0.0
+    if check.real(t) is not None:
+        return check.number("t", t)
+    return check.array("t", t, batch, "finite times, one per member of x, or one for all")
+
+
+def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
+    """Stretch of the most stretched spring, l / L - 1 with l its length and L its rest length.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its springs and their rest lengths are used.
+    x : array_like
+        Positions [m], shape (rows, columns, 3) or (B, rows, columns, 3).
+
+    Returns
+    -------
+    float or numpy.ndarray
+        Dimensionless, >= -1; negative where every spring is compressed, 0 for a scene without
+        springs. An array of shape (B,) for a batch.
+
+    Examples
+    --------
+    A sheet pulled to 1.1 times its size:
+
+    >>> import clothsim as cs
+    >>> scene = cs.scenes.paper_swing()
+    >>> round(cs.largest_stretch(scene, 1.1 * scene.initial_position), 12)
+    0.1
+    """
+    cloth = core_cloth(check.instance("scene", scene, Scene).cloth)
+    x, _ = state_arrays(x, x, [scene], False)
+    if not scene.cloth.spring_count():
+        return np.zeros(len(x)) if x.ndim == 4 else 0.0
+    batch = np.reshape(x.astype(np.float64), (-1, *x.shape[-3:]))
+    values = np.array([_core.largest_stretch(cloth, one) for one in batch])
+    _refuse_overflow("the largest stretch", values, x=batch)
+    return values if x.ndim == 4 else float(values[0])

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from .. import _core
 from ..base import Floats
-from ..measure.measures import energy
+from ..measure import energy
 from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from ..typing import Report

@@ -18,7 +18,7 @@ from ..base.extras import needed
 from ..base.text import counted, joules, quantity
 from ..engine import snapshot
 from ..engine.snapshot import Snapshot
-from ..measure.measures import energy, largest_stretch, penetration
+from ..measure import energy, largest_stretch, penetration
 from ..model.scene import Scene, cloth_text, spheres_text
 from ..model.sphere import Plane, Sphere
 from ..typing import Every, Report

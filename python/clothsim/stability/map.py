@@ -16,7 +16,7 @@ from ..base.progress import ProgressBar
 from ..engine.options import Options
 from ..engine.stepper import Stepper
 from ..errors import UnstableError
-from ..measure.measures import energy
+from ..measure import energy
 from ..model.scene import Scene
 from ..typing import Integrator, Precision
 from .limit import max_stable_dt, spectral_limit

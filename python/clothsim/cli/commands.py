@@ -1,15 +1,16 @@
-"""`clothsim run`: simulate a scene, print its report, and write files of it."""
+"""What each command takes, and what it does."""
 
 from __future__ import annotations
 
 import argparse
 import ast
-import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import clothsim as cs
+from clothsim.gpu import adapters
 
 from ..base.files import as_json, npz_path
 from ..base.progress import print_above, wanted_by_command
@@ -24,11 +25,14 @@ FPS = 60  # frames a second that a run stores for pages, films and exports witho
 
 # Options that are arguments of `simulate`, which checks them.
 OPTIONS = ("dt", "every", "fps", "integrator", "rtol", "atol", "kernel", "precision", "threads", "backend")
+READY: dict[str, Callable[..., cs.Scene]] = {
+    name: getattr(cs.scenes, name) for name in cs.scenes.__all__ if name not in ("PAPER_DT", "hard_cases")
+}
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
+def _add_run(command: argparse.ArgumentParser) -> None:
     add = command.add_argument
-    add_scene(command)
+    _add_scene(command)
     add("--duration", type=float, default=1.0, metavar="S", help="seconds to simulate (default 1)")
     add("--dt", type=float, metavar="S", help="time step in seconds (default: a stable one)")
     add("--every", type=_every, metavar="N|S", help="store a frame every N steps, or every S seconds (with a point)")
@@ -52,8 +56,8 @@ def _every(text: str) -> int | float:
     return int(text) if text.isdigit() else float(text)
 
 
-def run(args: argparse.Namespace) -> None:
-    scene = changed_scene(args)
+def _run(args: argparse.Namespace) -> None:
+    scene = _changed_scene(args)
     _check_files(args, scene)
     files = [cs.save_scene(scene, args.save_scene)] if args.save_scene else []
     options = {name: getattr(args, name) for name in OPTIONS}
@@ -101,14 +105,7 @@ def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
         checked(scene, args.export, "--export")
 
 
-READY: dict[str, Callable[..., cs.Scene]] = {
-    name: function
-    for name, function in inspect.getmembers(cs.scenes, inspect.isfunction)
-    if function.__annotations__.get("return") == "Scene"
-}
-
-
-def add_scene(command: argparse.ArgumentParser) -> None:
+def _add_scene(command: argparse.ArgumentParser) -> None:
     """The argument SCENE, and its changes."""
     command.add_argument("scene", metavar="SCENE", help=f"a scene file (.toml), a hard case, or one of {', '.join(READY)}")
     command.add_argument(
@@ -121,7 +118,7 @@ def add_scene(command: argparse.ArgumentParser) -> None:
     )
 
 
-def changed_scene(args: argparse.Namespace) -> cs.Scene:
+def _changed_scene(args: argparse.Namespace) -> cs.Scene:
     """The scene that the arguments describe."""
     changes = {}
     for entry in args.set:
@@ -148,3 +145,88 @@ def _scene(text: str) -> cs.Scene:
         raise ValueError(f"SCENE must be a file that ends in .toml or one of {names}, got {text!r}")
     scene: cs.Scene = hard[text].scene
     return scene
+
+
+def _add_live(command: argparse.ArgumentParser) -> None:
+    _add_scene(command)
+    command.add_argument("-o", "--out", metavar="FILE", default="live.html", help="default: live.html")
+    command.add_argument("--dt", type=float, metavar="S", help="time step in seconds (default: half of the guaranteed step)")
+    command.add_argument("--title", help="heading of the page (default: the shape of the cloth)")
+
+
+def _live(args: argparse.Namespace) -> None:
+    path = _changed_scene(args).to_live_html(args.out, args.dt, args.title)
+    print(as_json({"page": path}) if args.json else f"Page: {path}")
+
+
+def _add_reproduce(command: argparse.ArgumentParser) -> None:
+    from clothsim.paper import EXPERIMENTS
+
+    command.add_argument("--quick", action="store_true", help="fewer and coarser steps: some 20 seconds on two free cores")
+    command.add_argument("--out", default="report", metavar="DIR", help="folder of the report (default: report)")
+    command.add_argument("--threads", type=int, metavar="N", help="threads (default: all)")
+    command.add_argument(
+        "--experiment",
+        type=int,
+        choices=EXPERIMENTS,
+        action="append",
+        help="only this one; may be given several times (default: all)",
+    )
+
+
+def _reproduce(args: argparse.Namespace) -> None:
+    from clothsim.paper import EXPERIMENTS, reproduce, text
+
+    chosen = args.experiment or EXPERIMENTS
+    report = reproduce(args.out, quick=args.quick, experiments=chosen, threads=args.threads, progress=wanted_by_command())
+    print(as_json(report) if args.json else text(report))
+    if not args.json:
+        print(f"Report folder: {report['folder']} (open index.html)")
+
+
+def _adapters() -> Any:
+    """Adapters for the backend "gpu", or why there are none."""
+    try:
+        found = adapters()
+    except ImportError as error:
+        return str(error)
+    return {
+        f"{place}: {adapter.name}": {
+            "api": adapter.api,
+            "kind": adapter.kind + (" (runs shaders, no GPU)" if adapter.software else ""),
+            "driver": adapter.driver,
+            "float64": adapter.float64,
+            "largest_buffer": adapter.largest_buffer,
+        }
+        for place, adapter in enumerate(found)
+    } or "none found"
+
+
+def _info(args: argparse.Namespace) -> None:
+    config = {**cs.build_config(), "graphics_adapters": _adapters()}
+    print(as_json(config) if args.json else "\n".join(_lines(config)))
+
+
+def _lines(data: Mapping[str, Any], indent: str = "") -> Iterator[str]:
+    for name, value in data.items():
+        if isinstance(value, Mapping):
+            yield f"{indent}{name}:"
+            yield from _lines(value, indent + "  ")
+        else:
+            yield f"{indent}{name}: {', '.join(map(str, value)) if isinstance(value, list) else value}"
+
+
+class Command(NamedTuple):
+    help: str
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], None]
+
+
+COMMANDS = {
+    "run": Command("Simulate a scene, print its report, and write files of it.", _add_run, _run),
+    "live": Command("Write a page that simulates a scene in the browser, by WebGPU.", _add_live, _live),
+    "reproduce": Command("Run the experiments of Kim et al. and write a report.", _add_reproduce, _reproduce),
+    "info": Command(
+        "Print version, compiler, instruction sets, threads, libraries and graphics adapters.", lambda command: None, _info
+    ),
+}
