@@ -8,7 +8,7 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 >>> x.shape
 (32, 32, 3)
 
-``help(cs.NAME)`` tells more of each name.
+``help(cs.NAME)`` tells more of each name. Its examples take ``import clothsim as cs`` as done.
 
 Describe a scene
     Cloth               a sheet of mass points and springs, with its pins

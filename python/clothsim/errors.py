@@ -27,7 +27,6 @@ class StabilityWarning(UserWarning):
     Examples
     --------
     >>> import warnings
-    >>> import clothsim as cs
     >>> scene = cs.scenes.paper_swing()
     >>> with warnings.catch_warnings(record=True) as given:
     ...     warnings.simplefilter("always")
@@ -58,7 +57,6 @@ class OrderWarning(UserWarning):
     Examples
     --------
     >>> import warnings
-    >>> import clothsim as cs
     >>> with warnings.catch_warnings(record=True) as given:
     ...     warnings.simplefilter("always")
     ...     stepper = cs.Stepper(cs.scenes.paper_swing(), integrator="pefrl")
@@ -73,7 +71,6 @@ class ContactWarning(UserWarning):
     Examples
     --------
     >>> import warnings
-    >>> import clothsim as cs
     >>> sphere = cs.Sphere((0.5, 0.0, 0.5), 0.25, response="continuous")
     >>> with warnings.catch_warnings(record=True) as given:
     ...     warnings.simplefilter("always")
@@ -96,7 +93,6 @@ class RunInterrupted(KeyboardInterrupt):
     --------
     A callback raises the interrupt here; you press Ctrl-C.
 
-    >>> import clothsim as cs
     >>> def interrupt(t, x, v):
     ...     if t >= 0.02:
     ...         raise KeyboardInterrupt
@@ -157,7 +153,6 @@ class ContactError(_StepError):
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> print(cs.ContactError(step=3, time=0.5, point=(1, 2)))
     no place left at step 3 (t = 0.5 s): mass point (1, 2) is trapped between spheres; keep them \
 further apart, or make them smaller
@@ -207,7 +202,6 @@ class UnstableError(_StepError):
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> error = cs.UnstableError(step=12, time=0.13, point=(3, 4), dt=0.01, max_stable_dt=0.0016)
     >>> error.point, error.dt > error.max_stable_dt
     ((3, 4), True)

@@ -33,7 +33,6 @@ def build_config() -> dict[str, Any]:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> config = cs.build_config()
     >>> config["instruction_set"] in config["instruction_sets_supported"]
     True

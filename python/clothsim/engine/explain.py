@@ -21,7 +21,6 @@ class Explanation(dict[str, Any]):
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> account = cs.scenes.paper_swing().explain()
     >>> account["springs"], account["left_out"]
     (3906, ('bend springs', 'drag', 'mass per point', 'forces on points', 'driven pins', 'spheres', 'compensation'))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from .options import Options
 
 SCHEMA = 3
 _FIELD = "snapshot_"  # an array of a file whose name begins so is a field of the core
-_OPTIONS = tuple(field.name for field in fields(Options))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,7 +30,7 @@ class Snapshot:
 
     Examples
     --------
-    >>> import tempfile, clothsim as cs
+    >>> import tempfile
     >>> one = cs.Stepper(cs.scenes.paper_swing(), precision="single")
     >>> one.advance(10, 1e-4)
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -42,20 +41,11 @@ class Snapshot:
     True
     """
 
-    arguments: dict[str, Any]
+    scene: Scene | Sequence[Scene]  # or the scenes of a batch
+    options: Options
     shape: tuple[int, ...]
     dtype: str
     core: dict[str, Any]
-
-    @property
-    def scene(self) -> Scene | Sequence[Scene]:
-        """The scene, or the scenes of a batch."""
-        scene: Scene | Sequence[Scene] = self.arguments["scene"]
-        return scene
-
-    @property
-    def options(self) -> Options:
-        return Options(**{name: self.arguments[name] for name in _OPTIONS})
 
     @property
     def time(self) -> float:
@@ -63,9 +53,8 @@ class Snapshot:
         return float(self.core["time"])
 
     def __repr__(self) -> str:
-        options = ", ".join(str(self.arguments[name]) for name in ("integrator", "precision"))
-        size = " x ".join(map(str, self.shape[:-1]))
-        return f"<Snapshot of {size} mass points at t = {self.time:g} s ({options})>"
+        size, options = " x ".join(map(str, self.shape[:-1])), self.options
+        return f"<Snapshot of {size} mass points at t = {self.time:g} s ({options.integrator}, {options.precision})>"
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the snapshot to a .npz file that `load` reads.
@@ -77,7 +66,7 @@ class Snapshot:
 
         Examples
         --------
-        >>> import tempfile, clothsim as cs
+        >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     cs.Stepper(cs.scenes.paper_swing()).snapshot().save(folder + "/start").name
         'start.npz'
@@ -94,10 +83,9 @@ class Snapshot:
 
         Examples
         --------
-        >>> import tempfile, clothsim as cs
+        >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = cs.Stepper(cs.scenes.paper_swing()).snapshot().save(folder + "/start")
-        ...     cs.Snapshot.load(path).time
+        ...     cs.Snapshot.load(cs.Stepper(cs.scenes.oscillator()).snapshot().save(folder + "/start")).time
         0.0
         """
         arrays = _files.read_npz(path, "snapshot", ("snapshot",))
@@ -107,13 +95,12 @@ class Snapshot:
 
 def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
     """The snapshot as a text, "snapshot" (JSON), and the fields of the core, "snapshot_" and their names."""
-    arguments = dict(snapshot.arguments)
-    scene = arguments.pop("scene")
+    scene = snapshot.scene
     header = {
         "schema": SCHEMA,
         "version": build_config()["version"],
         "scene": scene.to_dict() if isinstance(scene, Scene) else [s.to_dict() for s in scene],
-        "arguments": arguments,
+        "arguments": asdict(snapshot.options),
         "shape": list(snapshot.shape),
         "dtype": snapshot.dtype,
     }
@@ -132,14 +119,14 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
         raise ValueError("it lacks the fields of the state")
     for name in {"positions", "velocities"} & set(core):
         check.check_all(name, core[name], np.isfinite(core[name]), "finite numbers")
-    return Snapshot({**header["arguments"], "scene": scene}, tuple(header["shape"]), str(header["dtype"]), core)
+    return Snapshot(scene, Options(**header["arguments"]), tuple(header["shape"]), str(header["dtype"]), core)
 
 
 def take(state: Any, scene: Scene | Sequence[Scene], options: Options, core: dict[str, Any] | None = None) -> Snapshot:
     """A snapshot of a state with these options, or of one of its members, whose fields are `core`."""
-    arguments = {**{name: getattr(options, name) for name in _OPTIONS}, "scene": scene}
+    options = Options(*(getattr(options, field.name) for field in fields(Options)))
     shape = state.shape if core is None else state.shape[-3:]
-    return Snapshot(arguments, shape, state.dtype.str, state.core.snapshot() if core is None else core)
+    return Snapshot(scene, options, shape, state.dtype.str, state.core.snapshot() if core is None else core)
 
 
 def of_members(core: dict[str, Any], scenes: Sequence[Scene]) -> list[dict[str, Any]]:

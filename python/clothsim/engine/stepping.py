@@ -146,7 +146,7 @@ def step(
     --------
     One oscillation of a spring ends where it began:
 
-    >>> import math, clothsim as cs
+    >>> import math
     >>> scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
     >>> period = 2 * math.pi / 10
     >>> x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, period / 1000, 1000)
@@ -191,7 +191,6 @@ def acceleration(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> scene = cs.scenes.oscillator(stiffness=100.0, mass=2.0, amplitude=0.1)
     >>> a = cs.acceleration(scene, scene.initial_position, scene.initial_velocity)
     >>> round(float(a[0, 1, 0]), 12)
@@ -245,7 +244,6 @@ def reference_step(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> scene = cs.scenes.paper_static()
     >>> state = scene.initial_position, scene.initial_velocity
     >>> x, v = cs.step(scene, *state, 1e-4, steps=10)

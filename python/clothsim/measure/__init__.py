@@ -66,7 +66,6 @@ def energy(scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike) -
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> scene = cs.scenes.oscillator(stiffness=100.0, amplitude=0.1)
     >>> round(cs.energy(scene, scene.initial_position, scene.initial_velocity)["total"], 12)
     0.5
@@ -111,7 +110,6 @@ def penetration(x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | Non
     --------
     The corners of a level square just touch a sphere; its middle dips in:
 
-    >>> import clothsim as cs
     >>> sphere = cs.Sphere(center=(0.5, -1.0, 0.5), radius=1.5 ** 0.5)
     >>> depth = cs.penetration(cs.Cloth(shape=(2, 2)).rest_positions, sphere)
     >>> depth["points"], round(depth["triangles"], 6)
@@ -173,7 +171,6 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     --------
     A sheet pulled to 1.1 times its size:
 
-    >>> import clothsim as cs
     >>> scene = cs.scenes.paper_swing()
     >>> round(cs.largest_stretch(scene, 1.1 * scene.initial_position), 12)
     0.1

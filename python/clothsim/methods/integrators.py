@@ -83,7 +83,6 @@ class Integrator:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> pefrl = cs.integrators()["pefrl"]
         >>> [pefrl.order_of(cs.scenes.oscillator(damping=c)) for c in (0.0, 0.1)]
         [4, 1]
@@ -171,7 +170,6 @@ def integrators() -> Mapping[str, Integrator]:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> for one in cs.integrators().values():
     ...     print(one.name, one.order, one.stages, one.explicit, round(one.imaginary_limit, 4))
     rk4 4 4 True 2.8284

@@ -89,7 +89,6 @@ def sweepable() -> dict[str, str]:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> names = cs.sweepable()
     >>> names["stiffness_shear"], names["gravity_y"], names["integrator"], "stifness" in names
     ('N/m', 'm/s^2', '', False)

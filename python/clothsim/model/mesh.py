@@ -49,7 +49,6 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> grid = cs.thread_grid((32, 32))
     >>> grid[17, 3]["index"], grid[17, 3]["group_y"], grid[17, 3]["thread_y"]
     (np.int64(547), np.int32(1), np.int32(1))
@@ -66,8 +65,7 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
 def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     """The triangles of the sheet: two per cell, split from (row, column + 1) to (row + 1, column).
 
-    `penetration` measures this surface, pictures show it, and `Run.export` writes it. Corners run counterclockwise seen
-    from above, so that normals of the flat sheet point up (+y).
+    Corners run counterclockwise seen from above, so that normals of the flat sheet point up (+y).
 
     Parameters
     ----------
@@ -81,7 +79,6 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> cs.triangles((2, 2)).tolist()
     [[0, 2, 1], [1, 2, 3]]
     """
@@ -94,7 +91,6 @@ def point_radii2(x: Floats) -> Floats:
     rho is the largest radius of a smallest enclosing circle among the triangles of the four cells around the point [m]. Both
     diagonals of a cell count.
 
-    >>> import clothsim as cs
     >>> point_radii2(cs.Cloth((2, 2), (2.0, 2.0)).rest_positions).tolist()
     [[2.0, 2.0], [2.0, 2.0]]
     """

@@ -78,7 +78,6 @@ class BaseMotion(Record):
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cs.Linear(velocity=(0, 1, 0)).center_at(0.5, (0, 0, 0))
         array([0. , 0.5, 0. ])
         """
@@ -94,7 +93,6 @@ class BaseMotion(Record):
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cs.Linear(velocity=(0, 1, 0)).velocity_at(0.5)
         array([0., 1., 0.])
         """
@@ -149,12 +147,8 @@ class Linear(BaseMotion):
 
     Examples
     --------
-    >>> import clothsim as cs
-    >>> motion = cs.Linear((1.0, 0.0, 0.0))
-    >>> motion.center_at(0.5, (0.0, -0.5, 0.5)).tolist()
+    >>> cs.Linear((1.0, 0.0, 0.0)).center_at(0.5, (0.0, -0.5, 0.5)).tolist()
     [0.5, -0.5, 0.5]
-    >>> motion.velocity_at(0.5).tolist()
-    [1.0, 0.0, 0.0]
     """
 
     velocity: tuple[float, float, float]
@@ -203,12 +197,10 @@ class Reciprocate(BaseMotion):
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> motion = cs.Reciprocate((1, 0, 0), distance=1.0, period=2.0)
     >>> motion.center_at([0.0, 1.0, 2.0], (0.0, -0.5, 0.5)).tolist()
     [[-0.5, -0.5, 0.5], [0.5, -0.5, 0.5], [-0.5, -0.5, 0.5]]
-    >>> speed = motion.velocity_at([0.0, 0.5, 0.999999])[:, 0]
-    >>> [round(float(v), 4) for v in speed]
+    >>> motion.velocity_at([0.0, 0.5, 0.999999])[:, 0].round(4).tolist()
     [5.0339, 0.4132, 0.0339]
     """
 
@@ -260,12 +252,9 @@ class Sinusoid(BaseMotion):
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> motion = cs.Sinusoid((0.0, 0.2, 0.0), frequency=0.5)
     >>> motion.center_at([0.0, 0.5, 1.5], (1.0, 0.0, 0.0)).tolist()
     [[1.0, 0.0, 0.0], [1.0, 0.2, 0.0], [1.0, -0.2, 0.0]]
-    >>> motion.velocity_at(0.0).round(6).tolist()
-    [0.0, 0.628319, 0.0]
     """
 
     amplitude: tuple[float, float, float]
@@ -313,14 +302,9 @@ class Keyframes(BaseMotion):
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> motion = cs.Keyframes([0.0, 1.0, 3.0], [(0, 0, 0), (1, 0, 0), (1, 4, 0)])
     >>> motion.center_at([-1.0, 0.5, 2.0, 9.0], (0, 0, 0)).tolist()
     [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 4.0, 0.0]]
-    >>> motion.velocity_at([-1.0, 0.5, 1.0, 3.0]).tolist()
-    [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 0.0]]
-    >>> cs.Keyframes([0.0, 1.0], offsets=[(0, 0, 0), (0, 2, 0)]).center_at(0.5, (1, 0, 0)).tolist()
-    [1.0, 1.0, 0.0]
     >>> curve = cs.Keyframes([0.0, 1.0, 2.0], [(0, 0, 0), (0, 1, 0), (0, 0, 0)], smooth=True)
     >>> curve.center_at(0.5, (0, 0, 0)).tolist(), curve.velocity_at(1.0).tolist()
     ([0.0, 0.75, 0.0], [0.0, 0.0, 0.0])

@@ -1,9 +1,8 @@
 """Ready scenes: the scenes of Kim et al., and two scenes with a solution in closed form.
 
-The paper's scenes take its Table 2: 1 m x 1 m, 32 x 32 mass points, 512 kg, stiffness 35,000 N/m,
-damping 100. The 3,906 springs are structural and shear; section 2 of the paper also describes bend
-springs. Gravity is 9.80665 m/s^2. The cloth starts flat and level, pinned at the two ends of the
-side x = 0, and swings down about z (section 6).
+The paper's scenes take its Table 2, which are the defaults of `Cloth`. The 3,906 springs are structural and shear; section 2
+of the paper also describes bend springs. The cloth starts flat and level, pinned at the two ends of the side x = 0, and
+swings down about z (section 6).
 """
 
 from __future__ import annotations
@@ -41,11 +40,7 @@ def paper_static(
 
     Examples
     --------
-    >>> import clothsim as cs
-    >>> scene = cs.scenes.paper_static("reflect", offset="none")
-    >>> scene.cloth.spring_count(), scene.spheres[0].response
-    (3906, 'reflect')
-    >>> cs.scenes.paper_static(bend=True).cloth.spring_count()
+    >>> cs.scenes.paper_static("reflect", bend=True).cloth.spring_count()
     5826
     """
     sphere = Sphere((0.5, -0.5, 0.5), 0.25, response=response, offset=offset, restitution=1.0, as_printed=as_printed)
@@ -64,27 +59,20 @@ def paper_moving(
 ) -> Scene:
     """The cloth swings down while a sphere moves back and forth (Kim et al., section 6, Table 4).
 
-    The sphere of radius 0.25 m travels one metre along x about (0, -0.5, 0.5), the centre of the
-    hanging cloth. It slows down towards the turning points (see `Reciprocate`). The paper prints
-    neither its period nor its start. Here the sphere starts at x = -0.5, beyond the pinned edge. It touches the cloth
-    three times within five seconds, as the paper's frames 200, 1300 and 3100 show (docs/reproduction.md).
+    The sphere of radius 0.25 m travels one metre along x about (0, -0.5, 0.5), the centre of the hanging cloth. The paper
+    prints neither its period nor its start. Here it touches the cloth three times within five seconds, as the paper's
+    frames 200, 1300 and 3100 show (docs/reproduction.md).
 
     Parameters
     ----------
     response, bend, offset, as_printed
         As for `paper_static`.
-    period : float, default 4.2
-        Time there and back [s].
-    phase : float, default 0.05
-        Fraction of the period elapsed at t = 0; 0.5 starts at x = 0.5, below the cloth.
-    deceleration : float, default 7.0
-        Deceleration between the turning points, the k of `Reciprocate`.
+    period, phase, deceleration : float
+        As for `Reciprocate`.
 
     Examples
     --------
-    >>> import clothsim as cs
-    >>> sphere = cs.scenes.paper_moving(period=2.0, phase=0.0).spheres[0]
-    >>> sphere.center_at([0.0, 1.0]).tolist()
+    >>> cs.scenes.paper_moving(period=2.0, phase=0.0).spheres[0].center_at([0.0, 1.0]).tolist()
     [[-0.5, -0.5, 0.5], [0.5, -0.5, 0.5]]
     """
     motion = Reciprocate((1.0, 0.0, 0.0), 1.0, period, deceleration, phase)
@@ -98,11 +86,10 @@ def paper_swing(bend: bool = False) -> Scene:
     Parameters
     ----------
     bend : bool, default False
-        True adds the 1,920 bend springs.
+        As for `paper_static`.
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> cs.scenes.paper_swing().spheres
     ()
     """
@@ -144,20 +131,13 @@ def hanging(
 
     Examples
     --------
-    >>> import clothsim as cs
-    >>> scene = cs.scenes.hanging(shape=(5, 1))
-    >>> scene.initial_position[:, 0, 1].tolist()
+    >>> cs.scenes.hanging(shape=(5, 1)).initial_position[:, 0, 1].tolist()
     [0.0, -0.25, -0.5, -0.75, -1.0]
-    >>> scene.cloth.pinned[:, 0].tolist()
-    [True, False, False, False, False]
     """
     cloth = Cloth(shape, size, mass, stiffness, 0.0, drag, springs, pins=())
     cloth = cloth.replace(pins=[(0, column) for column in range(cloth.columns)])
-    flat = cloth.rest_positions
-    position = np.zeros_like(flat)
-    position[..., 0] = flat[..., 0]
-    position[..., 1] -= flat[..., 2]
-    return Scene(cloth, position=position)
+    x, y, z = np.moveaxis(cloth.rest_positions, -1, 0)
+    return Scene(cloth, position=np.stack([x, y - z, y], axis=-1))
 
 
 def oscillator(
@@ -189,12 +169,8 @@ def oscillator(
 
     Examples
     --------
-    >>> import clothsim as cs
-    >>> scene = cs.scenes.oscillator(amplitude=0.25)
-    >>> scene.initial_position[0, 1].tolist()
+    >>> cs.scenes.oscillator(amplitude=0.25).initial_position[0, 1].tolist()
     [1.25, 0.0, 0.0]
-    >>> scene.cloth.spring_count()
-    1
     """
     mass = check.number("mass", mass, minimum=0, exclusive=True)
     length = check.number("length", length, minimum=0, exclusive=True)

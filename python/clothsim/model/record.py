@@ -78,7 +78,6 @@ class Record:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cs.Sphere(radius=0.25).replace(radius=0.5).radius
         0.5
         """
@@ -97,7 +96,6 @@ class Record:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cs.Cloth(shape=(4, 5)).to_dict()["shape"]
         [4, 5]
         """
@@ -114,7 +112,6 @@ class Record:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cloth = cs.Cloth(shape=(4, 5), mass=2.0)
         >>> cs.Cloth.from_dict(cloth.to_dict()) == cloth
         True

@@ -73,7 +73,6 @@ class Scene(Record):
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> scene = cs.Scene(cs.Cloth(shape=(8, 12)), spheres=cs.Sphere(center=(0.5, -0.5, 0.5)))
     >>> scene.initial_position.shape
     (8, 12, 3)
@@ -99,26 +98,18 @@ class Scene(Record):
         velocity: npt.ArrayLike | None = None,
         force: npt.ArrayLike | None = None,
     ) -> None:
-        check.instance("cloth", cloth, Cloth)
-        if position is not None:
-            position = frozen(check.array("position", position, (*cloth.shape, 3)))
-        if velocity is not None:
-            velocity = frozen(check.array("velocity", velocity, (*cloth.shape, 3)))
-            for r, c in np.argwhere(cloth.pinned & velocity.any(axis=-1)).tolist():
-                motion = cloth.driven.get((r, c))
-                if motion is None or not np.allclose(velocity[r, c], motion.velocity_at(0.0)):
-                    raise ValueError(
-                        f"velocity must be 0 at pinned points, got {velocity[r, c].tolist()} at point {(r, c)}; "
-                        "Cloth(pins={(row, column): cs.Linear(velocity)}) drives a pin"
-                    )
-        self._set(
-            cloth=cloth,
-            spheres=_spheres(spheres),
-            gravity=check.vector("gravity", gravity),
-            position=position,
-            velocity=velocity,
-            force=None if force is None else frozen(check.array("force", force, (*cloth.shape, 3))),
-        )
+        shape = (*check.instance("cloth", cloth, Cloth).shape, 3)
+        self._set(cloth=cloth, spheres=_spheres(spheres), gravity=check.vector("gravity", gravity))
+        for name, value in (("position", position), ("velocity", velocity), ("force", force)):
+            self._set(**{name: None if value is None else frozen(check.array(name, value, shape))})
+        moving = () if self.velocity is None else np.argwhere(cloth.pinned & self.velocity.any(axis=-1))
+        for r, c in moving:
+            motion = cloth.driven.get((r, c))
+            if motion is None or not np.allclose(self.velocity[r, c], motion.velocity_at(0.0)):
+                raise ValueError(
+                    f"velocity must be 0 at pinned points, got {self.velocity[r, c].tolist()} at point {int(r), int(c)}; "
+                    "Cloth(pins={(row, column): cs.Linear(velocity)}) drives a pin"
+                )
         for (r, c), motion in cloth.driven.items():
             if not isinstance(motion, Keyframes):  # the others begin where the pin is
                 continue
@@ -181,29 +172,20 @@ class Scene(Record):
 
         Parameters
         ----------
-        precision : {"double", "single"}, default "double"
-            Arithmetic of the steps.
-        kernel : str, default "auto"
-            Kernel that computes the forces.
-        threads : int, optional
-            Number of threads. Default: chosen from the size of the cloth.
-        integrator : str, default "rk4"
-            A name of `integrators`.
+        precision, kernel, threads, integrator
+            As for `step`.
 
         Returns
         -------
         mapping
-            Families, damping, collision passes, kernel, instruction set and precision; of the
-            integrator "order" (for this scene) and "force_evaluations_per_step"; "max_stable_dt", the step that is
-            guaranteed to be stable [s], and "limited_by", the term that limits it, with its springs and the value below
-            which the other term limits the step. Printed, it is a readable table.
+            Of the step what is computed, what is left out, and by what; "max_stable_dt", the step that is guaranteed to be
+            stable [s], and "limited_by", the term that limits it, with its springs and the value below which the other
+            term limits the step. It prints as a table.
 
         Examples
         --------
-        >>> import clothsim as cs
-        >>> plan = cs.scenes.paper_swing().explain()
-        >>> plan["precision"]
-        'double'
+        >>> cs.scenes.paper_swing().explain()["springs"]
+        3906
         >>> cs.Scene(cs.Cloth(mass=0.2)).explain(integrator="velocity_verlet")["limited_by"]
         'the damping of structural and bend springs, 100 N s/m, limits it; below 0.647 N s/m the stiffness would'
         """
@@ -229,20 +211,15 @@ class Scene(Record):
         Parameters
         ----------
         path : path-like
-            File to write.
+            File to write. The shader has no `force` and no driven pins.
         dt : float, optional
             Time step [s], > 0. Default: half of the guaranteed stable step.
         title : str, optional
             Heading of the page. Default: the shape of the cloth.
 
-        Raises
-        ------
-        ValueError
-            For a scene that the shader lacks: with `force` or driven pins.
-
         Examples
         --------
-        >>> import tempfile, clothsim as cs
+        >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = cs.scenes.paper_static().to_live_html(folder + "/live.html")
         ...     path.name, path.stat().st_size < 400_000

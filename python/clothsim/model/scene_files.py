@@ -40,9 +40,9 @@ _COMMENTS = {
 def load_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene from a TOML file.
 
-    The file has "schema" (2), a table "cloth", tables "spheres" and the other arguments of `Scene`. The tables have the
-    arguments of the classes. Missing arguments take their defaults. The last line, ``complete = true`` of the table
-    "file", shows that nothing has been cut off. Comments and the order of keys and tables are free.
+    The file has "schema" (2), a table "cloth", tables "spheres" and the other arguments of `Scene`. Missing arguments take
+    their defaults. The last line, ``complete = true`` of the table "file", shows that nothing has been cut off. Comments
+    and the order of keys and tables are free.
 
     Parameters
     ----------
@@ -51,14 +51,13 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     Raises
     ------
     ValueError, TypeError
-        If the file is not TOML, is truncated, has another schema version, or has an unknown key or a refused value. The
-        message begins with the path, and suggests the nearest known key.
+        If the file is not TOML, is cut, has another schema version, an unknown key or a refused value.
     ImportError
         On Python 3.10 without tomli (the extra "sweep").
 
     Examples
     --------
-    >>> import tempfile, clothsim as cs
+    >>> import tempfile
     >>> scene = cs.scenes.paper_moving()
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     cs.load_scene(cs.save_scene(scene, folder + "/moving.toml")) == scene
@@ -71,13 +70,10 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         data = toml.loads(content.decode("utf-8-sig"))
         if data.pop(_END, None) != {"complete": True}:
             raise ValueError(f"it is cut: its end, the lines '[{_END}]' and 'complete = true', is missing")
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is no TOML file of a scene: {error}") from None
-    try:
         return Scene.from_dict(data)
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
         kind = TypeError if isinstance(error, TypeError) else ValueError
-        raise kind(f"{path}: {error}") from None
+        raise kind(f"{path} is no TOML file of a scene: {error}") from None
 
 
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
@@ -93,7 +89,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
 
     Examples
     --------
-    >>> import tempfile, clothsim as cs
+    >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     text = cs.save_scene(cs.scenes.paper_static(), folder + "/static.toml").read_text()
     >>> print(text.splitlines()[6])

@@ -71,7 +71,6 @@ class Obstacle(Record):
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cs.Sphere(motion=cs.Linear(velocity=(0, 1, 0))).center_at(0.5)
         array([0. , 0.5, 0. ])
         """
@@ -87,7 +86,6 @@ class Obstacle(Record):
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cs.Sphere(motion=cs.Linear(velocity=(0, 1, 0))).velocity_at(0.5)
         array([0., 1., 0.])
         """
@@ -107,7 +105,6 @@ class Obstacle(Record):
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cs.Sphere(radius=1.5, offset="edge").offset_length(cs.Cloth(shape=(2, 2), size=(4, 4)))
         1.0
         """
@@ -131,7 +128,6 @@ class Obstacle(Record):
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> float(cs.Sphere(radius=0.25).height((0.0, 1.0, 0.0)))
         0.75
         """
@@ -150,7 +146,6 @@ class Obstacle(Record):
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cs.Sphere(radius=0.25, offset=0.01).contact_radius(cs.Cloth())
         0.26
         """
@@ -207,7 +202,6 @@ class Sphere(Obstacle):
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> ball = cs.Sphere(center=(0.5, -0.5, 0.5), motion=cs.Linear((0, 1, 0)))
     >>> ball.center_at(0.25).tolist()
     [0.5, -0.25, 0.5]
@@ -272,7 +266,6 @@ class Plane(Obstacle):
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> floor = cs.Plane((0, -1, 0), friction=0.3)
     >>> scene = cs.Scene(cs.Cloth((8, 8), mass=1.0, stiffness=500.0, damping=1.0, pins=()), floor)
     >>> run = cs.simulate(scene, 1.0)
