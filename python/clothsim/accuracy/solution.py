@@ -20,7 +20,6 @@ from ..base.build import available_threads
 from ..engine.stepper import Stepper
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
-from ..model.as_core import core_pins
 from ..model.scene import Scene, stops_of
 from ..model.sphere import continuous
 from ..run.trajectory import PAUSE
@@ -259,7 +258,7 @@ def extrapolation(
         gravity=scene.gravity,
         drag=cloth.drag,
         force=np.zeros_like(cloth.rest_positions) if scene.force is None else scene.force,
-        **core_pins(scene),
+        **scene.core_pins,
         x=np.ascontiguousarray(scene.initial_position),
         v=np.ascontiguousarray(scene.initial_velocity),
         times=times,

@@ -9,7 +9,6 @@ from .. import _core
 from ..base.text import aligned
 from ..methods.bound import limiting_term
 from ..methods.integrators import integrators
-from ..model.as_core import in_cells
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
 from ..model.sphere import Plane, Sphere
@@ -45,7 +44,7 @@ def _text(value: Any) -> str:
 def _radius_text(sphere: Sphere | Plane, cloth: Cloth) -> str:
     if isinstance(sphere, Plane):
         return "a plane"
-    if in_cells(sphere):
+    if sphere.in_cells:
         return f"contact radius by cells, {sphere.contact_radius(cloth):.6g} m at rest"
     return f"contact radius {sphere.contact_radius(cloth):.6g} m"
 

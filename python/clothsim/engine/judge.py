@@ -12,7 +12,6 @@ import numpy as np
 from .. import _core
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError, warn_caller
 from ..methods.bound import limiting_term
-from ..model.as_core import in_cells
 from ..model.scene import Scene
 
 
@@ -87,7 +86,7 @@ class Judge:
     def _cells_text(self, found: tuple[int, int]) -> str:
         member, point = found
         cloth = self._scenes[member].cloth
-        least = min(sphere.radius for sphere in self._scenes[member].spheres if in_cells(sphere))
+        least = min(sphere.radius for sphere in self._scenes[member].spheres if sphere.in_cells)
         half = math.hypot(*cloth.spacing) / 2
         needed = (
             f"cells with a diagonal below {2 * least:.3g} m, where this cloth has {2 * half:.3g} m at rest"

@@ -9,7 +9,6 @@ from .. import _core
 from ..base import check
 from ..base.build import available_threads
 from ..methods.integrators import integrator_name
-from ..model.as_core import core_cloth, core_pins, core_spheres
 from ..model.scene import Scene
 from ..typing import Backend, Kernel, Precision
 
@@ -81,11 +80,11 @@ def kept_plan(scene: Scene, options: Options) -> _core.Plan:
 def core_plan(scene: Scene, options: Options) -> _core.Plan:
     """The scene as the core takes it, with the kernels of the chosen instruction set."""
     return _core.Plan(
-        cloth=core_cloth(scene.cloth),
+        cloth=scene.cloth.core,
         gravity=scene.gravity,
         force=scene.force,
-        **core_pins(scene),
-        spheres=core_spheres(scene),
+        **scene.core_pins,
+        spheres=scene.core_spheres,
         precision=options.precision,
         kernel=options.chosen_kernel,
         instruction_set="",

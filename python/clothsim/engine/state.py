@@ -13,7 +13,6 @@ from .. import _core
 from ..base import check
 from ..methods.bound import guaranteed_dt
 from ..methods.integrators import integrators, warn_of_order
-from ..model.as_core import core_cloth
 from ..model.motion import Linear
 from ..model.scene import Scene
 from ..model.sphere import held
@@ -244,7 +243,7 @@ class State:
     def _compiled(self, scenes: list[Scene]) -> tuple[list[Any], list[float]]:
         """Plans for the core, or scenes for the adapter, and the guaranteed time step [s] of each member."""
         plans = scenes if self.options.backend == "gpu" else [kept_plan(scene, self.options) for scene in scenes]
-        return plans, [guaranteed_dt(core_cloth(scene.cloth), self.integrator) for scene in scenes]
+        return plans, [guaranteed_dt(scene.cloth.core, self.integrator) for scene in scenes]
 
     def _adopt(self, scenes: list[Scene], plans: list[Any], stable_dt: list[float]) -> None:
         self.scenes, self.max_stable_dt = scenes, stable_dt

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..model.as_core import in_cells
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
 from .options import Options, core_plan
@@ -253,7 +252,7 @@ def reference_step(
     """
     check.instance("scene", scene, Scene)
     for k, sphere in enumerate(scene.spheres):
-        if in_cells(sphere):
+        if sphere.in_cells:
             raise ValueError(
                 f"offset of spheres[{k}] is {sphere.offset!r}, and the reference keeps mass points out of spheres alone; "
                 "accepted: 'edge', 'none' or a length [m]; compare `step` with itself at a shorter time step instead"

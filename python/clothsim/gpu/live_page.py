@@ -27,9 +27,8 @@ from ..base.progress import in_notebook
 from ..engine.options import Options, core_plan
 from ..errors import ContactError, UnstableError
 from ..methods.region import border_of_region
-from ..model.as_core import core_sphere
 from ..model.mesh import GROUP
-from ..model.scene import Scene
+from ..model.scene import Scene, core_sphere
 from ..model.scene_files import text_of
 from ..run.result import Run
 from ..run.simulate import simulate

@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..model.as_core import in_cells
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
 from .device import Device
@@ -80,7 +79,7 @@ class Features:
             mass_per_point=not cloth.uniform_mass,
             pinned=bool(cloth.pinned.any()),
             moving=any(sphere.motion is not None for sphere in scene.spheres),
-            cells=any(map(in_cells, scene.spheres)),
+            cells=any(one.in_cells for one in scene.spheres),
             spheres=tuple(
                 SphereFeatures(s.response, s.as_printed, s.response != "continuous" and s.friction > 0)
                 for s in scene.spheres

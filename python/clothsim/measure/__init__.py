@@ -10,8 +10,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..engine.state import scenes_of, state_arrays
-from ..model.as_core import core_cloth, core_sphere
-from ..model.scene import Scene
+from ..model.scene import Scene, core_sphere
 from ..model.sphere import Plane, Sphere
 
 Value = float | npt.NDArray[np.float64]
@@ -75,7 +74,7 @@ def energy(scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike) -
     x, v = x.astype(np.float64), v.astype(np.float64)
     batch = (x, v) if x.ndim == 4 else (x[None], v[None])
     scenes = scenes if len(scenes) > 1 else scenes * len(batch[0])
-    parts = np.array([_core.energy(core_cloth(s.cloth), s.gravity, s.force, *one) for s, *one in zip(scenes, *batch)])
+    parts = np.array([_core.energy(s.cloth.core, s.gravity, s.force, *one) for s, *one in zip(scenes, *batch)])
     with np.errstate(over="ignore", invalid="ignore"):
         total = parts.sum(axis=1)
     _refuse_overflow("the energy", np.column_stack([parts, total]), x=batch[0], v=batch[1])
@@ -175,7 +174,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     >>> round(cs.largest_stretch(scene, 1.1 * scene.initial_position), 12)
     0.1
     """
-    cloth = core_cloth(check.instance("scene", scene, Scene).cloth)
+    cloth = check.instance("scene", scene, Scene).cloth.core
     x, _ = state_arrays(x, x, [scene], False)
     if not scene.cloth.spring_count():
         return np.zeros(len(x)) if x.ndim == 4 else 0.0

@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Any
 
 from .. import _core
-from ..model.as_core import core_cloth
 from ..model.cloth import Cloth
 from ..model.scene import Scene
 from .region import box_limit
@@ -36,7 +35,7 @@ def usable_dt(cloth: _core.Cloth, integrator: str) -> float:
 
 def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     """The guaranteed time step of a scene [s]."""
-    return guaranteed_dt(core_cloth(scene.cloth), integrator)
+    return guaranteed_dt(scene.cloth.core, integrator)
 
 
 _TIE = 0.95  # families whose removal lowers the bound by this part of the most are named together
@@ -78,7 +77,7 @@ def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
 @lru_cache(maxsize=64)
 def _term_of(cloth: Cloth, integrator: str) -> LimitingTerm:
     def bounds(**changes: Any) -> tuple[float, float]:
-        omega2, delta = core_cloth(cloth.replace(**changes)).mode_bounds
+        omega2, delta = cloth.replace(**changes).core.mode_bounds
         return math.sqrt(omega2), delta
 
     k, c = cloth.family_stiffness, cloth.family_damping

@@ -149,7 +149,7 @@ class Cloth(Record):
     def replace(self, **changes: Any) -> Cloth:
         if not changes.keys() <= _FORCES:
             return super().replace(**changes)
-        return self._copy(("_core",), **{name: _per_family(name, one, self.springs) for name, one in changes.items()})
+        return self._copy(("core",), **{name: _per_family(name, one, self.springs) for name, one in changes.items()})
 
     def to_dict(self) -> dict[str, Any]:
         if not isinstance(self.pins, Mapping):
@@ -211,6 +211,22 @@ class Cloth(Record):
         positions[..., 0] = np.arange(self.columns) * self.size[1] / max(self.columns - 1, 1)
         positions[..., 2] = (np.arange(self.rows) * self.size[0] / max(self.rows - 1, 1))[:, None]
         return frozen(positions)
+
+    @cached_property
+    def core(self) -> _core.Cloth:
+        """This cloth as the core takes it."""
+        return _core.Cloth(
+            rows=self.rows,
+            columns=self.columns,
+            row_spacing=self.spacing[0],
+            column_spacing=self.spacing[1],
+            stiffness=self.family_stiffness,
+            spring_damping=self.family_damping,
+            drag=self.drag,
+            mass=self.mass_per_point,
+            uniform_mass=self.uniform_mass,
+            pinned=self.pinned,
+        )
 
     def spring_count(self, family: Family | None = None) -> int:
         """Number of springs, of one family or in all.

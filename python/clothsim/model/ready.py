@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from ..base import check
 from ..typing import Family, Numbers, Offset, Response, Shape
 from .cloth import Cloth
@@ -136,8 +134,8 @@ def hanging(
     """
     cloth = Cloth(shape, size, mass, stiffness, 0.0, drag, springs, pins=())
     cloth = cloth.replace(pins=[(0, column) for column in range(cloth.columns)])
-    x, y, z = np.moveaxis(cloth.rest_positions, -1, 0)
-    return Scene(cloth, position=np.stack([x, y - z, y], axis=-1))
+    turned = cloth.rest_positions @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]]  # by a quarter, about x
+    return Scene(cloth, position=turned)
 
 
 def oscillator(

@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from ..base import check, frozen
 from ..base.text import counted
 from ..typing import Integrator, Kernel, Numbers, Precision
@@ -160,6 +161,26 @@ class Scene(Record):
             groups.append(DrivenPins(motion, rows, columns, places - begin))
         return groups
 
+    @cached_property
+    def core_spheres(self) -> list[_core.Sphere]:
+        """The spheres and planes as the core takes them."""
+        return [core_sphere(sphere, self) for sphere in self.spheres]
+
+    @cached_property
+    def core_pins(self) -> dict[str, Any]:
+        """Driven pins as the core takes them: motions, and (point, start, index of the motion) in the order of points."""
+
+        groups = self.driven_pins
+        if not groups:
+            return {"pin_motions": [], "driven_pins": []}
+        columns = self.cloth.columns
+        pins = [
+            (int(r) * columns + int(c), start, k)
+            for k, group in enumerate(groups)
+            for r, c, start in zip(group.rows, group.columns, group.starts)
+        ]
+        return {"pin_motions": [group.motion.core for group in groups], "driven_pins": sorted(pins, key=lambda pin: pin[0])}
+
     def explain(
         self,
         precision: Precision = "double",
@@ -244,6 +265,37 @@ class Scene(Record):
             raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
         arguments["spheres"] = tuple((Plane if {"normal", "point"} & set(one) else Sphere).from_dict(one) for one in spheres)
         return cls(**arguments)
+
+
+def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sphere:
+    """The sphere or plane in the form of the core, without offset if no scene is given.
+
+    The core measures points from the top of a sphere, against gravity, or from the `point` of a plane. Points are assumed to
+    get at most four sizes of the cloth farther from there than they start.
+    """
+    up = np.array((0.0, 1.0, 0.0)) if scene is None or not any(scene.gravity) else -np.array(scene.gravity)
+    if isinstance(sphere, Plane):
+        up = sphere.unit_normal
+    normal = up / np.linalg.norm(up)
+    offset, spread = 0.0, 1.0
+    if scene is not None:
+        offset = 0.0 if sphere.in_cells else sphere.offset_length(scene.cloth)
+        place = sphere.center_at(0.0) + (0 if isinstance(sphere, Plane) else sphere.radius * normal)
+        spread = 4 * float(np.hypot(*scene.cloth.size)) + float(np.abs(scene.initial_position - place).max())
+    return _core.Sphere(
+        center=sphere.center,
+        radius=sphere.radius,
+        offset=offset,
+        response=sphere.response,
+        as_printed=sphere.as_printed,
+        restitution=sphere.restitution,
+        friction=sphere.friction,
+        motion=sphere.motion.core if sphere.motion else _core.Motion(),
+        cells=sphere.in_cells,
+        push_out_speed=sphere.push_out_speed,
+        normal=normal,
+        spread=spread,
+    )
 
 
 def stops_of(scene: Scene, begin: float, end: float) -> list[float]:

@@ -33,6 +33,8 @@ class Obstacle(Record):
         @property
         def motion(self) -> Motion | None: ...
         @property
+        def response(self) -> Response: ...
+        @property
         def _has_own_restitution(self) -> bool: ...
         @property
         def radius(self) -> float: ...
@@ -53,6 +55,11 @@ class Obstacle(Record):
     def _values(self) -> dict[str, Any]:
         values = super()._values()
         return values if self._has_own_restitution else {**values, "restitution": None}
+
+    @property
+    def in_cells(self) -> bool:
+        """Whether the contact radius of each mass point follows from its deformed cells."""
+        return self.offset == "cell" and self.response == "continuous"
 
     @classmethod
     def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:

@@ -26,7 +26,6 @@ from ..base import Floats
 from ..errors import UnstableError
 from ..methods.bound import usable_dt
 from ..methods.integrators import integrators
-from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from .frames import Schedule
 from .trajectory import Job, Recorder, RunOptions, Trajectory, Watch
@@ -185,7 +184,7 @@ def _at_tolerance(job: Job, tolerance: float) -> Step:
 
 def _longest_dt(job: Job, integrator: str) -> float:
     """The longest fixed step [s]: the guaranteed stable one, or half of it in a scene with spheres."""
-    stable = usable_dt(core_cloth(job.scene.cloth), integrator)
+    stable = usable_dt(job.scene.cloth.core, integrator)
     return min(stable / 2 if job.scene.spheres else stable, job.duration / 4)
 
 
@@ -258,7 +257,7 @@ def _first_tolerance(job: Job, asked: float) -> Generator[Job, Trajectory, float
     with suppress(UnstableError):
         part = max(tolerance, _smallest(job))
         steps = (yield _unseen(job, duration=PILOT * job.duration, tolerance=part)).steps / PILOT
-    _, damping = core_cloth(job.scene.cloth).mode_bounds
+    _, damping = job.scene.cloth.core.mode_bounds
     motion = steps * (tolerance / size_of(job.scene)) ** (1 / ORDER)
     kept = 1 + damping * job.duration / 2
     return float(tolerance / (1 + (motion / kept / GROWTH) ** 3))

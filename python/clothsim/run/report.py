@@ -9,7 +9,6 @@ from typing import Any, cast
 from .. import _core
 from ..base import Floats
 from ..measure import energy
-from ..model.as_core import core_cloth
 from ..model.scene import Scene
 from ..typing import Report
 from .error_control import NOT_ASKED, Controlled, Estimate
@@ -78,7 +77,7 @@ def report(
 
 def _energies(scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
     """The energies at the start and at the end; NaN with a reason where they are not finite."""
-    cloth, found = core_cloth(scene.cloth), dict[str, Any]()
+    cloth, found = scene.cloth.core, dict[str, Any]()
     for moment, k in (("start", 0), ("end", -1)):
         parts = _core.energy(cloth, scene.gravity, scene.force, x[k], v[k])
         values = [*parts, sum(parts)]

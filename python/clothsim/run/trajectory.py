@@ -25,7 +25,6 @@ from ..engine.state import State, put_driven_pins
 from ..errors import ContactError, UnstableError
 from ..methods.bound import guaranteed_dt, stable_dt
 from ..methods.integrators import METHODS
-from ..model.as_core import core_cloth, in_cells
 from ..model.mesh import point_radii2
 from ..model.scene import Scene, stops_of
 from ..model.sphere import Plane, Sphere
@@ -367,7 +366,7 @@ class Recorder:
 
     def _new_path(self) -> _core.AdaptiveRun:
         job, state, before = self.job, self.state, self._earlier
-        cloth = core_cloth(job.scene.cloth)
+        cloth = job.scene.cloth.core
         stable = guaranteed_dt(cloth, job.options.integrator)
         # The law of contact is of order 1 in the step, so a method that takes long steps is no better there.
         near = min(stable, stable_dt(job.scene)) / 2
@@ -541,7 +540,7 @@ def interpolated(t: float, scenes: Sequence[Scene], begin: float, h: float, befo
         member = k if x.ndim == 4 else ...
         for sphere in scene.spheres:
             ends = ((begin, x0[member]), (begin + h, x1[member]))
-            offset = 0.0 if in_cells(sphere) else sphere.offset_length(scene.cloth)
+            offset = 0.0 if sphere.in_cells else sphere.offset_length(scene.cloth)
             _lift(x[member], ends, ~scene.cloth.pinned, sphere, offset, t)
     return x, v
 
@@ -551,7 +550,7 @@ def _lift(x: Floats, ends: Any, free: npt.NDArray[np.bool_], sphere: Sphere | Pl
     height = sphere.height(x, t)
     least = np.minimum(*(sphere.height(places, time) for time, places in ends))
     highest = np.full(height.shape, offset)
-    if in_cells(sphere):
+    if sphere.in_cells:
         near = free & (height < np.minimum(least, (math.sqrt(2) - 1) * sphere.radius))
         if near.any():
             part = tuple(slice(max(k.min() - 1, 0), k.max() + 2) for k in np.nonzero(near))

@@ -13,7 +13,6 @@ from ..base import Floats, check
 from ..engine.options import Options
 from ..methods.bound import guaranteed_dt, stable_dt, usable_dt
 from ..methods.integrators import integrator_name
-from ..model.as_core import core_cloth, core_spheres
 from ..model.fields import RUN, change_scene
 from ..model.scene import Scene
 from ..run.frames import checked_every
@@ -110,10 +109,9 @@ class Maker:
 
     def __init__(self, base: Scene, options: SweepOptions) -> None:
         self._base, self._options, self._known = base, options, dict[str, Settings]()
-        for kept in ("initial_position", "initial_velocity", "driven_pins"):  # which members share, as the next two
+        for kept in ("initial_position", "initial_velocity", "driven_pins", "core_spheres"):  # which members share
             getattr(base, kept)
-        core_cloth(base.cloth)
-        core_spheres(base)
+        _ = base.cloth.core  # with the arrays that it is made of
 
     def __call__(self, index: int, values: Mapping[str, Any]) -> Member:
         """The member with these values; a refused value raises the error of its argument."""
@@ -122,7 +120,7 @@ class Maker:
         settings = self._known.get(key := repr(run))
         if settings is None:
             settings = self._known[key] = Settings.of(self._options, run)
-        cloth, integrator, dt = core_cloth(scene.cloth), settings.numerics["integrator"], settings.dt
+        cloth, integrator, dt = scene.cloth.core, settings.numerics["integrator"], settings.dt
         integrator = "rk4" if integrator == "auto" else integrator
         limit = usable_dt(cloth, integrator) if dt is None else guaranteed_dt(cloth, integrator)
         if settings.controlled:
