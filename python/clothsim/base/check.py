@@ -119,9 +119,8 @@ def frame_count(name: str, value: float, frames: float) -> None:
 
 def choice(name: str, value: Any, options: Collection[T]) -> T:
     """`value` if it is one of the names in `options`; the error suggests the nearest."""
-    for option in options if isinstance(value, str) else ():
-        if option == value:
-            return option
+    if isinstance(value, str) and value in options:
+        return value  # type: ignore[return-value]  # names are texts
     accepted = f"one of {', '.join(map(repr, options))}"
     if not isinstance(value, str):
         _refuse(TypeError, name, accepted, value)
@@ -168,8 +167,7 @@ def array(name: str, value: Any, shape: tuple[int, ...] | None = None, what: str
     given = as_array(name, value, accepted)
     if shape is not None and given.shape != shape:
         raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
-    with np.errstate(over="ignore"):  # from a wider float: the next check reports it
-        result = np.array(given, dtype=np.float64, order="C")
+    result = np.array(given, dtype=np.float64, order="C")
     check_all(name, result, np.isfinite(result), accepted)
     return result
 

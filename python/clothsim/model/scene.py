@@ -169,11 +169,7 @@ class Scene(Record):
     @cached_property
     def core_pins(self) -> dict[str, Any]:
         """Driven pins as the core takes them: motions, and (point, start, index of the motion) in the order of points."""
-
-        groups = self.driven_pins
-        if not groups:
-            return {"pin_motions": [], "driven_pins": []}
-        columns = self.cloth.columns
+        groups, columns = self.driven_pins, self.cloth.columns
         pins = [
             (int(r) * columns + int(c), start, k)
             for k, group in enumerate(groups)

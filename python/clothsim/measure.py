@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from .. import _core
-from ..base import check
-from ..engine.state import scenes_of, state_arrays
-from ..model.scene import Scene, core_sphere
-from ..model.sphere import Plane, Sphere
+from . import _core
+from .base import check
+from .engine.state import scenes_of, state_arrays
+from .model.scene import Scene, core_sphere
+from .model.sphere import Plane, Sphere
 
 Value = float | npt.NDArray[np.float64]
 
