@@ -89,6 +89,7 @@ from . import typing as typing
 from .base.extras import on_demand as _on_demand
 from .base.build import build_config
 from .model.cloth import Cloth
+from .model.fields import sweepable
 from .errors import ContactError, ContactWarning, OrderWarning, RunInterrupted, StabilityWarning, UnstableError
 from .model.mesh import thread_grid, triangles
 from .methods.integrators import integrators
@@ -112,7 +113,6 @@ if TYPE_CHECKING:
     from .gpu.live_page import view
     from .stability.map import stability_map
     from .sweeps.api import sweep
-    from .model.fields import sweepable
     from .sweeps.store import open_sweep
     from .viewing.camera import Camera
     from .viewing.page import compare
@@ -120,61 +120,16 @@ if TYPE_CHECKING:
 
 __version__ = build_config()["version"]
 
-
-__all__ = [
-    "Camera",
-    "Cloth",
-    "ContactError",
-    "ContactWarning",
-    "Convergence",
-    "Fit",
-    "Keyframes",
-    "Linear",
-    "OrderWarning",
-    "Picture",
-    "Reciprocate",
-    "Reference",
-    "Run",
-    "RunInterrupted",
-    "Scene",
-    "Sinusoid",
-    "Snapshot",
-    "Plane",
-    "Sphere",
-    "StabilityWarning",
-    "Stepper",
-    "UnstableError",
-    "acceleration",
-    "build_config",
-    "compare",
-    "convergence",
-    "difference",
-    "energy",
-    "fit",
-    "integrators",
-    "largest_stretch",
-    "load_run",
-    "load_scene",
-    "max_stable_dt",
-    "open_sweep",
-    "penetration",
-    "picture",
-    "reference",
-    "reference_step",
-    "save_scene",
-    "scenes",
-    "sensitivity",
-    "settle",
-    "simulate",
-    "stability_map",
-    "step",
-    "sweep",
-    "sweepable",
-    "thread_grid",
-    "triangles",
-    "view",
-    "work_precision",
-]
+__all__ = ["Cloth", "Plane", "Scene", "Sphere", "load_scene", "save_scene", "scenes"]
+__all__ += ["Keyframes", "Linear", "Reciprocate", "Sinusoid"]
+__all__ += ["Run", "RunInterrupted", "difference", "integrators", "load_run", "max_stable_dt", "settle", "simulate"]
+__all__ += ["Snapshot", "Stepper", "acceleration", "reference_step", "step"]
+__all__ += ["energy", "largest_stretch", "penetration"]
+__all__ += ["Convergence", "Reference", "convergence", "reference", "stability_map", "work_precision"]
+__all__ += ["Fit", "fit", "open_sweep", "sensitivity", "sweep", "sweepable"]
+__all__ += ["Camera", "Picture", "compare", "picture", "view"]
+__all__ += ["build_config", "thread_grid", "triangles"]
+__all__ += ["ContactError", "ContactWarning", "OrderWarning", "StabilityWarning", "UnstableError"]
 
 __getattr__, __dir__ = _on_demand(
     globals(),
@@ -184,7 +139,6 @@ __getattr__, __dir__ = _on_demand(
         ".stability.map": ("stability_map",),
         ".sweeps.store": ("open_sweep",),
         ".sweeps.api": ("sweep",),
-        ".model.fields": ("sweepable",),
         ".viewing.camera": ("Camera",),
         ".viewing.picture": ("Picture", "picture"),
         ".viewing.page": ("compare",),
