@@ -40,16 +40,6 @@ py::dict build_facts() {
     return facts;
 }
 
-// Whether the class "fused" fuses products and sums under an instruction set.
-bool fuses(const std::string& instruction_set) {
-#if XSIMD_WITH_NEON64
-    static_cast<void>(instruction_set);
-    return true;
-#else
-    return choose_instruction_set(instruction_set).flags.find("-mfma") != std::string_view::npos;
-#endif
-}
-
 // The state of these objects lies in C++: pickle would copy an object without it, and end the process.
 void refuse_pickle(const py::module_& m) {
     const auto refuse = [](const py::object& self, int) {
@@ -79,7 +69,6 @@ int granted(int threads) {
 
 void bind_build(py::module_& m) {
     m.def("build_facts", &build_facts);
-    m.def("fuses", &fuses);
     m.def("choose_instruction_set",
           [](const std::string& name) { return std::string(choose_instruction_set(name).name); });
     m.def("granted_threads", &granted, "threads"_a);

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from .. import _core
 from ..base.text import aligned
 from ..methods.bound import limiting_term
 from ..methods.integrators import integrators
@@ -56,11 +55,8 @@ def explain(
     options = Options(integrator, precision, threads, kernel)
     integrator = options.integrator
     cloth, method = scene.cloth, integrators()[integrator]
-    kernel = options.chosen_kernel
     plan = core_plan(scene, options)
-    compensated = precision == "single"
     stages = method.stages_damped if cloth.damped else method.stages
-    fused = method.in_kernels and not (kernel == "gather" and cloth.driven)
     everything = {
         **{f"{family} springs": family in cloth.springs for family in FAMILIES},
         "spring damping": any(cloth.family_damping.values()),
@@ -69,7 +65,7 @@ def explain(
         "forces on points": scene.force is not None,
         "driven pins": bool(cloth.driven),
         "spheres": bool(scene.spheres),
-        "compensation": compensated,
+        "compensation": precision == "single",
     }
     term = limiting_term(scene, integrator)
     return Explanation(
@@ -86,9 +82,7 @@ def explain(
             "force_evaluations_per_step": (stages if method.explicit else "as many as Newton's method takes"),
             "max_stable_dt": term.max_stable_dt,
             "limited_by": str(term),
-            "step_loop": "fused" if fused else "stage by stage",
-            "kernel": kernel,
-            "arithmetic": "fused" if kernel == "edge" and _core.fuses(plan.instruction_set) else "not fused",
+            "kernel": options.chosen_kernel,
             "precision": precision,
             "instruction_set": plan.instruction_set,
             "lanes": plan.lanes,
