@@ -30,7 +30,7 @@ class StabilityWarning(UserWarning):
     ...     cs.Stepper(cs.scenes.paper_swing()).advance(2, 1.5e-3)
     >>> print(given[0].message)
     dt = 0.0015 s is above 0.00116 s, up to which rk4 is guaranteed to be stable for this scene; \
-the damping of structural and shear springs, 100 N s/m, limits it
+the damping of structural and shear springs, 100 N s/m, limits it; below 37.6 N s/m the stiffness would
     """
 
 

@@ -59,7 +59,7 @@ def boolean(name: str, value: Any) -> bool:
 
 def real(value: Any) -> Any:
     """`value` if it is one real number, also in an array without dimensions, else None. A bool is none."""
-    value = value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+    value = value.item() if isinstance(value, (np.ndarray, np.generic)) and value.ndim == 0 else value
     return value if isinstance(value, numbers.Real) and not isinstance(value, bool) else None
 
 
@@ -95,9 +95,10 @@ def items(name: str, value: Any, count: int | None, what: str, least: int = 0) -
     accepted = f"a sequence of {f'at least {least} ' * bool(least) if count is None else f'{count} '}{what}"
     if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
         _refuse(TypeError, name, accepted, value)
-    if np.ndim(value) != 1 if isinstance(value, np.ndarray) else len(value) < least or count not in (None, len(value)):
+    listed = list(value) if not isinstance(value, np.ndarray) or value.ndim == 1 else []
+    if len(listed) < least or count not in (None, len(listed)):
         _refuse(ValueError, name, accepted, value)
-    return list(value)
+    return listed
 
 
 def vector(name: str, value: Any, length: int = 3) -> Any:

@@ -186,7 +186,7 @@ def integrators() -> Mapping[str, Integrator]:
 
 def integrator_name(name: Any, *more: str, argument: str = "integrator") -> str:
     """`name` if it is the name of a method, or one of `more`, such as "auto"."""
-    return check.choice(argument, name, (*more, *METHODS))
+    return str(check.choice(argument, name, (*more, *METHODS)))
 
 
 def warn_of_order(integrator: str, scene: Scene) -> bool:

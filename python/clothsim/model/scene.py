@@ -103,14 +103,14 @@ class Scene(Record):
         self._set(cloth=cloth, spheres=_spheres(spheres), gravity=check.vector("gravity", gravity))
         for name, value in (("position", position), ("velocity", velocity), ("force", force)):
             self._set(**{name: None if value is None else frozen(check.array(name, value, shape))})
-        moving = () if self.velocity is None else np.argwhere(cloth.pinned & self.velocity.any(axis=-1))
-        for r, c in moving:
-            motion = cloth.driven.get((r, c))
-            if motion is None or not np.allclose(self.velocity[r, c], motion.velocity_at(0.0)):
-                raise ValueError(
-                    f"velocity must be 0 at pinned points, got {self.velocity[r, c].tolist()} at point {int(r), int(c)}; "
-                    "Cloth(pins={(row, column): cs.Linear(velocity)}) drives a pin"
-                )
+        if (given := self.velocity) is not None:
+            for r, c in np.argwhere(cloth.pinned & given.any(axis=-1)).tolist():
+                motion = cloth.driven.get((r, c))
+                if motion is None or not np.allclose(given[r, c], motion.velocity_at(0.0)):
+                    raise ValueError(
+                        f"velocity must be 0 at pinned points, got {given[r, c].tolist()} at point {(r, c)}; "
+                        "Cloth(pins={(row, column): cs.Linear(velocity)}) drives a pin"
+                    )
         for (r, c), motion in cloth.driven.items():
             if not isinstance(motion, Keyframes):  # the others begin where the pin is
                 continue
