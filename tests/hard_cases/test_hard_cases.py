@@ -44,7 +44,7 @@ def test_a_wrong_outcome_is_seen():
 
 
 def _end(case, scene=None):
-    from clothsim.hard_cases.case import End
+    from clothsim.hard_cases import End
 
     stepper = cs.Stepper(scene or case.scene)
     stepper.advance(case.steps, case.dt)
