@@ -61,17 +61,6 @@ def differences(scene, state, dt, steps, **options):
     return *found, met
 
 
-@each("restitution, friction", SLIDES)
-def test_under_gravity_steps_differ_by_what_their_length_explains(restitution, friction):
-    rng = np.random.default_rng(3)
-    for dt in (1e-2, 1e-3, 1e-4):
-        x, n = around(rng, rng.uniform(0, 3 * dt, (12, 20, 1)))
-        v = rng.normal(size=x.shape) - n
-        scene = drifting(x, ball(restitution=restitution, friction=friction, motion=MOTION), gravity=(0, -9.80665, 0))
-        place, speed, met = differences(scene, (x, v), dt, 3)
-        assert met > 100 and place < 2 and speed < 2
-
-
 @pytest.mark.parametrize("restitution", [0.0, 0.6, 1.0])
 def test_a_cloth_differs_by_what_the_length_of_a_step_explains(crumpled, kernel, restitution):
     motion = cs.Linear((0, 1.5, 0.3))

@@ -8,7 +8,8 @@ nbformat = pytest.importorskip("nbformat")
 nbclient = pytest.importorskip("nbclient")
 pytest.importorskip("ipykernel")
 
-SLOW = dict.fromkeys(["accuracy", "sweeps"], pytest.mark.slow)
+# start.ipynb is docs/start.md, which tests/docs/test_start.py runs.
+SLOW = dict.fromkeys(["accuracy", "start", "sweeps"], pytest.mark.slow)
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 
 
