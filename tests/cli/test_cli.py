@@ -139,9 +139,9 @@ def test_unstable_run_is_code_1_and_one_line(capsys):
 
 
 def test_missing_extra_is_code_1_and_names_the_remedy(capsys, monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    code, out, err = run(capsys, "reproduce", "--quick", "--out", tmp_path / "new")
-    assert (code, out) == (1, "") and not (tmp_path / "new").exists()
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    code, out, err = run(capsys, "run", "oscillator", "--duration", "0.1", "--film", tmp_path / "a.gif")
+    assert (code, out) == (1, "") and not list(tmp_path.iterdir())
     assert "pip install 'clothsim[plot]'" in err and err.count("\n") == 1
 
 
