@@ -4,11 +4,10 @@
 #include <optional>
 
 #include "bindings/bindings.hpp"
-#include "bindings/views.hpp"
 #include "contact/exact.hpp"
-#include "engines/engine.hpp"
+#include "driver/energy_watch.hpp"
 #include "integrators/methods.hpp"
-#include "measure/mode_bounds.hpp"
+#include "measure/diagnostics.hpp"
 #include "memory/plan.hpp"
 
 namespace clothsim {
@@ -17,6 +16,7 @@ namespace {
 constexpr int contact_values = 23;  // of `contact_table`
 
 using FamilyValues = std::map<std::string, double>;
+using PinValues = std::vector<std::tuple<int, Vec3, int>>;
 
 Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacing,
                  const FamilyValues& stiffness, const FamilyValues& spring_damping, double drag,
@@ -36,10 +36,14 @@ Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacin
     }
     cloth.drag = drag;
     cloth.uniform_mass = uniform_mass;
-    if (mass.size() != cloth.points() || pinned.size() != cloth.points())
-        throw std::invalid_argument("mass and pinned hold one value per mass point");
-    cloth.mass = {mass.data(), std::size_t(mass.size())};
-    cloth.pinned = {pinned.data(), std::size_t(pinned.size())};
+    const auto copy = [](const auto& values) {
+        using T = std::decay_t<decltype(*values.data())>;
+        const std::shared_ptr<T[]> copied(new T[std::size_t(values.size())]);
+        std::copy_n(values.data(), values.size(), copied.get());
+        return copied;
+    };
+    cloth.mass = copy(mass);
+    cloth.pinned = copy(pinned);
     return cloth;
 }
 
@@ -85,17 +89,17 @@ Sphere make_sphere(const Vec3& center, double radius, double offset, const std::
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres,
                const std::optional<Array<double>>& force, std::vector<Motion> pin_motions,
                const PinValues& driven_pins, const std::string& precision, const std::string& kernel,
-               const std::string& instruction_set, const std::string& integrator) {
+               const std::string& integrator) {
     Plan plan;
     plan.cloth = cloth;
     plan.gravity = gravity;
     plan.spheres = std::move(spheres);
     if (force) plan.force = view(*force);
     plan.pin_motions = std::move(pin_motions);
-    plan.driven_pins = pins_of(driven_pins);
+    for (const auto& [point, start, motion] : driven_pins) plan.driven_pins.push_back({point, start, motion});
     plan.precision = precision == "single" ? Precision::single : Precision::double_;
     plan.kernel = kernel == "gather" ? Kernel::gather : Kernel::edge;
-    plan.kernels = &choose_instruction_set(instruction_set);
+    plan.kernels = &choose_instruction_set();
     plan.integrator = integrator;
     return plan;
 }
@@ -188,7 +192,7 @@ void bind_model(py::module_& m) {
         .def("velocity_at", &Sphere::velocity_at);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), "cloth"_a, "gravity"_a, "spheres"_a, "force"_a,
-             "pin_motions"_a, "driven_pins"_a, "precision"_a, "kernel"_a, "instruction_set"_a, "integrator"_a)
+             "pin_motions"_a, "driven_pins"_a, "precision"_a, "kernel"_a, "integrator"_a)
         .def_readonly("cloth", &Plan::cloth)
         .def("contact_table", &contact_table)
         .def("runaway_speed",
@@ -199,10 +203,6 @@ void bind_model(py::module_& m) {
         });
     m.def("edge_offset", &edge_offset);
     m.def("methods", &methods);
-    m.def("add_splitting",
-          [](const std::string& name, const std::vector<double>& drifts, const std::vector<double>& kicks) {
-              add_splitting(name, {drifts, kicks});
-          });
 }
 
 }  // namespace clothsim

@@ -11,11 +11,6 @@ namespace {
 
 using picture::Triple;
 
-picture::View make_view(int width, int height, const std::array<Triple, 3>& axes, const Triple& target,
-                        double scale, double distance) {
-    return {width, height, axes, target, scale, distance};
-}
-
 picture::Shading make_shading(const std::map<std::string, Triple>& colors, double full_red_depth,
                               double least_red, const Triple& key, const std::array<double, 4>& light,
                               double grid_line, double grid_shade, bool shadow,
@@ -75,8 +70,9 @@ py::array_t<std::uint8_t> render(const picture::View& view, const picture::Shadi
 }  // namespace
 
 void bind_picture(py::module_& m) {
-    py::class_<picture::View>(m, "View").def(py::init(&make_view), py::kw_only(), "width"_a, "height"_a,
-                                             "axes"_a, "target"_a, "scale"_a, "distance"_a);
+    py::class_<picture::View>(m, "View").def(
+        py::init<int, int, std::array<Triple, 3>, Triple, double, double>(), py::kw_only(), "width"_a,
+        "height"_a, "axes"_a, "target"_a, "scale"_a, "distance"_a);
     py::class_<picture::Shading>(m, "Shading")
         .def(py::init(&make_shading), py::kw_only(), "colors"_a, "full_red_depth"_a, "least_red"_a, "key"_a,
              "light"_a, "grid_line"_a, "grid_shade"_a, "shadow"_a, "depth_colors"_a, "depth_range"_a);

@@ -6,7 +6,6 @@
 #include <optional>
 
 #include "bindings/bindings.hpp"
-#include "bindings/saved_fields.hpp"
 #include "bindings/unlocked.hpp"
 #include "driver/simulation.hpp"
 
@@ -66,18 +65,14 @@ Members<T> members_of(const Simulation& simulation, Array<T>& x, Array<T>& v) {
     return {x.mutable_data(), v.mutable_data(), std::size_t(x.size()) / simulation.size()};
 }
 
-// Arguments that are None keep the state, with the digits of T.
 template <class T>
-void load(SharedSimulation& shared, const std::optional<Array<T>>& x, const std::optional<Array<T>>& v,
-          std::optional<double> time) {
+void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v, std::optional<double> time) {
     auto simulation = shared.use();
     const FlushSubnormals flushed;
-    const std::size_t size = 3 * std::size_t(simulation->plan(0).cloth.points());
-    std::vector<T> own_x(x ? 0 : size), own_v(v ? 0 : size);
+    const auto from = members_of(*simulation, x, v);
     for (std::size_t i = 0; i < simulation->size(); ++i) {
         Engine& member = simulation->member(i);
-        member.store(x ? nullptr : own_x.data(), v ? nullptr : own_v.data());
-        member.load(x ? x->data() + i * size : own_x.data(), v ? v->data() + i * size : own_v.data());
+        member.load(from.x_of(i), from.v_of(i));
         if (!simulation->frozen(i)) member.place_pins(time ? *time : simulation->clock.now());
         simulation->restart(i);
     }
@@ -95,37 +90,31 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
     for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).store(part(x, i), part(v, i));
 }
 
-// Values from which python/clothsim/engine/state.py makes its errors.
-void signal(const Outcome& outcome, py::dict& result) {
-    if (outcome.pinned_inside)
-        result["pinned_inside"] = py::make_tuple(outcome.pinned_inside->member, outcome.pinned_inside->point);
-    if (outcome.large_cell)
-        result["large_cell"] = py::make_tuple(outcome.large_cell->member, outcome.large_cell->point);
-    if (outcome.start) {
-        const ContactReport::Start& at = outcome.start->at;
-        result["start"] = py::make_tuple(outcome.start->member, at.sphere, at.points, at.deepest, at.depth);
-    }
+// Values from which python/clothsim/engine/judge.py makes its errors; None where all steps were done without
+// an event: a call may be shorter than the making of a dict.
+py::object reported(const Outcome& outcome) {
+    if (outcome.interrupted) throw py::error_already_set();
+    if (outcome.complete()) return py::none();
+    py::dict result;
+    if (const auto& inside = outcome.pinned_inside)
+        result["pinned_inside"] = py::make_tuple(inside->member, inside->point);
+    if (const auto& large = outcome.large_cell)
+        result["large_cell"] = py::make_tuple(large->member, large->point);
+    if (const auto& start = outcome.start)
+        result["start"] = py::make_tuple(start->member, start->at.sphere, start->at.points, start->at.deepest,
+                                         start->at.depth);
     if (outcome.lifted) result["lifted"] = *outcome.lifted;
     if (outcome.grown) {
         result["grown"] = *outcome.grown;
         result["steps"] = outcome.steps;
     }
-    const auto& unstable = outcome.unstable;
-    if (!unstable) return;
-    result["member"] = unstable->member;
-    result["point"] = unstable->point;
-    result["step"] = unstable->step;
-    result["time"] = unstable->time;
-    result["trapped"] = unstable->trapped;
-}
-
-// None where all steps were done without an event: a call may be shorter than the making of a
-// dict.
-py::object reported(const Outcome& outcome) {
-    if (outcome.interrupted) throw py::error_already_set();
-    if (outcome.complete()) return py::none();
-    py::dict result;
-    signal(outcome, result);
+    if (const auto& unstable = outcome.unstable) {
+        result["member"] = unstable->member;
+        result["point"] = unstable->point;
+        result["step"] = unstable->step;
+        result["time"] = unstable->time;
+        result["trapped"] = unstable->trapped;
+    }
     return result;
 }
 
@@ -140,26 +129,11 @@ py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int 
     return reported(outcome);
 }
 
-template <class T, class U>
-bool overlap(const Array<T>& a, const Array<U>& b) {
-    const auto begin = [](const auto& array) { return reinterpret_cast<std::uintptr_t>(array.data()); };
-    return begin(a) < begin(b) + std::uintptr_t(b.nbytes()) &&
-        begin(b) < begin(a) + std::uintptr_t(a.nbytes());
-}
-// Whether results of the shape of `x` may be written there.
-template <class T, class U>
-bool can_hold(const Array<T>& out, const Array<U>& x) {
-    return out.writeable() && reinterpret_cast<std::uintptr_t>(out.data()) % sizeof(T) == 0 &&
-        out.ndim() == x.ndim() && std::equal(out.shape(), out.shape() + out.ndim(), x.shape());
-}
-
 // A whole call: a state in, steps, and the state out if no event has to be reported. False, with nothing
-// done, where an array cannot be used. An array cannot be used if its state is
-// not finite, or if the results have no place.
+// done, where the state is not finite.
 template <class T>
 py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                 std::int64_t steps, double dt, int threads, Array<T>& x_out, Array<T>& v_out) {
-    if (!can_hold(x_out, x) || !can_hold(v_out, x) || overlap(x_out, v_out)) return py::bool_(false);
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     const auto to = members_of(*simulation, x_out, v_out);
@@ -180,24 +154,19 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
     return outcome ? reported(*outcome) : py::bool_(false);
 }
 
-// At a state, see `step`; or at the present one.
+// At a state, see `step`, which `a` does not share memory with; or at the present one.
 template <class T>
 bool accelerations(SharedSimulation& shared, const Array<T>& x, const Array<T>& v, Array<double>& a,
                    int threads) {
-    // A member is written before the next one is read.
-    const auto in_the_way = [&](const Array<T>& given) {
-        return overlap(given, a) && static_cast<const void*>(given.data()) != a.data();
-    };
-    if (!can_hold(a, x) || in_the_way(x) || in_the_way(v)) return false;
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     double* const out = a.mutable_data();
     threads = granted(threads);
     std::atomic<bool> finite{true};
     const Unlocked unlocked;
-    simulation->each_member(threads, [&](std::size_t i, int team) {
+    simulation->each_member(threads, [&](std::size_t i, int) {
         Engine& member = simulation->member(i);
-        if (member.load(from.x_of(i), from.v_of(i))) member.accelerations(out + i * from.size, team);
+        if (member.load(from.x_of(i), from.v_of(i))) member.accelerations(out + i * from.size);
         else finite = false;
     });
     return finite;
@@ -208,15 +177,13 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
     double* const out = a.mutable_data();
     threads = granted(threads);
     const Unlocked unlocked;
-    simulation->each_member(
-        threads, [&](std::size_t i, int team) { simulation->member(i).accelerations(out + i * size, team); });
+    simulation->each_member(threads,
+                            [&](std::size_t i, int) { simulation->member(i).accelerations(out + i * size); });
 }
 
 py::object advance_adaptive(SharedSimulation& shared, AdaptiveRun& run, double until, std::int64_t steps,
                             int threads) {
     auto simulation = shared.use();
-    if (simulation->size() != 1 || !simulation->member(0).adaptive())
-        throw std::invalid_argument("error control needs one cloth and an adaptive integrator");
     threads = granted(threads);
     Outcome outcome;
     {
@@ -233,7 +200,7 @@ void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& 
     double* const pv = v.mutable_data();
     threads = granted(threads);
     const Unlocked unlocked;
-    simulation->dense(t, px, pv, threads);
+    simulation->member(0).adaptive()->dense(t, px, pv, threads);
 }
 
 // Of a member: first contact, depth of mass points and of triangles, stretch, energy gained (NaN: unknown);
@@ -246,7 +213,7 @@ py::list watched(SharedSimulation& shared) {
         const Watched& w = simulation->watched(i);
         py::dict one;
         one["in_contact"] = w.in_contact();
-        one["first_contact"] = w.in_contact() ? w.first_contact.load() : nan;
+        one["first_contact"] = w.in_contact() ? w.first_contact : nan;
         one["point_depth"] = w.point_depth;
         one["triangle_depth"] = std::max(w.triangle_depth, w.point_depth);
         one["stretch"] = std::isfinite(w.stretch) ? w.stretch : 0.0;  // of a cloth without springs
@@ -267,6 +234,91 @@ void sample(SharedSimulation& shared) {
     auto simulation = shared.use();
     const Unlocked unlocked;
     simulation->sample();
+}
+
+// A simulation between steps as named fields. Arrays have an entry for each member, of the sums of impulses
+// one for each sphere of each member.
+constexpr std::array<const char*, 4> names_of_values{"positions", "velocities", "positions_low",
+                                                     "velocities_low"};
+std::size_t parts_of(const Simulation& simulation) {
+    return simulation.plan(0).precision == Precision::single ? 4 : 2;
+}
+
+py::dict snapshot(SharedSimulation& shared) {
+    auto simulation = shared.use();
+    const Cloth& cloth = simulation->plan(0).cloth;
+    const std::size_t members = simulation->size(), parts = parts_of(*simulation),
+                      size = 3 * std::size_t(cloth.points());
+    std::vector<std::vector<double>> values(parts);
+    std::vector<double> origins, impulses;
+    py::list frozen;
+    for (std::size_t i = 0; i < members; ++i) {
+        const SavedState state = simulation->member(i).saved_state();
+        for (std::size_t part = 0; part < parts; ++part)
+            values[part].insert(values[part].end(), state.values.begin() + std::ptrdiff_t(part * size),
+                                state.values.begin() + std::ptrdiff_t((part + 1) * size));
+        origins.insert(origins.end(), state.origin.begin(), state.origin.end());
+        impulses.insert(impulses.end(), state.impulses.begin(), state.impulses.end());
+        frozen.append(simulation->frozen(i));
+    }
+    using Shape = std::vector<py::ssize_t>;
+    const auto array = [](const std::vector<double>& all, const Shape& shape) {
+        return py::array_t<double>(shape, all.data());
+    };
+    const py::ssize_t count = py::ssize_t(members), rows = cloth.rows,
+                      groups = py::ssize_t(Impulses::groups_of(cloth));
+    py::dict fields;
+    for (std::size_t part = 0; part < parts; ++part)
+        fields[names_of_values[part]] = array(values[part], {count, rows, cloth.columns, 3});
+    fields["origins"] = array(origins, {count, 3});
+    fields["impulses"] =
+        array(impulses, {py::ssize_t(impulses.size()) / (3 * rows * groups), rows, groups, 3});
+    fields["frozen"] = py::module_::import("numpy").attr("array")(frozen);
+    fields["time"] = simulation->clock.now();
+    fields["clock_origin"] = simulation->clock.origin;
+    fields["clock_steps"] = simulation->clock.steps;
+    fields["clock_step"] = simulation->clock.dt;
+    return fields;
+}
+
+// Continue from fields. Throws, and changes nothing, where one is missing or has another size.
+void restore(SharedSimulation& shared, const py::dict& fields) {
+    auto simulation = shared.use();
+    const std::size_t members = simulation->size(),
+                      size = 3 * std::size_t(simulation->plan(0).cloth.points());
+    const auto take = [&](const char* name, std::size_t count) {
+        const auto array = fields[name].cast<Array<double>>();
+        if (std::size_t(array.size()) != count)
+            throw std::invalid_argument(std::string("the field ") + name + " of a snapshot must hold " +
+                                        std::to_string(count) + " numbers, got " +
+                                        std::to_string(array.size()));
+        return array;
+    };
+    std::vector<SavedState> states(members);
+    for (std::size_t part = 0; part < parts_of(*simulation); ++part) {
+        const auto values = take(names_of_values[part], members * size);
+        for (std::size_t i = 0; i < members; ++i)
+            states[i].values.insert(states[i].values.end(), values.data() + i * size,
+                                    values.data() + (i + 1) * size);
+    }
+    std::size_t sums = 0;
+    for (std::size_t i = 0; i < members; ++i) sums += simulation->member(i).impulses.sums().size();
+    const auto origins = take("origins", 3 * members), frozen = take("frozen", members),
+               impulses = take("impulses", sums);
+    const Clock clock{fields["clock_origin"].cast<double>(), fields["clock_steps"].cast<std::int64_t>(),
+                      fields["clock_step"].cast<double>()};
+    simulation->clock = clock;
+    const double* sum = impulses.data();
+    for (std::size_t i = 0; i < members; ++i) {
+        Engine& member = simulation->member(i);
+        states[i].origin = Vec3(origins.data() + 3 * i);
+        states[i].impulses.assign(sum, sum + member.impulses.sums().size());
+        sum += states[i].impulses.size();
+        member.set_saved_state(states[i]);
+        simulation->set_frozen(i, frozen.data()[i] != 0);
+        if (!simulation->frozen(i)) member.place_pins(clock.now());
+        simulation->restart(i);
+    }
 }
 
 // `get(simulation, i)` of each member.
@@ -323,12 +375,7 @@ void bind_simulation(py::module_& m) {
         .def("accelerations", &accelerations<float>, exact, exact, exact, any)
         .def("accelerations", &accelerations_here, exact, any)
         .def("set_stable_dt",
-             [](S& s, const std::vector<double>& stable_dt) {
-                 auto simulation = s.use();
-                 if (stable_dt.size() != simulation->size())
-                     throw std::invalid_argument("one time step a member is needed");
-                 simulation->set_stable_dt(stable_dt);
-             })
+             [](S& s, const std::vector<double>& stable_dt) { s.use()->set_stable_dt(stable_dt); })
         .def("set_sphere",
              [](S& s, std::size_t sphere, const std::vector<Vec3>& centers,
                 const std::vector<Motion>& motions) {
@@ -348,7 +395,7 @@ void bind_simulation(py::module_& m) {
         .def("advance_adaptive", &advance_adaptive)
         .def("dense", &dense, any, exact, exact, any)
         .def_property_readonly("contacts", of_members([](Simulation& s, std::size_t i) {
-                                   return s.member(i).contact_responses.load();
+                                   return s.member(i).contact_responses;
                                }))
         .def_property_readonly(
             "evaluations", of_members([](Simulation& s, std::size_t i) { return s.member(i).evaluations; }))
@@ -357,8 +404,8 @@ void bind_simulation(py::module_& m) {
         .def("set_watch_energy", [](S& s, bool on) { s.use()->set_watch_energy(on); })
         .def("sample", &sample)
         .def_property_readonly("watched", &watched)
-        .def("snapshot", [](S& s) { return saved_fields(*s.use()); })
-        .def("restore", [](S& s, const py::dict& fields) { restore_fields(*s.use(), fields); })
+        .def("snapshot", &snapshot)
+        .def("restore", &restore)
         .def_property(
             "time", [](S& s) { return s.use()->clock.now(); },
             [](S& s, double time) { s.use()->clock = {time, 0, 0}; });

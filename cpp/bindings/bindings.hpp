@@ -6,6 +6,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "model/scene.hpp"
+
 namespace py = pybind11;
 using namespace pybind11::literals;
 
@@ -14,6 +16,8 @@ namespace clothsim {
 // Arrays arrive checked by the Python layer: C order, aligned, the very dtype.
 template <class T>
 using Array = py::array_t<T, py::array::c_style>;
+
+inline PointsView view(const Array<double>& a) { return {a.data(), a.size() / 3, 3}; }
 
 // As many of these threads as can be started; fewer with a warning, the first time.
 int granted(int threads);

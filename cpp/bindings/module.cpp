@@ -40,17 +40,6 @@ py::dict build_facts() {
     return facts;
 }
 
-// The state of these objects lies in C++: pickle would copy an object without it, and end the process.
-void refuse_pickle(const py::module_& m) {
-    const auto refuse = [](const py::object& self, int) {
-        throw py::type_error("cannot pickle an object of " + py::str(py::type::of(self)).cast<std::string>());
-    };
-    for (const auto& [name, value] : py::cast<py::dict>(m.attr("__dict__")))
-        if (py::isinstance<py::type>(value))
-            value.attr("__reduce_ex__") =
-                py::cpp_function(refuse, py::name("__reduce_ex__"), py::is_method(value));
-}
-
 }  // namespace
 
 int granted(int threads) {
@@ -69,8 +58,7 @@ int granted(int threads) {
 
 void bind_build(py::module_& m) {
     m.def("build_facts", &build_facts);
-    m.def("choose_instruction_set",
-          [](const std::string& name) { return std::string(choose_instruction_set(name).name); });
+    m.def("choose_instruction_set", [] { return std::string(choose_instruction_set().name); });
     m.def("granted_threads", &granted, "threads"_a);
     m.attr("most_threads") = most_threads;
     // Constants of the core that Python needs too.
@@ -103,5 +91,4 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
     clothsim::bind_simulation(m);
     clothsim::bind_diagnostics(m);
     clothsim::bind_reference(m);
-    clothsim::refuse_pickle(m);
 }

@@ -1,14 +1,10 @@
 // The loop of error control: try, judge, accept.
 //
-// Contact: the collision pass follows each accepted step, as it follows each step of the fixed-step
-// methods. So a contact gets its response at the end of its step. To skip none,
-// AdaptiveEngine::contact_step bounds a step near the spheres. The bound takes the velocities before the
-// step, and after a trial those after it. A step that was too long is tried again. Every trial comes to an
-// end: the velocities after an unstable step mean nothing, so they ask for no step below `near`. From there
-// on steps are stable, their velocities are bounded, and a bound of the way bounds the step from below.
-// Continuous spheres test
-// the whole path between the ends of the step. Their contacts begin within it, so steps end at frames
-// instead of being interpolated.
+// The contact pass follows each accepted step, as it follows each step of the fixed-step methods. To skip no
+// contact, AdaptiveEngine::contact_step bounds a step near the spheres, by the velocities before the step,
+// and after a trial by those after it: a step that was too long is tried again. Every trial comes to an end.
+// The velocities after an unstable step mean nothing, so they ask for no step below `near`; from there on
+// steps are stable, and a bound of the velocities bounds the step from below.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -75,8 +71,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         if (accepted) {
             const double next = h == left ? end : t + h;
             engine.accept_in_contact(t, next, threads);
-            last_begin_ = run.begin = t;
-            last_step_ = h;
+            run.begin = t;
             const std::int64_t trapped = std::exchange(engine.contact_report.trapped, -1);
             if (trapped >= 0) {
                 outcome.unstable = Outcome::Unstable{0, trapped, outcome.steps + 1, next, true};
@@ -117,10 +112,6 @@ void Simulation::sample_accepted(double t) {
     steps_since_sample_ = 0;
     last_sample_ = t;
     sample(0, t);
-}
-
-void Simulation::dense(double t, double* x, double* v, int threads) {
-    members_[0]->adaptive()->dense((t - last_begin_) / last_step_, x, v, threads);
 }
 
 }  // namespace clothsim

@@ -2,9 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "integrators/methods.hpp"
-#include "measure/mode_bounds.hpp"
+#include "measure/diagnostics.hpp"
 
 namespace clothsim {
 
@@ -97,6 +98,11 @@ std::int64_t EnergyWatch::fastest_free_point(const Engine& engine) {
             (fastest < 0 || v_.row(i).squaredNorm() > v_.row(fastest).squaredNorm()))
             fastest = i;
     return fastest;
+}
+
+double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {
+    if (dt <= stable_dt) return std::numeric_limits<double>::infinity();
+    return std::hypot((cloth.rows - 1) * cloth.row_spacing, (cloth.columns - 1) * cloth.column_spacing) / dt;
 }
 
 }  // namespace clothsim

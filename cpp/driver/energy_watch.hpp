@@ -77,4 +77,8 @@ private:
     Points x_, v_;
 };
 
+// Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet
+// within a step is not. Infinite for a time step within the guarantee [m/s].
+double runaway_speed(const Cloth& cloth, double dt, double stable_dt);
+
 }  // namespace clothsim

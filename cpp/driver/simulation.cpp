@@ -7,6 +7,7 @@
 #include <numeric>
 #include <utility>
 
+#include "measure/diagnostics.hpp"
 #include "memory/threads.hpp"
 
 namespace clothsim {
@@ -220,6 +221,66 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) 
     end_block();
 }
 
+std::int64_t Simulation::energy_period(std::size_t i) const {
+    return clock.dt > stable_dt_[i] ? EnergyWatch::steps_between_checks : most_steps_of_block;
+}
+
+std::int64_t Simulation::energy_period() const {
+    std::int64_t least = most_steps_of_block;
+    for (const std::size_t i : all_)
+        if (!frozen_[i]) least = std::min(least, energy_period(i));
+    return least;
+}
+
+void Simulation::begin_watches() {
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        if (watch_energy_ && !frozen_[i]) watches_[i].begin(*members_[i]);
+}
+
+void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
+    bad_points_[i] = -1;
+    if (frozen_[i]) return;
+    bad_points_[i] = members_[i]->first_bad_point(speed_limits_[i]);
+    members_[i]->note_large_cells(clock.at(age - age_));
+    const bool due = age % energy_period(i) == 0;
+    // A block begins where states are sampled, at a good one.
+    const bool sampled = sample_every_ > 0 && age % sample_every_ == 0;
+    if (bad_points_[i] < 0 && (due || sampled || each || clock.dt > stable_dt_[i]))
+        bad_points_[i] = watches_[i].runaway_point(*members_[i], due);
+}
+
+void Simulation::sample(std::size_t i, double t) {
+    const Plan& plan = plans_[i];
+    Engine& member = *members_[i];
+    Points x(plan.cloth.points(), 3);
+    member.store(x.data(), static_cast<double*>(nullptr));
+    const PointsView view(x.data(), x.rows(), 3);
+    member.watched.stretch = std::max(member.watched.stretch, largest_stretch(plan.cloth, view));
+    for (const Sphere& sphere : plan.spheres) {
+        const Penetration depth = penetration(plan.cloth.rows, plan.cloth.columns, view, sphere, t);
+        member.watched.triangle_depth = std::max(member.watched.triangle_depth, depth.triangles);
+        if (age_ == 0 && t == clock.now())  // later the contact pass sees each step
+            member.watched.point_depth = std::max(member.watched.point_depth, depth.points);
+    }
+}
+
+void Simulation::sample() {
+    begin_watches();
+    for (std::size_t i = 0; i < members_.size(); ++i) {
+        if (frozen_[i]) continue;
+        if (sample_every_ > 0) {
+            sample(i, clock.now());
+        }
+        watches_[i].runaway_point(*members_[i], true);
+    }
+}
+
+std::int64_t Simulation::first_bad_member() const {
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        if (bad_points_[i] >= 0 || members_[i]->contact_report.trapped >= 0) return std::int64_t(i);
+    return -1;
+}
+
 std::int64_t Simulation::steps_of_block() const {
     std::int64_t steps = energy_period();
     // Where a separating plane is crossed, a whole block is repeated at once.
@@ -248,7 +309,8 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
     Outcome outcome;
     const std::int64_t block = steps_of_block();
     // A call with arrays that ends before energies are compared needs none of them.
-    const bool watched = above_stable_dt() || !input_ || steps >= energy_period();
+    const std::int64_t period = energy_period();
+    const bool watched = period < most_steps_of_block || !input_ || steps >= period;
     if (steps > 0 && watched) begin_watches();
     if (steps_in_block_ * points_ > most_points_repeated) end_block();
     Poll poll(interrupted);
@@ -268,7 +330,8 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
         start = end;
         report_contacts(outcome);
         outcome.interrupted = poll.stopped(end);
-        if (outcome.interrupted && n < to_inspection) inspect();
+        for (std::size_t i = 0; i < members_.size() && outcome.interrupted && n < to_inspection; ++i)
+            inspect(i, age_, false);
         if (first_bad_member() >= 0) {
             repeat_step_by_step(outcome, threads, poll);
             return outcome;

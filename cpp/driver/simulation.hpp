@@ -11,7 +11,7 @@
 
 namespace clothsim {
 
-// How a call of `advance` ended. The state is at a whole step in every case.
+// How a call of `advance` ended, at a whole step in every case.
 struct Outcome {
     std::int64_t steps = 0;  // done
     bool interrupted = false;
@@ -33,8 +33,7 @@ struct Outcome {
     };
     std::optional<Start> start;  // a continuous sphere has started on the cloth
     std::optional<std::int64_t> lifted;  // a member to which lifts have added energy
-    // A member whose energy has grown out of nothing (EnergyWatch). Requested steps may be left to do, so
-    // that the caller can inspect the state at the failure.
+    // A member whose energy has grown out of nothing (EnergyWatch); steps may be left to do.
     std::optional<std::int64_t> grown;
 
     // All steps were done, and no event has to be reported.
@@ -51,11 +50,10 @@ struct Outcome {
 //      |<~~~~~~~~~~~~ crossed by a member: it repeats them, with a contact pass after each
 //      |<~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~| a bad state: all members repeat them one by one, each inspected
 //
-// 1. A member crosses a separating plane (contact/separating_planes.hpp) in steps without a contact pass.
-// 2. A state is not finite, runs away, or holds a mass point trapped between spheres (Simulation::inspect).
-//
-// A block goes on over several calls of `advance`, as a call may be one step long. In the first block of a
-// call with arrays, these take the place of the copies, and stay unchanged until the call has succeeded.
+// Planes are those of contact/separating_planes.hpp. A bad state is not finite, runs away, or holds a mass
+// point trapped between spheres. A block goes on over several calls of `advance`, as a call may be one step
+// long. In the first block of a call with arrays, these take the place of the copies, and stay unchanged
+// until the call has succeeded.
 //
 // Half copies and inspects twice as often; twice repeats more steps of an unstable run.
 inline constexpr std::int64_t most_steps_of_block = 128;
@@ -126,13 +124,13 @@ public:
     // the time `until` is reached or passed.
     Outcome advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps, int threads,
                              const std::function<bool()>& interrupted);
-    // The state at a time within the last step of `advance_adaptive`.
-    void dense(double t, double* x, double* v, int threads);
 
-    // Watch depths of mass points at the end of every step, and sample depths of triangles
-    // and stretches after every `every` steps. An adaptive run also samples after `interval`
-    // [s].
-    void set_watch(std::int64_t every, double interval);
+    // Sample depths of triangles and stretches after every `every` steps; an adaptive run also after
+    // `interval` [s].
+    void set_watch(std::int64_t every, double interval) {
+        sample_every_ = every;
+        sample_interval_ = interval;
+    }
     // Whether energies are watched; by default they are.
     void set_watch_energy(bool on) { watch_energy_ = on; }
     // Sample the present state of every member, and its energy, whenever that is due.
@@ -156,11 +154,9 @@ private:
     void set_step(double dt);
     std::int64_t steps_of_block() const;
     void report_contacts(Outcome& outcome);
-    bool above_stable_dt() const;
-    // Inspects the energy of a member, and whether its state is finite, at due numbers of steps.
-    // Inspects also at the end of a call above the guaranteed time step, and after `each` repeated step.
+    // Whether a member's state is finite, and its energy where that is due, at the end of a call above the
+    // guaranteed time step, and after `each` repeated step.
     void inspect(std::size_t i, std::int64_t age, bool each);
-    void inspect();
     // Steps between two inspections of the energy of a member, and of all.
     std::int64_t energy_period(std::size_t i) const;
     std::int64_t energy_period() const;
@@ -194,7 +190,6 @@ private:
     double last_sample_ = 0;  // of an adaptive run: its time [s], and steps since
     std::int64_t steps_since_sample_ = 0;
     std::vector<double> speed_limits_;  // of the members, at the clock's time step
-    double last_begin_ = 0, last_step_ = 0;  // the last step of `advance_adaptive`
 };
 
 }  // namespace clothsim

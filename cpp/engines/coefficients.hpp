@@ -22,12 +22,10 @@ template <class Real>
 Real stiffness_at_rest(const Plan& plan, const Neighbour& neighbour, Real stiffness, Real tension) {
     if (!exact_at_rest<Real>) return stiffness;
     const Cloth& cloth = plan.cloth;
-    const RealKernels<Real>& kernels = kernels_of<Real>(*plan.kernels);
     const Real at_rest = tension *
-        kernels
-            .rest_length(Real(neighbour.column * cloth.column_spacing),
-                         Real(neighbour.row * cloth.row_spacing))
-            .reciprocal;
+        kernels_of<Real>(*plan.kernels)
+            .reciprocal_at_rest(Real(neighbour.column * cloth.column_spacing),
+                                Real(neighbour.row * cloth.row_spacing));
     return std::abs(at_rest - stiffness) <= 16 * std::numeric_limits<Real>::epsilon() * stiffness ? at_rest
                                                                                                   : stiffness;
 }

@@ -1,14 +1,25 @@
-// How large cloths stay in cache. Threads exchange halo rows as memory/band_exchange.hpp explains.
+// How large cloths stay in cache, and how threads share the rows.
 //
 // A cloth that fits in cache is swept stage by stage. A larger one uses temporal blocking: the four stages
 // follow each other a few rows apart. So a step reads and writes the state about once, and results between
 // stages live in a ring of rows. For that ring to stay in cache a wide cloth is cut into strips. Strips take
 // each step one after the other (transposed_layout.hpp); every band has all of its rows in each strip.
+//
+// A thread works on a band of rows. The versions of the halo exchange (memory/band_exchange.hpp) are the
+// stages of the steps. A stage overwrites its rows in place, so each band copies the two rows at a border for
+// its neighbour:
+//
+//     make rows --> hand: copy into the neighbour's HaloSlot --> signal the stage
+//                                                                   |
+//     neighbour: wait for the stage, sum springs
+#include "engines/edge_engine.hpp"
+
 #include <cstring>
+#include <limits>
 #include <map>
 #include <optional>
 
-#include "engines/edge_band.hpp"
+#include "memory/band_exchange.hpp"
 #include "memory/caches.hpp"
 
 namespace clothsim {
@@ -31,8 +42,7 @@ template <class Real>
 constexpr std::ptrdiff_t bytes_of_point = (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
 
 // Columns of a strip, 0: the cloth is not cut. A strip in progress holds rows of work, one more of state and
-// some of its compensation. The contact pass needs a whole
-// cloth.
+// some of its compensation. The contact pass needs a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
     constexpr std::ptrdiff_t rows_of_state =
@@ -45,6 +55,43 @@ int strip_columns(const Plan& plan) {
     return small || narrow || !plan.spheres.empty() ? 0 : enough;
 }
 
+// Halo rows received from the neighbouring band, one slot per stage of a step. A slot holds the row at the
+// border and, for bend springs, the row behind it. Without damping only positions are exchanged. Two slots
+// would be correct too.
+template <class Real>
+struct HaloSlot {
+    static constexpr int slots = 4;
+    AlignedVector<Real> rows;
+    int vectors = 0, lanes = 0, row_count = 0, seen = 0;
+
+    void prepare(const TransposedLayout& layout, const Features& features) {
+        vectors = layout.vectors;
+        lanes = layout.lanes;
+        row_count = features.family[bend] ? 2 : 1;
+        seen = (features.spring_damping ? 6 : 3) * lanes;
+        rows.assign(slots * 2 * row_size() + lanes, Real(0));
+    }
+    std::ptrdiff_t row_size() const { return std::ptrdiff_t(vectors) * WorkRecord::count * lanes; }
+    Real* row(std::int64_t stage, int which) {
+        return rows.data() + (stage % slots * 2 + which) * row_size();
+    }
+    void put(std::int64_t stage, const Real* border, const Real* second) {
+        // The first stage of a step reads states.
+        const int stride = (stage % 4 == 0 ? StateRecord::count : WorkRecord::count) * lanes;
+        for (int which = 0; which < row_count; ++which)
+            for (int k = 0; k < vectors; ++k)
+                std::copy_n((which == 0 ? border : second) + k * stride, seen,
+                            row(stage, which) + k * stride);
+    }
+};
+
+// Work memory of a thread: rings of rows, and the rows that each of four stages passes on. All strips of a
+// thread use it, so it stays in cache.
+template <class Real>
+struct Workspace {
+    AlignedVector<Real> rows, scratch;
+};
+
 // The positions of `records` records: where padding stays.
 template <class Real>
 void place_far_away(Real* first, std::ptrdiff_t records, std::ptrdiff_t stride, int lanes) {
@@ -52,6 +99,76 @@ void place_far_away(Real* first, std::ptrdiff_t records, std::ptrdiff_t stride, 
 }
 
 }  // namespace
+
+template <class Real>
+struct EdgeEngine<Real>::Band : NeighbouringBand {
+    EdgeEngine* engine;
+    int strip;
+    HaloSlot<Real> from_near, from_far;
+    std::shared_ptr<Workspace<Real>> workspace;
+    std::vector<EdgeRowPointers<Real>>
+        rows;  // in the order of the sweep, and the two of the neighbour behind them
+    int lag, several;  // rows between two stages, and of one at a time; all rows: stage by stage
+    EdgeArguments<Real> stages[4];
+    double stages_dt = std::numeric_limits<double>::quiet_NaN();  // that of `stages`
+    std::int64_t step = 0;  // to which the state belongs
+    Clock clock;  // of the call
+    // The number of a step's stage, counted over all steps.
+    std::int64_t number_of(int stage) const { return 4 * step + stage; }
+
+    std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
+    const Real* source(Stage stage, int row) const {
+        return stage == Stage::first ? rows[std::size_t(row)].state : rows[std::size_t(row)].work;
+    }
+    // Let the rows behind the last be those of the neighbour at a stage.
+    void fetch_beyond_far(std::int64_t number) {
+        for (int i = 0; i < 2; ++i) {
+            EdgeRowPointers<Real>& beyond = rows[std::size_t(size() + i)];
+            beyond.state = beyond.work = from_far.row(number, i);
+        }
+    }
+    // Versions are the stages of a call's steps, from 1 on.
+    int version(std::int64_t number) const { return int(number - 4 * engine->step_) + 1; }
+    Band& neighbour(NeighbouringBand* at) const { return *static_cast<Band*>(at); }
+    // Copies the two finished rows at a border to the neighbour, which reads them in stage `number`.
+    void hand_near(std::int64_t number) {
+        const Stage next = Stage(number % 4);
+        neighbour(near).from_near.put(number, source(next, 0), source(next, 1));
+        signal_near(version(number));
+    }
+    void hand_far(std::int64_t number) {
+        const Stage next = Stage(number % 4);
+        const int last = size() - 1;
+        neighbour(far).from_far.put(number, source(next, last), source(next, last - 1));
+        signal_far(version(number));
+    }
+
+    void begin_call() {
+        step = engine->step_;
+        begin_region();
+    }
+    void give_border(int r, std::int64_t step) {
+        if (r + 1 < size()) engine->halos_.claim(strip, row(r + 1), step);
+        engine->halos_.give(strip, row(r), rows[std::size_t(r)].state, step);
+    }
+    void exchange_halos() {
+        for (int r = 0; engine->layout_.strips > 1 && r < size(); ++r) give_border(r, step);
+    }
+    void take_border(int r) {
+        if (r < 0 || r >= size()) return;
+        if (r + 1 < size()) engine->halos_.fetch(strip, row(r + 1), step);
+        engine->halos_.take(strip, row(r), rows[std::size_t(r)].state, step);
+    }
+    // The state with which a step begins, to the neighbours: with its halo, so the strips beside this one
+    // have to be there.
+    void send_start() {
+        const int n = size();
+        const std::int64_t number = 4 * step;
+        for (const int row : {0, 1, n - 2, n - 1}) take_border(row);
+        if (near) hand_near(number);
+        if (far) hand_far(number);
+    }
+};
 
 template <class Real>
 EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
@@ -73,19 +190,15 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     if (!cloth.uniform_mass) inverse_mass_.assign(free_.size(), Real(0));
     row_has_fixed_.assign(std::size_t(all_rows), layout_.padded());
     for (int row = 0; row < all_rows; ++row)
-        layout_.for_each_column([&](int c, std::ptrdiff_t in_row) {
+        layout_.for_each_column([&](int c, int k, int lane) {
             const int point = row % cloth.rows * cloth.columns + layout_.start(row / cloth.rows) + c;
-            const std::ptrdiff_t place = row * layout_.width() + in_row;
+            const std::ptrdiff_t place = row * layout_.width() + k * layout_.lanes + lane;
             free_[place] = Real(cloth.pinned[point] ? 0 : 1);
             row_has_fixed_[row] |= cloth.pinned[point];
             if (!cloth.uniform_mass) inverse_mass_[place] = Real(1 / cloth.mass[point]);
         });
-    for (int k = 0; k < layout_.vectors; ++k)
-        for (int component = 0; component < 3; ++component)
-            acceleration_place_.push_back((k * WorkRecord::count + WorkRecord::first + component) *
-                                          layout_.lanes);
     build_coefficients();
-    edge_ = kernels().edge(plan_.features(), damped_alike_);
+    edge_rows_ = kernels().edge(plan_.features(), damped_alike_);
     if (plan_.has_force()) EdgeEngine::apply_force();
 }
 
@@ -150,12 +263,11 @@ void EdgeEngine<Real>::apply_force() {
         bands_.clear();  // they point to both
     }
     for (std::ptrdiff_t row = 0; row < all_rows; ++row)
-        layout_.for_each_column([&](int c, std::ptrdiff_t in_row) {
+        layout_.for_each_column([&](int c, int k, int lane) {
             const int point = int(row) % rows() * columns() + layout_.start(int(row) / rows()) + c;
             const Vec3 applied = this->applied_at(point) / unit_;
-            const std::ptrdiff_t lanes = layout_.lanes, vector = in_row / lanes, lane = in_row % lanes;
-            for (int j = 0; j < 3; ++j)
-                applied_[3 * row * layout_.width() + (3 * vector + j) * lanes + lane] = Real(applied[j]);
+            Real* const to = applied_.data() + 3 * (row * layout_.width() + k * layout_.lanes) + lane;
+            for (int j = 0; j < 3; ++j) to[j * layout_.lanes] = Real(applied[j]);
         });
 }
 
@@ -214,9 +326,9 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
             band->workspace = bands[i - std::size_t(team)]->workspace;
         }
         for (int j = 0; j < n; ++j)
-            band->rows.push_back(row_pointers(memory_.data(),
-                                              band->workspace->rows.data() + j % ring * work_row,
-                                              band->row(j), band->strip));
+            band->rows.push_back(row_pointers(
+                memory_.data() + band->strip * layout_.strip_size() + band->row(j) * layout_.row_size(),
+                band->workspace->rows.data() + j % ring * work_row, band->row(j), band->strip));
         band->rows.resize(std::size_t(n + 2));
     }
     return bands;
@@ -234,8 +346,8 @@ void EdgeEngine<Real>::begin_stage(Band& band, int s) {
     const std::int64_t number = band.number_of(s);
     band.wait_near(band.version(number));
     const Real* const first = band.source(e.stage, 0);
-    edge_.halo(e, {band.from_near.row(number, 1), nullptr, first},
-               {band.from_near.row(number, 0), first, band.source(e.stage, 1)});
+    kernels().edge_halo(e, {band.from_near.row(number, 1), nullptr, first},
+                        {band.from_near.row(number, 0), first, band.source(e.stage, 1)});
 }
 
 // Rows [begin, end) of a stage.
@@ -245,7 +357,7 @@ void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
     const std::int64_t number = band.number_of(s);
     const auto run_to = [&](int row) {
         if (begin >= row) return;
-        edge_.rows(band.stages[s], begin, row);
+        edge_rows_(band.stages[s], begin, row);
         end_pins(band, s, std::max(begin - 1, 0), row - 1);
         begin = row;
     };
@@ -267,12 +379,8 @@ void EdgeEngine<Real>::run_last_rows(Band& band, int s, int begin, int end) {
     if (band.far) {
         band.wait_far(band.version(number));
         band.fetch_beyond_far(number);
-        edge_.rows(e, begin, end);
     }
-    for (int row = begin; row < end && !band.far; ++row)
-        edge_.last_row(
-            e, row,
-            {band.source(e.stage, row), row + 1 < n ? band.source(e.stage, row + 1) : nullptr, nullptr});
+    (band.far ? edge_rows_ : kernels().edge_of_any)(e, begin, end);
     if (end == n) kernels().edge_finish(e);
     end_pins(band, s, std::max(begin - 1, 0), end < n ? end - 1 : n);
     if (end == n && band.far && hands_on(s)) band.hand_far(number + 1);
@@ -307,7 +415,7 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
 }
 
 template <class Real>
-void EdgeEngine<Real>::step_band(Band& band, bool inspect) {
+void EdgeEngine<Real>::step_band(Band& band) {
     const int n = band.size();
     const bool strips = layout_.strips > 1;
     if (!band.near)
@@ -323,7 +431,6 @@ void EdgeEngine<Real>::step_band(Band& band, bool inspect) {
         const int made = std::min(front - 3 * band.lag + band.several, n),
                   finished = made == n ? n : std::max(made - 1, 0);
         for (int row = done; strips && row < finished; ++row) band.give_border(row, band.step + 1);
-        if (inspect && done < finished) band.inspect(done, finished);
         const auto [first, end] = band.RowBand::rows(done, finished);
         this->watch(first, end);
         done = finished;
@@ -358,14 +465,13 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
         b.stages_dt = clock.dt;
         if (!this->state_known_) b.exchange_halos();
     }
-    const bool inspect = !moved_after_steps();
     const int last = layout_.strips - 1;
     for (int strip = 0; strip <= last; ++strip) band(strip).send_start();
     for (std::int64_t k = 1; k <= steps; ++k) {
         // A strip passes the state of its next step on as soon as the strip behind it has taken this one. So
         // threads need not wait for each other at each strip.
         for (int strip = 0; strip <= last; ++strip) {
-            step_band(band(strip), inspect && k == steps);
+            step_band(band(strip));
             if (strip > 0) band(strip - 1).send_start();
         }
         if (last > 0) band(last).send_start();
@@ -374,56 +480,91 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
 
 template <class Real>
 void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threads) {
-    this->known_finite_ = false;
     const int team = granted_threads(RowBand::team(rows(), threads));
-    const auto& stepped = bands(team);
-    for (const auto& band : stepped) band->begin_call();
+    for (const auto& band : bands(team)) band->begin_call();
     run_team(team, [&](int thread) { run_bands(team, thread, steps, clock); });
     step_ += steps;
     this->state_known_ = true;
-    this->known_finite_ = steps > 0 && !moved_after_steps() &&
-        std::all_of(stepped.begin(), stepped.end(), [](const auto& band) { return band->finite; });
 }
 
 template <class Real>
-void EdgeEngine<Real>::accelerations(double* a, int) {
-    const auto& take = kernels().state_rows.of_double.take_transposed;
-    AlignedVector<double> window(std::size_t(layout_.in_one_strip() ? 0 : 3 * layout_.window));
-    for (auto& band : bands(1)) {
-        band->begin_call();
-        if (!this->state_known_) band->exchange_halos();
-    }
-    for (int strip = 0; strip < layout_.strips; ++strip) {
+void EdgeEngine<Real>::accelerations(double* a) {
+    const FieldLayout f = field();
+    AlignedVector<Real> found(std::size_t(f.acceleration_size), Real(0));
+    const bool strips = layout_.strips > 1;
+    for (int strip = 0; strips && strip < layout_.strips; ++strip) {
         Band& band = *bands(1)[std::size_t(strip)];
-        for (int r = 0; r < rows(); ++r) band.take_border(r);
-        EdgeArguments<Real> e = arguments(Stage::evaluate, 0, band.workspace->scratch.data());
-        // A row is finished with the next one, and then taken out of a ring of work that stays in the nearest
-        // cache.
-        std::vector<EdgeRowPointers<Real>> sweep = band.rows;
-        const int ring = std::min(rows(), rows_at_a_time + 1);
-        for (int r = 0; r < rows(); ++r)
-            sweep[std::size_t(r)].work =
-                band.workspace->rows.data() + r % ring * layout_.vectors * band.work_stride();
-        e.rows = sweep.data();
-        std::fill_n(e.received[0], 3 * handed_size(), Real(0));
-        const auto state = [&](int row) -> const Real* {
-            return row < rows() ? sweep[std::size_t(row)].state : nullptr;
-        };
-        for (int begin = 0, taken = 0; begin < rows(); begin += rows_at_a_time) {
-            const int end = std::min(begin + rows_at_a_time, rows()),
-                      inner = std::clamp(rows() - 2, begin, end);
-            edge_.rows(e, begin, inner);
-            for (int r = inner; r < end; ++r) edge_.last_row(e, r, {state(r), state(r + 1), nullptr});
-            if (end == rows()) kernels().edge_finish(e);
-            for (; taken < (end == rows() ? end : end - 1); ++taken) {
-                double* const row = a + std::ptrdiff_t(taken) * 3 * columns();
-                double* const to = layout_.in_one_strip() ? row : window.data();
-                take(sweep[std::size_t(taken)].work, 0,
-                     {layout_.window, layout_.lanes, layout_.vectors, acceleration_place_.data()}, {}, to);
-                if (to != row) layout_.copy_own(strip, to, row);
-            }
+        band.begin_call();
+        if (!this->state_known_) band.exchange_halos();
+    }
+    FieldBand<Real> all;
+    all.end = rows();
+    for (int strip = 0; strip < layout_.strips; ++strip) {
+        for (int r = 0; strips && r < rows(); ++r) bands(1)[std::size_t(strip)]->take_border(r);
+        begin_sweep(memory_.data() + strip * layout_.strip_size(), found.data(), all, strip);
+        sweep_rows(0, rows(), all);
+        const int own = layout_.own(strip), own_end = layout_.own(strip + 1);
+        std::vector<std::ptrdiff_t> places;  // of columns in a row of accelerations
+        for (int c = own - layout_.start(strip); c < own_end - layout_.start(strip); ++c)
+            places.push_back(c % layout_.vectors * f.acceleration_run + c / layout_.vectors);
+        for (int r = 0; r < rows(); ++r) {
+            double* to = a + 3 * (std::ptrdiff_t(r) * columns() + own);
+            for (const std::ptrdiff_t place : places)
+                for (int k = 0; k < 3; ++k)
+                    *to++ = double(found[std::size_t(r * f.acceleration_row + place + k * layout_.lanes)]);
         }
     }
+}
+
+template <class Real>
+FieldLayout EdgeEngine<Real>::field() const {
+    const std::ptrdiff_t lanes = layout_.lanes;
+    FieldLayout f{};
+    f.runs = layout_.vectors;
+    f.length = 3 * layout_.lanes;
+    f.row = layout_.row_size();
+    f.run = layout_.stride;
+    f.velocity = 3 * lanes;
+    f.compensation = Base::compensated ? layout_.compensation() : 0;
+    f.acceleration_row = layout_.vectors * 3 * lanes;
+    f.acceleration_run = 3 * lanes;
+    f.acceleration_size = rows() * f.acceleration_row;
+    return f;
+}
+
+template <class Real>
+void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band, int strip) {
+    band.values.resize(std::size_t(scratch_size()));
+    // The band and the two rows after it, which its last rows read. The stage only reads their state.
+    const auto there = [&](int i) { return band.row(i) >= 0 && band.row(i) < rows(); };
+    const int n = band.size();
+    band.pointers.assign(std::size_t(n + 2), {});
+    for (int i = 0; i < n + 2 && there(i); ++i)
+        band.pointers[std::size_t(i)] = row_pointers(
+            const_cast<Real*>(state) + band.row(i) * layout_.row_size(),
+            acceleration + band.row(i) * layout_.vectors * 3 * layout_.lanes, band.row(i), strip);
+    EdgeArguments<Real>& e = band.edge = arguments(Stage::evaluate, 0, band.values.data());
+    e.rows = band.pointers.data();
+    if (n * layout_.row_size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache()) {
+        e.ahead = rows_before_use;
+        e.ahead_end = layout_.stride;
+        e.row_count = n;
+    }
+
+    const auto source = [&](int i) { return state + band.row(i) * layout_.row_size(); };
+    if (!there(-1)) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
+    else kernels().edge_halo(e, {source(-2), nullptr, source(0)}, {source(-1), source(0), source(1)});
+}
+
+template <class Real>
+int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldBand<Real>& band) {
+    const int n = band.size(), whole = band.pointers[std::size_t(n)].state ? n : n - 2,
+              inner = std::clamp(whole, begin, end);
+    edge_rows_(band.edge, begin, inner);
+    kernels().edge_of_any(band.edge, inner, end);
+    if (end < n) return end - 1;  // the kernel finishes a row with the next one
+    kernels().edge_finish(band.edge);
+    return end;
 }
 
 template class StateEngine<float, TransposedLayout>;

@@ -5,7 +5,6 @@
 #include <map>
 #include <memory>
 
-#include "engines/field_bands.hpp"
 #include "engines/state_engine.hpp"
 #include "kernels/kernel_table.hpp"
 #include "memory/strip_halos.hpp"
@@ -24,9 +23,9 @@ public:
     explicit EdgeEngine(const Plan& plan, bool in_strips = false);
     ~EdgeEngine() override;
     void advance(std::int64_t steps, const Clock& clock, int threads) override;
-    void accelerations(double* a, int threads) override;
+    void accelerations(double* a) override;
 
-protected:  // for cpp/integrators, in edge_evaluate.cpp
+protected:  // for cpp/integrators
     using Base = StateEngine<Real, TransposedLayout>;
     using Base::columns, Base::kernels, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 
@@ -35,7 +34,7 @@ protected:  // for cpp/integrators, in edge_evaluate.cpp
     // `begin_sweep` needs the two rows before the band. Then come calls of `sweep_rows` from 0 on. It reads
     // two rows more and returns how many of the rows are done. The state of a row that is done is not read
     // again.
-    void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band);
+    void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band, int strip = 0);
     int sweep_rows(int begin, int end, FieldBand<Real>& band);
 
 private:
@@ -43,13 +42,10 @@ private:
 
     void build_coefficients();
     void apply_force() override;
-    // Whether contacts change the state after the steps.
-    bool moved_after_steps() const { return this->has_contacts() && !this->planes_.up(); }
     // Of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
-    // `inspect`: whether the state that it leaves is finite.
-    void step_band(Band& band, bool inspect);
+    void step_band(Band& band);
     // Parts of a step's stage s = 0..3.
     void begin_stage(Band& band, int s);
     void run_rows(Band& band, int s, int begin, int end);
@@ -59,11 +55,10 @@ private:
     // With strips the next step's state is sent when their halos are filled.
     bool hands_on(int s) const { return s < 3 || layout_.strips == 1; }
     EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
-    // A strip's row in its place in `state`, which is laid out like memory.
-    EdgeRowPointers<Real> row_pointers(Real* state, Real* work, int row, int strip = 0) const {
+    // Of a strip's row, whose state and work lie there.
+    EdgeRowPointers<Real> row_pointers(Real* state, Real* work, int row, int strip) const {
         const std::ptrdiff_t index = std::ptrdiff_t(strip) * rows() + row;
-        return {state + index * layout_.row_size(), work,
-                inverse_mass_.empty() ? nullptr : inverse_mass_.data() + index * layout_.width(),
+        return {state, work, inverse_mass_.empty() ? nullptr : inverse_mass_.data() + index * layout_.width(),
                 applied_.empty() ? nullptr : applied_.data() + 3 * index * layout_.width(),
                 row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr};
     }
@@ -72,10 +67,9 @@ private:
     std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
     std::ptrdiff_t scratch_size() const { return 4 * handed_size(); }
 
-    EdgeKernels<Real> edge_;
+    EdgeRowsKernel<Real> edge_rows_;  // with two rows more behind
     AlignedVector<Real> coefficients_, reach_, inverse_mass_, applied_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
-    std::vector<std::ptrdiff_t> acceleration_place_;  // of (x, y, z) of each vector in a row of work
     double unit_ = 1;  // of the accelerations the kernel sums
     bool damped_alike_ = false;
     int whole_vectors_ = 0;

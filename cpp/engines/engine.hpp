@@ -1,16 +1,14 @@
 // One cloth's state inside the core, and the loop that advances it.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
+#include <limits>
 #include <memory>
-#include <span>
 #include <vector>
 
 #include "contact/contact_report.hpp"
 #include "integrators/adaptive.hpp"
 #include "measure/impulses.hpp"
-#include "measure/watched.hpp"
 #include "memory/plan.hpp"
 #include "model/clock.hpp"
 
@@ -21,31 +19,30 @@ inline constexpr double extents_that_are_far = 8;
 
 // The whole state of a cloth between steps: from it, an engine of any layout continues bit for bit.
 struct SavedState {
-    // Of shape (rows, columns, 3) in C order: positions relative to the origin [m], velocities [m/s]. In
-    // single the low parts are what compensation adds to them; in double they are empty.
-    std::vector<double> x, v, x_low, v_low;
+    // Of shape (parts, rows, columns, 3): positions relative to the origin [m], velocities [m/s]; in single
+    // two more parts, what compensation adds to each.
+    std::vector<double> values;
     Vec3 origin = Vec3::Zero();  // m
     std::vector<double> impulses;  // of Impulses [N s]
 };
 
-// Three components of all points from the first on (x, y, z, vx, vy, vz), or what compensation adds to them.
-struct SavedPart {
-    bool low;
-    int first;
-    std::vector<double> SavedState::* values;
+// Extremes over the states of a run: the initial one, and each at the end of a step.
+struct Watched {
+    double first_contact =
+        std::numeric_limits<double>::infinity();  // end of the first step that a response changed [s]
+    double point_depth = 0;  // of mass points below a sphere's surface, every step [m]
+    double lift_work = 0;  // energy that the growth of cells on spheres has made [J]
+    double triangle_depth = 0;           // of triangles, at the states sampled [m]
+    double stretch = -std::numeric_limits<double>::infinity();  // at the states sampled
+    double energy_gained = 0;  // most that the total was above that of the start, where it is watched [J]
+
+    bool in_contact() const { return first_contact < std::numeric_limits<double>::infinity(); }
 };
-inline std::span<const SavedPart> saved_parts(bool compensated) {
-    static constexpr SavedPart all[]{{false, 0, &SavedState::x},
-                                     {false, 3, &SavedState::v},
-                                     {true, 0, &SavedState::x_low},
-                                     {true, 3, &SavedState::v_low}};
-    return {all, compensated ? 4u : 2u};
-}
 
 // Counts and extremes over the states so far. A checkpoint holds a copy, so that steps which are taken back
 // leave no trace.
 struct Tally {
-    Shared<std::int64_t> contact_responses{0};  // of the spheres to mass points
+    std::int64_t contact_responses = 0;  // of the spheres to mass points
     Watched watched;  // depths only when asked for; the first contact always
     Impulses impulses;  // of all responses
 };
@@ -57,7 +54,8 @@ public:
     // As `advance`, with a contact pass after each step. `behind_planes`: steps that are expected to be
     // clear of the spheres may skip the pass (contact/separating_planes.hpp). False if a step was not clear;
     // the state must then be discarded.
-    bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes);
+    virtual bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads,
+                                    bool behind_planes) = 0;
 
     // Of the passes since the last inspection, see ContactReport.
     ContactReport contact_report;
@@ -65,8 +63,6 @@ public:
     // Looks for a cell that is larger than a sphere and touches it, if the contact pass has run since the
     // last look.
     virtual void note_large_cells(double t) = 0;
-    // Raises the depth of mass points by that of all points of the present state, at time t.
-    virtual void note_all_depths(double t) = 0;
 
     // Relative, of the arrays that a call has brought, until its first pass of contacts. In coarse arrays a
     // point that lay on a sphere may lie in it.
@@ -82,7 +78,7 @@ public:
 
     // Steps k = 1..steps of the clock without contacts.
     virtual void advance(std::int64_t steps, const Clock& clock, int threads) = 0;
-    virtual void accelerations(double* a, int threads) = 0;
+    virtual void accelerations(double* a) = 0;
 
     // Counts begin again, before another state is loaded.
     void begin_anew() {
@@ -123,23 +119,10 @@ public:
     virtual AdaptiveEngine* adaptive() { return nullptr; }
     // Take the step that `adaptive()` has tried, from t0 to t1, with the contact pass at its end.
     // Where the spheres leave a point no place (contact_report), the state is that at t0.
-    void accept_in_contact(double t0, double t1, int threads);
+    virtual void accept_in_contact(double t0, double t1, int threads) = 0;
     // Whether there are spheres.
     virtual bool has_contacts() const = 0;
-
-protected:
-    // Steps of so many that are expected to be clear of the spheres; whether they were.
-    virtual std::int64_t clear_steps(const Clock& clock, std::int64_t most) = 0;
-    virtual bool advance_behind_planes(std::int64_t steps, const Clock& clock, int threads) = 0;
-    // Before a step that may not be; after it.
-    virtual void keep_state() = 0;
-    void respond(double t0, double t1, double dt, int threads);
-    virtual ContactReport respond_to_contacts(double t0, double t1, double dt, int threads) = 0;
 };
-
-// Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet
-// within a step is not. Infinite for a time step within the guarantee [m/s].
-double runaway_speed(const Cloth& cloth, double dt, double stable_dt);
 
 std::unique_ptr<Engine> make_engine(const Plan& plan);
 

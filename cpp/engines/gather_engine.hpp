@@ -1,7 +1,6 @@
-// The engine of the "gather" kernel: padded structure of arrays, one tile a shader group.
+// The engine of the "gather" kernel: padded structure of arrays.
 #pragma once
 
-#include "engines/field_bands.hpp"
 #include "engines/state_engine.hpp"
 
 namespace clothsim {
@@ -20,9 +19,10 @@ struct PaddedLayout {
     std::ptrdiff_t at(int row, int column, int k = 0) const {
         return origin + row * stride + column + k * plane;
     }
+    std::ptrdiff_t in_row(int column) const { return column; }
+    std::ptrdiff_t component() const { return plane; }
     std::ptrdiff_t compensation() const { return 6 * plane; }
     std::ptrdiff_t first() const { return origin; }
-    bool in_one_strip() const { return true; }
     Blocks state_blocks() const { return {1, 6 * plane - origin, 0}; }
     VectorGeometry geometry(int lanes) const {
         return {stride, lanes, plane, compensation(), rows, (columns + lanes - 1) / lanes};
@@ -30,22 +30,6 @@ struct PaddedLayout {
     int column(int vector, int lane, int lanes) const { return vector * lanes + lane; }
     std::array<std::ptrdiff_t, 2> right() const { return {1, 1}; }
     static constexpr bool is_transposed = false;
-    template <class Real, class In>
-    bool put_row(const RowKernels<Real, In>&, const In* row, const RowShift& shift, Real* to) const {
-        bool finite = true;
-        for (int k = 0; k < 3; ++k)
-            for (int c = 0; c < columns; ++c)
-                finite &= put_one(row[3 * c + k], shift.of[k], to + k * plane + c, compensation());
-        return finite;
-    }
-    template <class Real, class Out>
-    void take_row(const RowKernels<Real, Out>&, const Real* from, const RowShift& shift, Out* row,
-                  AlignedVector<Out>&) const {
-        for (int k = 0; k < 3; ++k)
-            for (int c = 0; c < columns; ++c)
-                take_one<sizeof(Real) == 4>(from + k * plane + c, compensation(), shift.of[k],
-                                            row + 3 * c + k);
-    }
 };
 
 template <class Real>
@@ -53,7 +37,7 @@ class GatherEngine : public StateEngine<Real, PaddedLayout> {
 public:
     explicit GatherEngine(const Plan& plan);
     void advance(std::int64_t steps, const Clock& clock, int threads) override;
-    void accelerations(double* a, int threads) override;
+    void accelerations(double* a) override;
 
 protected:  // for cpp/integrators; see EdgeEngine
     using Base = StateEngine<Real, PaddedLayout>;
@@ -68,7 +52,6 @@ private:
     void apply_force() override;
     GatherArguments<Real> arguments(Stage stage, double dt);
 
-    ThreadGrid grid_;
     GatherKernel<Real> kernel_;
     AlignedVector<Real> inverse_mass_, applied_, free_;
     SpringCoefficients<Real> spring_[spring_kind_count];

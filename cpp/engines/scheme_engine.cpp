@@ -1,6 +1,5 @@
 // Every integrator but the fused RK4 of the kernels, on top of an engine that evaluates accelerations at any
-// state. Each thread has a band of rows (see field_bands.hpp) and combines states and accelerations row by
-// row.
+// state. Each thread has a band of rows, and combines states and accelerations row by row.
 //
 // A family of methods is a way through three arrays: the state, two stages, and a slot of accelerations for
 // each stage.
@@ -13,9 +12,9 @@
 //     implicit                state --ImplicitMidpoint--> state, by Newton's method, one thread
 //
 // An arrow is a sweep: it reads one version of the state row by row. It makes the next version of a row as
-// soon as its accelerations are known, so that the row is still in cache. Explicit sweeps follow each other
-// without barriers. Splittings overwrite the state in place and need a barrier between drift and kick.
-// After the last arrow: driven pins are placed.
+// soon as its accelerations are known, so that the row is still in cache. A barrier ends it. Splittings
+// overwrite the state in place, and need another between drift and kick. After the last arrow: driven pins
+// are placed.
 #include "engines/engine.hpp"
 
 #include <algorithm>
@@ -46,7 +45,7 @@ public:
         const bool adaptive = explicit_ && !explicit_->errors.empty();
         const int count = !explicit_ ? 1 : explicit_->stages + (adaptive ? 1 : 0);
         for (int i = 0; i < count; ++i) slot_.push_back(i);
-        accelerations_.assign(std::size_t(field_.acceleration_size(count)), Real(0));
+        accelerations_.assign(std::size_t(count * field_.acceleration_size), Real(0));
         // Copies of the engine's memory, for its padding.
         if (explicit_)
             for (auto& stage : stages_) stage = this->memory_;
@@ -66,35 +65,23 @@ public:
         }
         bool known_after = false;
         if (explicit_) plan_stages(clock.dt, this->memory_);
-        in_bands(threads, [&](FieldBand<Real>& band) {
+        in_bands(threads, [&](FieldBand<Real>& band, Barrier& barrier) {
             bool known = this->state_known_;
             for (std::int64_t k = 1; k <= steps; ++k) {
                 const double t = clock.at(k - 1);
                 if (explicit_) {
-                    advance_explicit(band, t, clock.at(k));
+                    advance_explicit(band, barrier, t, clock.at(k));
                     continue;
                 }
-                advance_splitting(band, t, clock.dt, known);
+                advance_splitting(band, barrier, t, clock.dt, known);
                 this->place_pins(PinTime::of_end(clock.at(k), clock.dt), band.begin, band.end, this->memory_);
                 known = method_.splitting->first_same_as_last();
                 this->watch(band.begin, band.end);
-                band.barrier();
+                barrier.wait();
             }
-            if (band.first()) known_after = known;
+            if (band.begin == 0) known_after = known;
         });
         this->state_known_ = known_after;
-    }
-
-    // Not the engine's own: it keeps addresses of its memory, and steps that are accepted change places with
-    // it.
-    void accelerations(double* a, int threads) override {
-        if (!explicit_) return Base::accelerations(a, threads);
-        const std::int64_t before = this->evaluations;
-        in_bands(threads, [&](FieldBand<Real>& band) { evaluate(band, this->memory_, 0); });
-        this->evaluations = before;
-        for (int r = 0; r < this->rows(); ++r)
-            for (int c = 0; c < this->columns(); ++c)
-                for (int k = 0; k < 3; ++k) *a++ = double(acceleration(0)[acceleration_at(r, c, k)]);
     }
 
     AdaptiveEngine* adaptive() override { return explicit_ && !explicit_->errors.empty() ? this : nullptr; }
@@ -112,14 +99,14 @@ public:
                 this->kernels().square(field_, begin, end, this->memory_.data(), errors[e],
                                        row_squares_[e].data());
         };
-        in_bands(threads, [&](FieldBand<Real>& band) {
-            run_stages(band, t, this->state_known_, [&](int begin, int end) {
+        in_bands(threads, [&](FieldBand<Real>& band, Barrier& barrier) {
+            run_stages(band, barrier, t, this->state_known_, [&](int begin, int end) {
                 this->kernels().advance(field_, begin, end, this->memory_.data(), result_.data(),
                                         result_sum_);
                 this->place_pins(PinTime::of_stage(t, h, 1), begin, end, result_);
                 if (!m.error_needs_end) estimate(begin, end);
             });
-            if (m.error_needs_end) sweep(band, result_, m.stages, estimate);
+            if (m.error_needs_end) sweep(band, barrier, result_, m.stages, estimate);
         });
         this->state_known_ = true;
         step_ = h;
@@ -161,8 +148,9 @@ public:
         return tried && h > near ? std::max(allowed, near) : allowed;
     }
 
-    void dense(double part, double* x, double* v, int threads) override {
+    void dense(double t, double* x, double* v, int threads) override {
         const ExplicitMethod& m = *explicit_;
+        const double part = (t - step_begin_) / step_;
         const bool interpolated = !m.dense_factors.empty();
         // The first and the last acceleration have changed places since the step.
         if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
@@ -172,8 +160,8 @@ public:
             this->kernels().advance(stage_field_, begin, end, previous_.data(), result_.data(), result_sum_);
             this->place_pins(PinTime::of_stage(step_begin_, step_, part), begin, end, result_);
         };
-        in_bands(threads, [&](FieldBand<Real>& band) {
-            if (!interpolated) run_stages(band, step_begin_, true, finish);
+        in_bands(threads, [&](FieldBand<Real>& band, Barrier& barrier) {
+            if (!interpolated) run_stages(band, barrier, step_begin_, true, finish);
             else finish(band.begin, band.end);
         });
         if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
@@ -213,33 +201,39 @@ private:
         return allowed;
     }
 
+    // `work(band, barrier)` by at most `threads` threads.
     template <class Work>
     void in_bands(int threads, Work work) {
-        bands_.run(this->rows(), threads, work);
+        const int team = granted_threads(RowBand::team(this->rows(), threads));
+        Barrier barrier(team);
+        bands_.resize(std::size_t(team));
+        run_team(team, [&](int thread) {
+            FieldBand<Real>& band = bands_[std::size_t(thread)];
+            band.begin = this->rows() * thread / team;
+            band.end = this->rows() * (thread + 1) / team;
+            work(band, barrier);
+        });
     }
 
     Real* acceleration(int index) {
-        return accelerations_.data() + field_.acceleration(slot_[std::size_t(index)]);
+        return accelerations_.data() + slot_[std::size_t(index)] * field_.acceleration_size;
     }
     // Accelerations at a version of the state into slot `index`; after some rows `then(begin, end)` makes the
     // next version of them.
     template <class Then>
-    void sweep(FieldBand<Real>& band, const AlignedVector<Real>& state, int index, Then then) {
-        if (band.near) band.wait_near(band.version);
+    void sweep(FieldBand<Real>& band, Barrier& barrier, const AlignedVector<Real>& state, int index,
+               Then then) {
         this->begin_sweep(state.data(), acceleration(index), band);
-        band.each_rows(rows_at_once_, [&, made = 0](int begin, int end) mutable {
-            const int known = this->sweep_rows(begin, end, band);
-            const auto [first, last] = band.rows(made, known);
-            then(first, last);
-            return made = known;
-        });
-        if (band.first()) ++this->evaluations;
+        for (int begin = 0, made = 0; begin < band.size(); begin += rows_at_once_) {
+            const int known = this->sweep_rows(begin, std::min(begin + rows_at_once_, band.size()), band);
+            then(band.row(made), band.row(known));
+            made = known;
+        }
+        if (band.begin == 0) ++this->evaluations;
+        barrier.wait();
     }
-    // As above, for threads that wait at barriers.
-    void evaluate(FieldBand<Real>& band, const AlignedVector<Real>& state, int index) {
-        this->begin_sweep(state.data(), acceleration(index), band);
-        this->sweep_rows(0, band.size(), band);
-        if (band.first()) ++this->evaluations;
+    void sweep(FieldBand<Real>& band, Barrier& barrier) {
+        sweep(band, barrier, this->memory_, 0, [](int, int) {});
     }
     Combination<Real> combination(const Weights& w, double h, double scale_x = 1, double scale_v = 1) {
         Combination<Real> sum;
@@ -269,13 +263,11 @@ private:
     // The sweeps of a planned step from time t; `known`: the acceleration at its start is. `finish(begin,
     // end)` of rows after the last of them.
     template <class Finish>
-    void run_stages(FieldBand<Real>& band, double t, bool known, Finish finish) {
+    void run_stages(FieldBand<Real>& band, Barrier& barrier, double t, bool known, Finish finish) {
         if (explicit_->stages == 1) {  // the result takes the place of the state
-            evaluate(band, this->memory_, 0);
-            band.barrier();
+            sweep(band, barrier);
             finish(band.begin, band.end);
-            band.barrier();
-            return;
+            return barrier.wait();
         }
         const auto next_stage = [&](int s) {
             return [this, s, t](int begin, int end) {
@@ -286,19 +278,18 @@ private:
                 this->place_pins(PinTime::of_stage(t, planned_, part), begin, end, stage);
             };
         };
-        if (known)
-            band.each_rows(rows_at_once_, [&](int begin, int end) {
-                const auto [first, last] = band.rows(begin, end);
-                next_stage(0)(first, last);
-                return end;
-            });
-        else sweep(band, this->memory_, 0, next_stage(0));
+        if (known) {
+            next_stage(0)(band.begin, band.end);
+            barrier.wait();
+        } else {
+            sweep(band, barrier, this->memory_, 0, next_stage(0));
+        }
         const int last = explicit_->stages - 1;
-        for (int s = 1; s < last; ++s) sweep(band, stages_[s & 1], s, next_stage(s));
-        sweep(band, stages_[last & 1], last, finish);
+        for (int s = 1; s < last; ++s) sweep(band, barrier, stages_[s & 1], s, next_stage(s));
+        sweep(band, barrier, stages_[last & 1], last, finish);
     }
-    void advance_explicit(FieldBand<Real>& band, double t0, double t) {
-        run_stages(band, t0, false, [&](int begin, int end) {
+    void advance_explicit(FieldBand<Real>& band, Barrier& barrier, double t0, double t) {
+        run_stages(band, barrier, t0, false, [&](int begin, int end) {
             this->kernels().advance(field_, begin, end, this->memory_.data(), this->memory_.data(),
                                     result_sum_);
             this->place_pins(PinTime::of_end(t, planned_), begin, end, this->memory_);
@@ -306,20 +297,17 @@ private:
         });
     }
     // `known`: the acceleration at the start is.
-    void advance_splitting(FieldBand<Real>& band, double t, double h, bool known) {
+    void advance_splitting(FieldBand<Real>& band, Barrier& barrier, double t, double h, bool known) {
         const Splitting& s = *method_.splitting;
         double part = s.drifts[0];  // of the step: time passes in drifts
         if (part != 0) {
             kick_drift(band, part * h, 0, 0);
             place_stage_pins(band, t, h, part);
-            band.barrier();
+            barrier.wait();
         }
         for (std::size_t i = 0; i < s.kicks.size(); ++i) {
-            if (i > 0) band.barrier();
-            if (i > 0 || !known) {
-                evaluate(band, this->memory_, 0);
-                band.barrier();
-            }
+            if (i > 0) barrier.wait();
+            if (i > 0 || !known) sweep(band, barrier);
             kick_drift(band, s.drifts[i + 1] * h, s.kicks[i] * h, s.drifts[i + 1] * s.kicks[i] * h * h);
             place_stage_pins(band, t, h, part += s.drifts[i + 1]);
         }
@@ -332,14 +320,6 @@ private:
         this->store(x.data(), v.data());
         this->evaluations += implicit_->step(x, v, t, h);
         this->load(x.data(), v.data());
-    }
-
-    // Where component k of a point's acceleration lies: in the row as in the state, but for the step from run
-    // to run.
-    std::ptrdiff_t acceleration_at(int r, int c, int k) const {
-        const std::ptrdiff_t in_row = this->layout_.at(r, c, k) - field_.origin - r * field_.row;
-        return field_.acceleration_origin + r * field_.acceleration_row +
-            in_row / field_.run * field_.acceleration_run + in_row % field_.run;
     }
 
     // Components from `first` on: 0, the position, or 3, the velocity.
@@ -361,7 +341,7 @@ private:
     AlignedVector<Real> accelerations_;
     std::vector<int> slot_;  // where the acceleration of a stage lies
     std::array<AlignedVector<Real>, 2> stages_;
-    FieldBands<Real> bands_;
+    std::vector<FieldBand<Real>> bands_;
     const Real* from_ = nullptr;  // where the planned step starts, and its sums
     std::vector<Combination<Real>> stage_sums_;
     Combination<Real> result_sum_;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace clothsim {
 
@@ -27,9 +28,9 @@ public:
     // contact radius. `tried`: also by the velocities at the end of the step that was tried; a trial above
     // `near` asks for no shorter one.
     virtual double contact_step(double t, double h, double near, bool tried) = 0;
-    // The state at a part of the last accepted step, before its collision pass. It comes from the method's
-    // interpolant or, without an interpolant, from a step of the method from the same start.
-    virtual void dense(double part, double* x, double* v, int threads) = 0;
+    // The state at time t within the last accepted step, before its collision pass. It comes from the
+    // method's interpolant or, without an interpolant, from a step of the method from the same start.
+    virtual void dense(double t, double* x, double* v, int threads) = 0;
 };
 
 // Part of a sphere's contact radius that a point moves at most, relative to the sphere, in a step near it. A
@@ -42,39 +43,27 @@ inline constexpr double contact_fraction = 0.1;
 class StepController {
 public:
     double h = 0;  // the next step to try [s]
-
-    // Whether a step with this error is accepted; sets h.
-    bool judge(double tried, double error, int order);
-
     double previous_error = 1e-4;  // of the last accepted step
     bool rejected = false;         // the last step that was tried
 
-private:
-    static constexpr double safety = 0.9;  // of a step; not tuned: customary, adaptive.hpp
-    static constexpr double integral_part = 0.4;  // of 1 / order, taken from the proportional one
-    static constexpr double least_factor = 0.2, most_factor = 5;
+    // Whether a step with this error is accepted; sets h.
+    bool judge(double tried, double error, int order) {
+        constexpr double safety = 0.9;  // of a step; not tuned: customary
+        constexpr double integral_part = 0.4;  // of 1 / order, taken from the proportional one
+        constexpr double least_factor = 0.2, most_factor = 5;
+        const bool was_rejected = std::exchange(rejected, !(error <= 1));
+        if (rejected) {
+            const double factor = std::isfinite(error) ? safety * std::pow(error, -1.0 / order) : 0;
+            h = tried * std::max(least_factor, factor);
+            return false;
+        }
+        const double e = std::max(error, 1e-10);
+        const double beta = integral_part / order, alpha = 1.0 / order - 0.75 * beta;
+        const double factor = safety * std::pow(e, -alpha) * std::pow(previous_error, beta);
+        h = tried * std::clamp(factor, least_factor, was_rejected ? 1.0 : most_factor);
+        previous_error = std::max(e, 1e-4);
+        return true;
+    }
 };
-
-inline bool StepController::judge(double tried, double error, int order) {
-    if (!std::isfinite(error)) {
-        h = tried * least_factor;
-        rejected = true;
-        return false;
-    }
-    const double beta = integral_part / order;
-    const double alpha = 1.0 / order - 0.75 * beta;
-    const double e = std::max(error, 1e-10);
-    if (error > 1) {
-        h = tried * std::max(least_factor, safety * std::pow(e, -1.0 / order));
-        rejected = true;
-        return false;
-    }
-    double factor = safety * std::pow(e, -alpha) * std::pow(previous_error, beta);
-    factor = std::clamp(factor, least_factor, rejected ? 1.0 : most_factor);
-    h = tried * factor;
-    previous_error = std::max(e, 1e-4);
-    rejected = false;
-    return true;
-}
 
 }  // namespace clothsim

@@ -14,10 +14,6 @@ constexpr double converged = 1e-14;
 
 ImplicitMidpoint::ImplicitMidpoint(const Scene& scene) : scene_(scene), cloth_(scene.cloth) {
     const Cloth& cloth = scene.cloth;
-    cloth.each_spring([&](int i, int j, const Neighbour& n) {
-        springs_.push_back(
-            {i, j, cloth.rest_length(n), cloth.stiffness[n.family], cloth.spring_damping[n.family]});
-    });
     unknown_.assign(std::size_t(cloth.points()), -1);
     for (int i = 0; i < cloth.points(); ++i)
         if (!cloth.pinned[std::size_t(i)]) unknown_[std::size_t(i)] = unknowns_++;
@@ -44,36 +40,38 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
         r.segment<3>(3 * k) =
             m * (here - v_.row(i).transpose()) - h / 2 * (m * scene_.field_at(i) - cloth_.drag * here);
     }
-    for (const Spring& s : springs_) {
-        const Vec3 w = place(u, s.j) - place(u, s.i);
-        const Vec3 d = (x_.row(s.j) - x_.row(s.i)).transpose() + h / 2 * w;
+    cloth_.each_spring([&](int from, int to, const Neighbour& kind) {
+        const Vec3 w = place(u, to) - place(u, from);
+        const Vec3 d = (x_.row(to) - x_.row(from)).transpose() + h / 2 * w;
         const double l = d.norm();
-        if (l == 0) continue;
+        if (l == 0) return;
         const Vec3 n = d / l;
-        const Vec3 force = h / 2 * (s.stiffness * (l - s.rest_length) + s.damping * w.dot(n)) * n;
-        const int i = unknown_[std::size_t(s.i)], j = unknown_[std::size_t(s.j)];
+        const double tension = cloth_.stiffness[kind.family] * (l - cloth_.rest_length(kind));
+        const Vec3 force = h / 2 * (tension + cloth_.spring_damping[kind.family] * w.dot(n)) * n;
+        const int i = unknown_[std::size_t(from)], j = unknown_[std::size_t(to)];
         if (i >= 0) r.segment<3>(3 * i) -= force;
         if (j >= 0) r.segment<3>(3 * j) += force;
-    }
+    });
     return r;
 }
 
 void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
     entries_.clear();
     for (int k = 0; k < 3 * unknowns_; ++k) entries_.emplace_back(k, k, mass_[k] + h / 2 * cloth_.drag);
-    for (const Spring& s : springs_) {
-        const Vec3 d = (x_.row(s.j) - x_.row(s.i)).transpose() + h / 2 * (place(u, s.j) - place(u, s.i));
+    cloth_.each_spring([&](int from, int to, const Neighbour& kind) {
+        const double stiffness = cloth_.stiffness[kind.family];
+        const Vec3 d = (x_.row(to) - x_.row(from)).transpose() + h / 2 * (place(u, to) - place(u, from));
         const double l = d.norm();
         Eigen::Matrix3d block = Eigen::Matrix3d::Zero();
         if (l > 0) {
             const Vec3 n = d / l;
-            double across = 1 - s.rest_length / l;
+            double across = 1 - cloth_.rest_length(kind) / l;
             if (!exact) across = std::max(across, 0.0);
             const Eigen::Matrix3d along = n * n.transpose();
-            block = (h / 2 * s.damping + h * h / 4 * s.stiffness) * along +
-                h * h / 4 * s.stiffness * across * (Eigen::Matrix3d::Identity() - along);
+            block = (h / 2 * cloth_.spring_damping[kind.family] + h * h / 4 * stiffness) * along +
+                h * h / 4 * stiffness * across * (Eigen::Matrix3d::Identity() - along);
         }
-        const int i = unknown_[std::size_t(s.i)], j = unknown_[std::size_t(s.j)];
+        const int i = unknown_[std::size_t(from)], j = unknown_[std::size_t(to)];
         for (int a = 0; a < 3; ++a)
             for (int b = 0; b < 3; ++b) {
                 if (i >= 0 && a >= b) entries_.emplace_back(3 * i + a, 3 * i + b, block(a, b));
@@ -81,7 +79,7 @@ void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
                 if (i >= 0 && j >= 0)
                     entries_.emplace_back(3 * std::max(i, j) + a, 3 * std::min(i, j) + b, -block(a, b));
             }
-    }
+    });
     matrix_.setFromTriplets(entries_.begin(), entries_.end());
 }
 

@@ -30,10 +30,6 @@ public:
 private:
     using Vector = Eigen::VectorXd;
     using Matrix = Eigen::SparseMatrix<double>;
-    struct Spring {
-        int i, j;
-        double rest_length, stiffness, damping;
-    };
 
     Vector residual(double h, const Vector& u) const;
     void assemble(double h, const Vector& u, bool exact);
@@ -42,7 +38,6 @@ private:
 
     const Scene& scene_;
     const Cloth& cloth_;
-    std::vector<Spring> springs_;
     std::vector<int> unknown_;  // of a point, -1: pinned
     int unknowns_ = 0;
     Vector mass_;  // per unknown

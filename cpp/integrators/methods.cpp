@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <deque>
 #include <stdexcept>
 #include <utility>
 
@@ -208,7 +207,7 @@ constexpr double xi = 0.1786178958448091, lambda = -0.2123418310626054, chi = -0
 const Splitting pefrl{{xi, chi, 1 - 2 * (chi + xi), chi, xi},
                       {(1 - 2 * lambda) / 2, lambda, lambda, (1 - 2 * lambda) / 2}};
 
-std::vector<Method> methods{
+const std::vector<Method> methods{
     {.name = "rk4", .family = MethodFamily::runge_kutta, .runge_kutta = &rk4, .in_kernels = true},
     {.name = "explicit_euler", .family = MethodFamily::runge_kutta, .runge_kutta = &explicit_euler},
     {.name = "semi_implicit_euler", .family = MethodFamily::splitting, .splitting = &semi_implicit_euler},
@@ -232,12 +231,6 @@ Weights ExplicitMethod::dense(double part) const {
 }
 
 std::span<const Method> all_methods() { return methods; }
-
-void add_splitting(const std::string& name, const Splitting& parts) {
-    static std::deque<std::pair<std::string, Splitting>> added;
-    const auto& [its_name, its_parts] = added.emplace_back(name, parts);
-    methods.push_back({.name = its_name, .family = MethodFamily::splitting, .splitting = &its_parts});
-}
 
 const Method& method_of(std::string_view name) {
     for (const Method& m : methods)

@@ -73,10 +73,7 @@ struct Method {
 // In the order of the documentation.
 std::span<const Method> all_methods();
 
-// A further splitting, for trials and tests. No other thread may make an engine meanwhile.
-void add_splitting(const std::string& name, const Splitting& parts);
-
-// Throws std::invalid_argument for a name that is none. The next `add_splitting` may move it.
+// Throws std::invalid_argument for a name that is none.
 const Method& method_of(std::string_view name);
 
 }  // namespace clothsim

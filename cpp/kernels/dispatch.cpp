@@ -39,23 +39,8 @@ std::vector<const KernelTable*> supported_instruction_sets() {
     return supported;
 }
 
-namespace {
-
-constexpr std::size_t shown_length = 40;  // characters of a wrong name that a message repeats
-
-// A name from outside as a message can show it: short, of printable ASCII.
-std::string shown(const std::string& name) {
-    std::string found = name.substr(0, shown_length);
-    for (char& c : found)
-        if (c < ' ' || c > '~') c = '?';
-    return "'" + found + (name.size() > shown_length ? "...'" : "'");
-}
-
-}  // namespace
-
-const KernelTable& choose_instruction_set(const std::string& name) {
-    const char* environment = std::getenv("CLOTHSIM_ISA");
-    const std::string wanted = !name.empty() ? name : environment ? environment : "";
+const KernelTable& choose_instruction_set() {
+    const std::string wanted = kernel_environment();
     const auto supported = supported_instruction_sets();
     if (wanted.empty()) return *supported.front();
     std::string accepted;
@@ -63,9 +48,8 @@ const KernelTable& choose_instruction_set(const std::string& name) {
         if (table->name == wanted) return *table;
         accepted += (accepted.empty() ? "" : ", ") + std::string(table->name);
     }
-    throw std::invalid_argument((name.empty() ? "CLOTHSIM_ISA" : "instruction_set") +
-                                (" is " + shown(wanted)) +
-                                "; this processor runs, of those built: " + accepted);
+    throw std::invalid_argument("CLOTHSIM_ISA is '" + wanted +
+                                "'; this processor runs, of those built: " + accepted);
 }
 
 std::string kernel_environment() {

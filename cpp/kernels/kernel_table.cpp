@@ -6,17 +6,16 @@
 #include "kernels/gather/gather_impl.hpp"
 #include "kernels/lanes.hpp"
 #include "kernels/row_impl.hpp"
-#include "kernels/state_rows_impl.hpp"
 
 namespace clothsim {
 namespace {
 
 template <class Arch, class Real>
-RestLength<Real> fused_rest_length(Real along_columns, Real along_rows) {
+Real reciprocal_at_rest(Real along_columns, Real along_rows) {
     using V = Lanes<Real, Arch>;
     const V x(along_columns), z(along_rows);
-    const V l2 = xsimd::fma(z, z, xsimd::fma(x, x, V(smallest_squared_length<Real>)));
-    return {l2.get(0), scaled_reciprocal_root(l2).get(0)};
+    const V squared = xsimd::fma(z, z, xsimd::fma(x, x, V(smallest_squared_length<Real>)));
+    return scaled_reciprocal_root(squared).get(0);
 }
 
 template <class Real>
@@ -33,15 +32,10 @@ constexpr std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts() 
 
 template <class Real>
 constexpr RealKernels<Real> real_kernels() {
-    return {rows_kernels<ThisArch, Real>(),
-            state_row_kernels<Real>(),
-            &gather_tile<ThisArch, Real>,
-            {&edge_rows_of_any<ThisArch, Real>, &edge_last_row_of_any<ThisArch, Real>,
-             &edge_halo_of_any<ThisArch, Real>},
-            &edge_finish<ThisArch, Real>,
-            edge_parts<Real>(),
-            root_scale<Real, ThisArch>(),
-            &fused_rest_length<ThisArch, Real>,
+    return {rows_kernels<ThisArch, Real>(),    &gather_rows_of_any<ThisArch, Real>,
+            &edge_rows_of_any<ThisArch, Real>, &edge_halo_of_any<ThisArch, Real>,
+            &edge_finish<ThisArch, Real>,      edge_parts<Real>(),
+            root_scale<Real, ThisArch>(),      &reciprocal_at_rest<ThisArch, Real>,
             int(Lanes<Real, ThisArch>::size)};
 }
 

@@ -33,13 +33,8 @@ struct FieldLayout {
     // Elements of a state array: from the start to row 0, from row to row, from run to run, from x to v. The
     // last is from a value to its compensation (0: not compensated).
     std::ptrdiff_t origin, row, run, velocity, compensation;
-    // The same of accelerations. Several of them lie in one block, a slot each.
-    std::ptrdiff_t acceleration_origin, acceleration_row, acceleration_run;
-    int slots;
-    std::ptrdiff_t slot, block;
-
-    std::ptrdiff_t acceleration_size(int count) const { return (count + slots - 1) / slots * block; }
-    std::ptrdiff_t acceleration(int index) const { return index / slots * block + index % slots * slot; }
+    // The same of accelerations, and how many elements a slope takes.
+    std::ptrdiff_t acceleration_origin, acceleration_row, acceleration_run, acceleration_size;
 };
 
 // dx = drift v + sum x_l a_l,  dv = sum v_l a_l

@@ -8,19 +8,6 @@
 
 namespace clothsim {
 
-Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> triangles(int rows, int columns) {
-    Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> result(
-        2 * std::int64_t(rows - 1) * (columns - 1), 3);
-    std::int64_t next = 0;
-    for (std::int64_t r = 0; r + 1 < rows; ++r)
-        for (std::int64_t c = 0; c + 1 < columns; ++c) {
-            const std::int64_t i = r * columns + c;
-            result.row(next++) << i, i + columns, i + 1;
-            result.row(next++) << i + 1, i + columns, i + columns + 1;
-        }
-    return result;
-}
-
 namespace {
 
 Vec3 closest_point_on_segment(const Vec3& p, const Vec3& a, const Vec3& b) {

@@ -11,6 +11,14 @@ struct Energy {
 };
 Energy energy(const Scene& scene, const PointsView& x, const PointsView& v);
 
+// How fast the modes of a cloth can be at most: what a guaranteed time step is derived from.
+struct ModeBounds {
+    double stiffness;  // 1/s^2, above every squared frequency
+    double damping;    // 1/s, above every damping rate
+};
+
+ModeBounds mode_bounds(const Cloth& cloth);
+
 // Largest length over rest length - 1 of all springs; -infinity where there is no spring.
 double largest_stretch(const Cloth& cloth, const PointsView& x);
 // Of all springs of point i, were it at x; `position(j)` of the others [J].
@@ -32,10 +40,6 @@ struct Penetration {
     double points, triangles;
 };
 Penetration penetration(int rows, int columns, const PointsView& x, const Sphere& sphere, double t);
-
-// The two triangles of every cell, split along the diagonal from (row, column + 1) to (row + 1, column).
-// Corners run counterclockwise seen from above, so normals of the flat sheet point up (+y).
-Eigen::Matrix<std::int64_t, Eigen::Dynamic, 3, Eigen::RowMajor> triangles(int rows, int columns);
 
 // The point of triangle (a, b, c) that is closest to p.
 Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c);

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "model/scene.hpp"
-#include "model/thread_grid.hpp"
 
 namespace clothsim {
 

@@ -1,9 +1,8 @@
-#include "measure/mode_bounds.hpp"
+#include "measure/diagnostics.hpp"
 
 #include <algorithm>
 
 namespace clothsim {
-
 namespace {
 
 // 1 / mass of a point that moves, 0 of one that does not.
@@ -17,7 +16,6 @@ double highest_mobility(const Cloth& cloth) {
     return most;
 }
 
-// Of the springs that there are (mode_bounds.hpp): another kind adds a term, and moves the maximum.
 static_assert(spring_kind_count == 5 && stencil_reach == 2, "largest_symbol knows five kinds of springs");
 double largest_symbol(const Cloth& cloth, const std::array<double, family_count>& coefficient) {
     const auto value = [&](Family f) { return cloth.present[f] ? coefficient[f] : 0.0; };
@@ -61,13 +59,27 @@ double largest_sum_of_springs(const Cloth& cloth, const std::array<double, famil
     return most;
 }
 
-}  // namespace
-
+// Largest eigenvalue of the spring Laplacian per unit mass, from above: coefficient[f] N/m (stiffness) or
+// N s/m (damping) give 1/s^2 or 1/s. It is the smaller of two bounds. Pinned points only count as ends of
+// springs.
+//
+// On an infinite uniform grid a wave of (a, b) radians per point has, with x = cos a, y = cos b,
+//   2 Ks (2 - x - y) + 4 Kh (1 - x y) + 4 Kb (2 - x^2 - y^2)
+// Its maximum over the square, over the lightest mass, bounds every finite cloth. Leaving points out, or
+// pinning them, leaves non-negative terms out of the quadratic form. The bound is 8 K structural, 12 K with
+// shear, 16.33 K with bend.
+//
+// Where masses differ, or the cloth is narrow, the bound by single springs may be sharper:
+//   k |y_i - y_j|^2 <= k (1/m_i + 1/m_j) (m_i |y_i|^2 + m_j |y_j|^2)
+// (Cauchy-Schwarz), so no eigenvalue is above the largest sum of k (1/m_i + 1/m_j) over the springs of a
+// point.
 double laplacian_bound(const Cloth& cloth, const std::array<double, family_count>& coefficient) {
     const double waves = largest_symbol(cloth, coefficient) * highest_mobility(cloth);
     const bool uniform = cloth.uniform_mass && std::min(cloth.rows, cloth.columns) > 2;
     return uniform ? waves : std::min(waves, largest_sum_of_springs(cloth, coefficient));
 }
+
+}  // namespace
 
 ModeBounds mode_bounds(const Cloth& cloth) {
     return {laplacian_bound(cloth, cloth.stiffness),

@@ -18,7 +18,8 @@
 //
 // A band finishes a sweep only with its neighbour's rows of the version before. So it is no more than one
 // version ahead of its neighbours. A version may be made in any array that does not hold the version before
-// it. An engine that overwrites its rows copies those at a border for the neighbour (engines/edge_band.hpp).
+// it. An engine that overwrites its rows copies those at a border for the neighbour
+// (engines/edge_engine.cpp).
 #pragma once
 
 #include <memory>

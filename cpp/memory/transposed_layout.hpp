@@ -19,9 +19,7 @@
 #include "kernels/contact/contact_arguments.hpp"
 #include "kernels/edge/edge_arguments.hpp"
 #include "kernels/row_arguments.hpp"
-#include "kernels/state_rows.hpp"
 #include "memory/aligned_vector.hpp"
-#include "memory/caches.hpp"
 #include "memory/row_band.hpp"
 #include "model/cloth.hpp"
 
@@ -34,7 +32,6 @@ struct TransposedLayout {
     int rows, columns, strips, window, lanes, vectors;
     int parts;                          // of a row: the state, and its compensation
     std::ptrdiff_t stride;              // elements from vector to vector
-    std::vector<std::ptrdiff_t> place;  // of (x, y, z) of each vector in a row
     std::vector<std::ptrdiff_t> column_place;  // of a cloth's column in row 0, in the strip whose own it is
 
     // In strips of about `strip_columns` columns; 0: in one.
@@ -44,9 +41,6 @@ struct TransposedLayout {
         vectors = std::max(2, (window + lanes - 1) / lanes);
         stride = StateRecord::count * lanes;
         parts = compensated ? 2 : 1;
-        for (int k = 0; k < vectors; ++k)
-            for (int component = 0; component < 3; ++component)
-                place.push_back(k * stride + component * lanes);
         for (int s = 0; s < strips; ++s)
             for (int c = own(s); c < own(s + 1); ++c)
                 column_place.push_back(s * strip_size() + in_record(c - start(s)));
@@ -63,14 +57,16 @@ struct TransposedLayout {
     std::ptrdiff_t row_size() const { return parts * vectors * stride; }
     std::ptrdiff_t strip_size() const { return rows * row_size(); }
     std::ptrdiff_t size() const { return strips * strip_size(); }
+    // Elements from the first column of a row to another, and from a component to the next.
+    std::ptrdiff_t in_row(int column) const { return column_place[std::size_t(column)]; }
+    std::ptrdiff_t component() const { return lanes; }
     std::ptrdiff_t at(int row, int column, int k = 0) const {
-        return row * row_size() + column_place[std::size_t(column)] + k * lanes;
+        return row * row_size() + in_row(column) + k * lanes;
     }
     // Where the column of a strip's window stands in its row.
     std::ptrdiff_t in_record(int column) const { return column % vectors * stride + column / vectors; }
     std::ptrdiff_t compensation() const { return vectors * stride; }
     std::ptrdiff_t first() const { return 0; }
-    bool in_one_strip() const { return strips == 1; }
     // Where the state stands, without its compensation.
     Blocks state_blocks() const { return {std::ptrdiff_t(strips) * rows, vectors * stride, row_size()}; }
     // Of a cloth in one strip.
@@ -80,47 +76,16 @@ struct TransposedLayout {
     std::array<std::ptrdiff_t, 2> right() const { return {stride, 1 - (vectors - 1) * stride}; }
     static constexpr bool is_transposed = true;
 
-    // (x, y, z) of the columns of a row into and out of three components of it; whether they are finite
-    // there. `part`: room for as many. Out of a large cloth the next row is fetched meanwhile.
-    template <class Real, class In>
-    bool put_row(const RowKernels<Real, In>& kernels, const In* row, const RowShift& shift, Real* to) const {
-        bool finite = true;
-        for (int s = 0; s < strips; ++s)
-            finite &= kernels.put_transposed(row + 3 * start(s), shift, to + s * strip_size(),
-                                             kept_compensation(), transposed());
-        return finite;
-    }
-    template <class Real, class Out>
-    void take_row(const RowKernels<Real, Out>& kernels, const Real* from, const RowShift& shift, Out* row,
-                  AlignedVector<Out>& part) const {
-        const bool from_memory = size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache();
-        for (int s = 0; s < strips && from_memory; ++s)
-            for (const std::ptrdiff_t p : place) prefetch_to_read(from + s * strip_size() + row_size() + p);
-        if (strips == 1) return kernels.take_transposed(from, kept_compensation(), transposed(), shift, row);
-        for (int s = 0; s < strips; ++s) {
-            kernels.take_transposed(from + s * strip_size(), kept_compensation(), transposed(), shift,
-                                    part.data());
-            copy_own(s, part.data(), row);
-        }
-    }
-    // Of a row of a strip's window, what is its own.
-    template <class Out>
-    void copy_own(int strip, const Out* window, Out* row) const {
-        std::copy(window + 3 * (own(strip) - start(strip)), window + 3 * (own(strip + 1) - start(strip)),
-                  row + 3 * own(strip));
-    }
-    // The columns of a window, and where they stand among values of which there is one a point.
+    // `visit(column, vector, lane)` of a window.
     template <class Visit>
     void for_each_column(Visit visit) const {
         for (int lane = 0, c = 0; lane < lanes; ++lane)
-            for (int k = 0; k < vectors && c < window; ++k, ++c) visit(c, std::ptrdiff_t(k) * lanes + lane);
+            for (int k = 0; k < vectors && c < window; ++k, ++c) visit(c, k, lane);
     }
     std::ptrdiff_t width() const { return vectors * lanes; }
     bool padded() const { return window != width(); }  // rows end within a vector
 
 private:
-    std::ptrdiff_t kept_compensation() const { return parts == 2 ? compensation() : 0; }
-    TransposedRow transposed() const { return {window, lanes, vectors, place.data()}; }
     void cut(int strip_columns) {
         constexpr int overlap = 2 * halo_columns;
         strips = (columns - overlap + strip_columns - 1) / strip_columns;

@@ -4,27 +4,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstddef>
 #include <memory>
 
 #include "model/stencil.hpp"
-#include "model/thread_grid.hpp"
 
 namespace clothsim {
 
-// A value for each mass point that never changes, so that the copies of a cloth share it.
-template <class T>
-class PerPoint {
-public:
-    PerPoint() = default;
-    PerPoint(const T* values, std::size_t count) : values_(new T[count]) {
-        std::copy_n(values, count, values_.get());
-    }
-    const T& operator[](std::size_t point) const { return values_[std::ptrdiff_t(point)]; }
-
-private:
-    std::shared_ptr<T[]> values_;
-};
+// Mass points along and down of a group of the compute shader's threads, as WebGPU guarantees them. Point
+// (row, column) is thread (column, row); its index is row * columns + column.
+inline constexpr int group_size = 16;
 
 struct Cloth {
     int rows = 0;
@@ -36,11 +24,11 @@ struct Cloth {
     std::array<double, family_count> spring_damping{};  // N s/m, along the spring
     double drag = 0;                           // N s/m per mass point
     bool uniform_mass = true;
-    PerPoint<double> mass;  // kg
-    PerPoint<bool> pinned;
+    // Of each point; the copies of a cloth share them.
+    std::shared_ptr<const double[]> mass;  // kg
+    std::shared_ptr<const bool[]> pinned;
 
     int points() const { return rows * columns; }
-    ThreadGrid grid() const { return {columns, rows}; }
 
     double rest_length(const Neighbour& n) const {
         const double along_rows = n.row * row_spacing;

@@ -8,6 +8,7 @@
 #include "memory/threads.hpp"
 #include "reference/double_double.hpp"
 #include "reference/pins.hpp"
+#include "reference/reference.hpp"
 
 namespace clothsim::reference {
 namespace {
@@ -20,9 +21,17 @@ struct State {
     explicit State(std::size_t size) : x(size), v(size) {}
 };
 
+// A scene with its springs.
+struct System {
+    const Scene& scene;
+    std::vector<Spring> springs;
+};
+
 void accelerations(const System& system, const State& state, Values& a) {
     const Values &x = state.x, &v = state.v;
-    for (std::size_t k = 0; k < a.size(); ++k) a[k] = system.force[k] - Real(system.drag) * v[k];
+    const Cloth& cloth = system.scene.cloth;
+    for (std::size_t k = 0; k < a.size(); ++k)
+        a[k] = (system.scene.has_force() ? system.scene.force.data()[k] : 0) - Real(cloth.drag) * v[k];
     for (const Spring& s : system.springs) {
         const Real *xi = &x[3 * s.i], *xj = &x[3 * s.j], *vi = &v[3 * s.i], *vj = &v[3 * s.j];
         const Real d[3] = {xj[0] - xi[0], xj[1] - xi[1], xj[2] - xi[2]};
@@ -38,11 +47,11 @@ void accelerations(const System& system, const State& state, Values& a) {
         }
     }
     for (std::size_t k = 0; k < a.size(); ++k)
-        a[k] = system.pinned[k / 3] ? 0 : a[k] / system.mass[k / 3] + system.gravity[k % 3];
+        a[k] = cloth.pinned[k / 3] ? 0 : a[k] / cloth.mass[k / 3] + system.scene.gravity[k % 3];
 }
 
 void drive(const System& system, State& state, const Real& t, double inside) {
-    place_pins(system.driven_pins, system.pin_motions, t, inside, state.x, state.v);
+    place_pins(system.scene.driven_pins, system.scene.pin_motions, t, inside, state.x, state.v);
 }
 
 // z = y + h (dx/dt, dv/dt)
@@ -126,15 +135,16 @@ double difference(const State& a, const State& b, double H) {
 
 }  // namespace
 
-Extrapolation extrapolate(const System& system, const std::vector<double>& times,
+Extrapolation extrapolate(const Scene& scene, const std::vector<double>& times,
                           const ExtrapolationSettings& settings, std::vector<double>& x,
                           std::vector<double>& v, const std::function<bool()>& interrupted) {
+    const System system{scene, springs(scene.cloth)};
     const int columns = settings.columns;
     const std::size_t size = x.size();
     State y(size), previous(size);
     for (std::size_t k = 0; k < size; ++k) {
         y.x[k] = x[k];
-        y.v[k] = system.pinned[k / 3] ? 0 : v[k];
+        y.v[k] = scene.cloth.pinned[k / 3] ? 0 : v[k];
     }
     std::vector<State> table(columns, State(size));
     std::vector<Workspace> room(columns, Workspace(size));
@@ -146,10 +156,8 @@ Extrapolation extrapolate(const System& system, const std::vector<double>& times
     double H = times.back() / 64;
     for (const double target : times) {
         while (double(target - t) > 0) {
-            if (interrupted()) {
-                result.end = ExtrapolationEnd::interrupted;
-                return result;
-            }
+            result.interrupted = interrupted();
+            if (result.interrupted) return result;
             // The remaining way in equal parts, so that no sliver is left for the end.
             const Real step = (target - t) / std::ceil(double(target - t) / H);
             drive(system, y, t, double(t + step / 2));
@@ -160,7 +168,6 @@ Extrapolation extrapolate(const System& system, const std::vector<double>& times
                 for (int k; (k = --next) >= 0;)
                     midpoint(system, y, a0, t, step, 2 * (k + 1), room[k], table[k]);
             });
-            result.force_evaluations += 1 + columns * (columns + 1);
             neville(table, previous);
             const double error =
                 difference(table.back(), previous, double(step)) / extent(y.x) / settings.tolerance;
@@ -168,16 +175,10 @@ Extrapolation extrapolate(const System& system, const std::vector<double>& times
             if (error <= 1) {
                 std::swap(y, table.back());
                 t = double(step * 1.5 + t - target) > 0 ? Real(target) : t + step;
-                ++result.steps;
                 result.time = double(t);
-            } else {
-                ++result.rejected;
             }
             H = double(step) * std::clamp(error > 0 ? growth : 4.0, 0.2, 4.0);
-            if (H < smallest) {
-                result.end = ExtrapolationEnd::step_too_small;
-                return result;
-            }
+            if (H < smallest && double(target - t) > 0) return result;
         }
         drive(system, y, t, double(t) + smallest);
         for (std::size_t k = 0; k < size; ++k) {

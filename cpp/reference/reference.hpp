@@ -23,11 +23,8 @@ Points accelerations(const Scene& scene, const std::vector<Spring>& springs, con
 
 // Classic RK4 steps, the first of them from time t. x and v are advanced. The paper's responses act at the
 // end of a step. A step in which a sphere with the response "continuous" touches a point is taken in short
-// substeps (impacts.cpp); the paper's responses follow it.
-void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t);
-
-// Kim et al., eq 2-6 as printed: the time step multiplies the slopes and the sum. Kept to show that it is
-// not consistent.
-void step_as_printed(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t);
+// substeps; the paper's responses follow it. `as_printed`: Kim et al., eq 2-6 word for word,
+// where the time step multiplies the slopes and the sum; kept to show that it is not consistent.
+void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t, bool as_printed);
 
 }  // namespace clothsim::reference

@@ -31,7 +31,7 @@ struct WorkRecord {  // the state at the stage, a1, a2 and then a1 + 2 (a2 + a3)
 template <class Real>
 struct EdgeRowPointers {
     Real* state;
-    Real* work;
+    Real* work;  // in the stage `evaluate` three vectors a record: the accelerations
     const Real* inverse_mass;  // null: uniform, and no force on points
     const Real* applied;  // accelerations by forces on points, three vectors each; null: none
     const Real* free;  // 0 for pinned and padding points, else 1; null: there are none

@@ -105,7 +105,7 @@ CLOTHSIM_INLINE void sum_row(EdgeArguments<Real>& e, const EdgeSources<Real>& so
     std::swap(e.received[0], e.received[1]);
 }
 
-// One stage of rows [begin, end), of which all have two more behind them in `e.rows`.
+// One stage of rows [begin, end), with two more behind them in `e.rows`: null past the last of the cloth.
 template <class Arch, class Real>
 void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
     using V = Lanes<Real, Arch>;
@@ -116,27 +116,18 @@ void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
     for (int row = begin; row < end; ++row) {
         const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
         sum_row<V>(e, sources, true, row_ahead(e, row));
-        row_is_pending<V>(e, row, sources);
+        e.pending = row;
+        e.pending_source = sources.here;
     }
 }
 
-// One of the last two rows of a cloth.
-template <class Arch, class Real>
-void edge_last_row_of_any(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
-    using V = Lanes<Real, Arch>;
-    sum_row<V>(e, source, true);
-    row_is_pending<V>(e, row, source);
-}
-
-// Forces of the two rows before a band on its first two.
+// Forces of the two rows before a band on its first two. Of the first of them springs two rows on count
+// alone: it comes without the row below.
 template <class Arch, class Real>
 void edge_halo_of_any(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2,
                       const EdgeSources<Real>& before) {
     using V = Lanes<Real, Arch>;
-    if (e.features.family[bend]) {
-        if (e.features.spring_damping) send_down_2<V, Real, true>(e, before_2);
-        else send_down_2<V, Real, false>(e, before_2);
-    }
+    sum_row<V>(e, before_2, false);
     sum_row<V>(e, before, false);
 }
 

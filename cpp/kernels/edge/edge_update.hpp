@@ -41,7 +41,7 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
     constexpr bool compensated = sizeof(Real) == 4;
     const Real* const source = row.source + k * source_stride<V>(stage);
     Real* const state = row.state + k * (StateRecord::count * W);
-    Real* const work = row.work + k * (WorkRecord::count * W);
+    Real* const work = row.work + k * ((stage == Stage::evaluate ? 3 : WorkRecord::count) * W);
     const V step(stage == Stage::third ? e.h : e.half_h), step_a(stage == Stage::third ? e.h_a : e.half_h_a);
     const std::ptrdiff_t compensation = fixed ? fixed * StateRecord::count * W : e.compensation;
     const V h2_6(e.h2_6), h_6(e.h_6);
@@ -71,7 +71,7 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
         Real* const v = state + (3 + j) * W;
         const V a = acceleration[j];
         if constexpr (stage == Stage::evaluate) {
-            (a * V(e.unit)).store_aligned(first);
+            (a * V(e.unit)).store_aligned(work + j * W);
         } else if constexpr (stage == Stage::fourth) {
             add_increment<compensated>(v, v + compensation, h_6 * (V::load_aligned(sum) + a));
         } else {
@@ -119,31 +119,6 @@ CLOTHSIM_INLINE void fetch(const EdgeArguments<Real>& e, const Real* ahead, int 
 template <class Real>
 CLOTHSIM_INLINE const Real* row_ahead(const EdgeArguments<Real>& e, int row) {
     return e.ahead > 0 && row + e.ahead < e.row_count ? e.rows[row + e.ahead].state : nullptr;
-}
-
-// Forces of the first of the two rows before a band: springs that lead two rows on.
-template <class V, class Real, bool damped>
-CLOTHSIM_INLINE void send_down_2(const EdgeArguments<Real>& e, const EdgeSources<Real>& source) {
-    constexpr int W = int(V::size), kind_size = EdgeCoefficientIndex::count * W;
-    const std::ptrdiff_t stride = source_stride<V>(e.stage);
-    const SpringConstants<V> constants{};
-    for (int k = 0; k < e.vectors; ++k) {
-        const Real* const p = source.here + k * stride;
-        Points<V> points{load3<V>(p, W), {}};
-        if constexpr (damped) points.v = load3<V>(p + 3 * W, W);
-        Spring<V> spring = stretch<damped>(points, source.below_2 + k * stride, constants);
-        root(spring, constants);
-        const Real* const coefficients =
-            e.coefficients + (e.coefficient_class[k] * spring_kind_count + to_below_2) * kind_size;
-        store3(e.received_2 + k * 3 * W, W, force<damped, Springs::by_coefficient>(spring, coefficients));
-    }
-}
-
-// The forces on a row are known, and the stage of the row before is finished.
-template <class V, class Real>
-CLOTHSIM_INLINE void row_is_pending(EdgeArguments<Real>& e, int row, const EdgeSources<Real>& source) {
-    e.pending = row;
-    e.pending_source = source.here;
 }
 
 // The end of the stage of the row that is pending.

@@ -56,7 +56,7 @@ template <class Real>
 struct GatherArguments : StepConstants<Real> {
     std::ptrdiff_t stride;  // elements from row to row
     std::ptrdiff_t plane;   // elements from component to component
-    int rows;
+    int rows, columns;
     Stage stage;
     Features features;
     SpringCoefficients<Real> spring[spring_kind_count];

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check, frozen
 from ..base.build import available_threads
+from ..engine.options import Options, core_plan
 from ..engine.stepper import Stepper
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
@@ -247,32 +248,15 @@ def extrapolation(
     scene: Scene, times: list[float], *, columns: int, tolerance: float, threads: int
 ) -> tuple[Floats, Floats]:
     """States at `times` by extrapolation in double-double."""
-    cloth = scene.cloth
-    table = cloth.spring_table()
-    fields = ("i", "j", "rest_length", "stiffness", "damping")
-    springs: dict[str, Any] = {name: np.ascontiguousarray(table[name]) for name in fields}
-    result = _core.extrapolate(
-        **springs,
-        mass=np.ascontiguousarray(cloth.mass_per_point),
-        pinned=np.ascontiguousarray(cloth.pinned),
-        gravity=scene.gravity,
-        drag=cloth.drag,
-        force=np.zeros_like(cloth.rest_positions) if scene.force is None else scene.force,
-        **scene.core_pins,
-        x=np.ascontiguousarray(scene.initial_position),
-        v=np.ascontiguousarray(scene.initial_velocity),
-        times=times,
-        columns=columns,
-        tolerance=tolerance,
-        threads=threads,
-    )
-    if not result["reached"]:
+    x, v = (np.ascontiguousarray(one) for one in (scene.initial_position, scene.initial_velocity))
+    plan = core_plan(scene, Options())
+    time, xs, vs = _core.extrapolate(plan, x, v, times, columns, tolerance, threads)
+    if xs is None or vs is None:
         raise ArithmeticError(
-            f"no reference: the extrapolation came to t = {result['time']:g} s, where its step fell below 1e-9 of the "
+            f"no reference: the extrapolation came to t = {time:g} s, where its step fell below 1e-9 of the "
             "duration; the forces are not smooth there (points that coincide?) or something grows beyond bounds"
         )
-    shape = (len(times), *cloth.shape, 3)
-    return result["x"].reshape(shape), result["v"].reshape(shape)
+    return xs, vs
 
 
 def distances(a: Floats, b: Floats) -> dict[str, Floats]:

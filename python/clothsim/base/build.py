@@ -39,7 +39,7 @@ def build_config() -> dict[str, Any]:
     """
     return {
         **_core.build_facts(),
-        "instruction_set": _core.choose_instruction_set(""),
+        "instruction_set": _core.choose_instruction_set(),
         "threads": available_threads(),
         "python": platform.python_version(),
         "numpy": np.__version__,

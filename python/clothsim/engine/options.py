@@ -68,7 +68,7 @@ class Options:
 def kept_plan(scene: Scene, options: Options) -> _core.Plan:
     """The plan of a scene, compiled once: it cannot change."""
     plans: dict[Any, _core.Plan] = scene.__dict__.setdefault("_plans", {})
-    key = options.precision, options.kernel, options.integrator, _core.choose_instruction_set("")
+    key = options.precision, options.kernel, options.integrator, _core.choose_instruction_set()
     plan = plans.get(key)
     if plan is None:
         if len(plans) >= _MOST_PLANS:
@@ -87,6 +87,5 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
         spheres=scene.core_spheres,
         precision=options.precision,
         kernel=options.chosen_kernel,
-        instruction_set="",
         integrator=options.integrator,
     )

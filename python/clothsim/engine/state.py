@@ -289,7 +289,7 @@ class State:
         if self._driven:
             check_driven_pins(self.scenes, x, time)
         # Driven pins have the velocity of their motion, and `out` may lie over a part of `x` or `v`.
-        whole = x.flags.c_contiguous and v.flags.c_contiguous and not self._driven
+        whole = out is None and x.flags.c_contiguous and v.flags.c_contiguous and not self._driven
         if not (whole and self.core.accelerations(x, v, result, self.threads)):
             self.core.load(*self._arrays(x, v), time)
             self.core.accelerations(result, self.threads)
@@ -356,7 +356,7 @@ class State:
         if new_x.shape != self.shape:
             raise ValueError(f"x and v must have shape {self.shape}, got {new_x.shape}")
         check_pins(self.scenes, new_x, new_v, own_x, own_v)
-        self.core.load(None if x is None else new_x, None if v is None else new_v, time)
+        self.core.load(new_x, new_v, time)
 
     def advance_spheres(self, steps: Any, dt: Any, targets: dict[int, npt.NDArray[np.float64]]) -> None:
         """Advance while spheres travel straight to their targets [m]; there they rest."""

@@ -265,12 +265,12 @@ def reference_step(
     if as_printed and scene.cloth.driven:
         raise ValueError("as_printed must be False where a pin is driven, which the paper does not have, got True")
     check_driven_pins([scene], x, t)
-    advance = _core.reference_step_as_printed if as_printed else _core.reference_step
-    return advance(
+    return _core.reference_step(
         core_plan(scene, Options()),
         x.astype(np.float64),
         v.astype(np.float64),
         check.number("dt", dt, minimum=0, exclusive=True),
         check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX),
         t,
+        as_printed,
     )

@@ -11,6 +11,7 @@ from .. import _core
 from ..base import Floats, check
 
 GROUP = (_core.group_size, _core.group_size, 1)
+_THREAD = [(f"{what}_{axis}", np.int32) for what in ("group", "thread", "dispatch") for axis in "xy"] + [("index", np.int64)]
 
 
 def checked_shape(value: Any, least: int = 1) -> tuple[int, int]:
@@ -59,7 +60,11 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
     )
     if wanted != GROUP:
         raise ValueError(f"group must be {GROUP}, the one the kernels are built for, got {wanted}")
-    return _core.thread_ids(rows, columns)
+    grid = np.empty((rows, columns), _THREAD)
+    for axis, at, size in zip("yx", np.indices((rows, columns)), (GROUP[1], GROUP[0])):
+        grid[f"dispatch_{axis}"], (grid[f"group_{axis}"], grid[f"thread_{axis}"]) = at, divmod(at, size)
+    grid["index"] = np.arange(rows * columns).reshape(rows, columns)
+    return grid
 
 
 def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
@@ -82,7 +87,10 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     >>> cs.triangles((2, 2)).tolist()
     [[0, 2, 1], [1, 2, 3]]
     """
-    return _core.triangles(*checked_shape(shape))
+    rows, columns = checked_shape(shape)
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    return np.stack([a, c, b, b, c, d], axis=-1).reshape(-1, 3)
 
 
 def point_radii2(x: Floats) -> Floats:
