@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,7 +22,6 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.extras import needed
-from ..base.progress import Stopwatch
 from ..base.text import aligned
 from ..methods.bound import stable_dt
 from ..model.fields import change_scene, check_name, units
@@ -453,15 +453,16 @@ def fit(
     unit = sigma or max(1e-3 * moved, least)
     random, u, starts, misfit = np.random.default_rng(0), np.zeros(len(names)), 0, "not tried"
     best: Any = None
-    with Stopwatch() as watch:
-        while misfit and starts <= _STARTS:
-            found = problem.minimise(u, bounds, unit, rtol, least_squares)
-            best = found if best is None or found.cost < best.cost else best
-            quality, misfit = _judged(best, measured, len(names), sigma, unit, least)
-            u, starts = random.uniform(-math.log(10), math.log(10), len(names)) * problem.logarithmic, starts + 1
-        scene, parameters = problem.at(best.x)
-        _, change, _, _, ended = known_derivatives(scene, parameters, Clock(scene, times, rtol))
-        run = simulate(scene, float(times[-1]), rtol=rtol, times=times)
+    begin = perf_counter()
+    while misfit and starts <= _STARTS:
+        found = problem.minimise(u, bounds, unit, rtol, least_squares)
+        best = found if best is None or found.cost < best.cost else best
+        quality, misfit = _judged(best, measured, len(names), sigma, unit, least)
+        u, starts = random.uniform(-math.log(10), math.log(10), len(names)) * problem.logarithmic, starts + 1
+    scene, parameters = problem.at(best.x)
+    _, change, _, _, ended = known_derivatives(scene, parameters, Clock(scene, times, rtol))
+    run = simulate(scene, float(times[-1]), rtol=rtol, times=times)
+    wall_time = perf_counter() - begin
     jacobian = problem.columns(change, parameters, best.x) / quality["sigma"]
     covariance, condition, reasons = _determined(jacobian, ended, best.x, bounds)
     slopes = problem.slopes(best.x)
@@ -476,7 +477,7 @@ def fit(
         covariance = np.full_like(covariance, np.nan)
     report = {"reason": "; ".join(told), "reasons": dict(zip(names, reasons)), **quality, "condition": condition}
     spent = {"evaluations": problem.evaluations, "jacobians": problem.jacobians}
-    report |= {**spent, "starts": starts, "wall_time": watch.seconds}
+    report |= {**spent, "starts": starts, "wall_time": wall_time}
     residuals = given - run.x[np.searchsorted(run.t, times)][:, place[0], place[1]]
     errors = dict(zip(names, np.sqrt(np.diag(covariance)).tolist()))
     return Fit(scene, dict(zip(names, values.tolist())), errors, covariance, residuals, run, times, given, report)

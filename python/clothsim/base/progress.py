@@ -1,11 +1,10 @@
-"""Progress bars, shown in a terminal or a notebook, never in a pipe or a file; and a stopwatch."""
+"""Progress bars, shown in a terminal or a notebook, never in a pipe or a file."""
 
 from __future__ import annotations
 
 import sys
 import warnings
 from importlib.util import find_spec
-from time import perf_counter
 from typing import Any, TextIO
 
 from . import check
@@ -69,16 +68,3 @@ class ProgressBar:
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-
-class Stopwatch:
-    """A context whose attribute `seconds` is how long it took."""
-
-    seconds: float
-
-    def __enter__(self) -> Stopwatch:
-        self._start = perf_counter()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.seconds = perf_counter() - self._start
