@@ -150,7 +150,8 @@ def test_reasons_of_one_report_agree():
 
 
 @pytest.mark.parametrize("motion", [cs.Reciprocate((1, 0, 0), 1e-3, 1e-7), cs.Sinusoid((1e-3, 0, 0), 1e7)])
-def test_more_stops_than_steps_are_refused(motion):
+def test_more_stops_than_steps_are_refused_before_any_run(motion, monkeypatch):
+    monkeypatch.setattr("clothsim.run.trajectory.Recorder.run", lambda self: pytest.fail("a run was begun"))
     scene = cs.Scene(cs.Cloth((3, 3), pins={(0, 0): motion}))
     with pytest.raises(
         ValueError, match=rf"period must be at least 2e-06 s.* got 1e-07 s of {type(motion).__name__}.*: give dt"

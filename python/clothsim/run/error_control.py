@@ -26,7 +26,7 @@ from ..base import Floats
 from ..errors import UnstableError
 from ..methods.bound import usable_dt
 from ..methods.integrators import integrators
-from ..model.scene import Scene
+from ..model.scene import Scene, stops_of
 from .frames import Schedule
 from .trajectory import Job, Recorder, RunOptions, Trajectory, Watch
 
@@ -116,6 +116,7 @@ Step = Generator[Job, Trajectory, Trajectory]  # a part of a search, which finds
 
 def solve(job: Job, asked: float, watch: Watch, plain: RunOptions | None = None) -> Controlled:
     """The run whose error is at most `asked` [m], rms, or the best one found; see `refined` for `plain`."""
+    stops_of(job.scene, job.options.start, job.options.start + job.duration)  # refuses too many before the first run
     done: list[Trajectory] = []
     if job.options.integrator == "dop853" and job.options.precision == "double":
         return _conduct(refined(job, asked, done, plain), done, watch)
