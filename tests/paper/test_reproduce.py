@@ -39,7 +39,7 @@ def test_full_run_takes_the_papers_frames_and_step():
     assert FULL.dt == (5e-6, 5e-6, 5e-6) and cuts(FULL) == []
     assert FRAMES == {"1": (150, 500, 800), "2": (200, 1300, 3100)}
     assert (FULL.runs, FULL.timed_frames, FULL.steps_per_frame()) == (10, 800, 320)
-    assert len(cuts(QUICK)) == 7
+    assert len(cuts(QUICK)) == 6
 
 
 def test_a_cell_equals_the_stepped_scene(report):
@@ -185,7 +185,7 @@ def test_pictures_show_something_and_those_of_a_frame_have_one_scale(report, fol
 
 def test_unstable_run_is_reported_not_hidden(tmp_path, monkeypatch):
     monkeypatch.setitem(FRAMES, "1", (10, 150))
-    settings = Settings((3.2e-3,) * 3, frame_dt=3.2e-3, study_dts=(3.2e-3,), picture_width=60)
+    settings = Settings((3.2e-3,) * 3, frame_dt=3.2e-3, study_dts=(3.2e-3,))
     entry = reproduce(tmp_path, settings=settings, experiments=(1,))["experiments"]["1"]
     assert len(entry["failures"]) == 4
     assert {c["frame"] for c in entry["cells"]} == {10}

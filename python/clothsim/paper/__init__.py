@@ -79,7 +79,7 @@ def _run(key: str, settings: Settings, threads: int, folder: Path, advance: Call
         failures = {f"{row['sphere']}, {row['case']}": row["failure"] for row in rows if row["failure"]}
         return {"rows": rows, "failures": failures}
     cases = made.contact(key, settings, settings.dt[int(key) - 1], threads=threads, advance=advance)
-    pages.draw_cells(key, cases, settings.picture_width, folder)
+    pages.draw_cells(key, cases, folder)
     pages.play(key, cases, folder)
     return {
         "cells": [cell for case in cases for cell in case.cells],

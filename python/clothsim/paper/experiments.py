@@ -57,7 +57,6 @@ class Settings:
     timed_frames: int = 800
     speedup_steps: int = 20_000
     part: float = 1.0
-    picture_width: int = 520
 
     def steps_per_frame(self, dt: float = PAPER_DT) -> int:
         """Steps of `dt`, a whole number of which is a frame."""
@@ -65,7 +64,7 @@ class Settings:
 
 
 FULL = Settings()
-QUICK = Settings((4e-5, 8e-5, 5e-5), 1.6e-3, (4e-4, 1.6e-3), 3, 200, speedup_steps=500, part=0.4, picture_width=400)
+QUICK = Settings((4e-5, 8e-5, 5e-5), 1.6e-3, (4e-4, 1.6e-3), 3, 200, speedup_steps=500, part=0.4)
 
 
 @dataclass
@@ -207,7 +206,7 @@ def comparison(
 
 
 def _in_turns(jobs: dict[str, Any], repeats: int, steps: int, advance: Callable[[int], object]) -> list[dict[str, Any]]:
-    """A row of rates for each job of so many steps: median and quartiles, which one disturbed repeat does not move."""
+    """A row of rates for each job of so many steps: the median, which one disturbed repeat does not move, and all."""
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(repeats):
         for name, job in jobs.items():
@@ -215,13 +214,13 @@ def _in_turns(jobs: dict[str, Any], repeats: int, steps: int, advance: Callable[
             job()
             seconds[name].append(perf_counter() - begin)
         advance(1)
-    rows: list[dict[str, Any]] = []
-    for name, measured in seconds.items():
-        upper, middle, lower = (float(rate) for rate in steps / np.quantile(measured, (0.25, 0.5, 0.75)))
-        row: dict[str, Any] = {"case": name, "steps_per_second": middle, "lower_quartile": lower, "upper_quartile": upper}
-        row |= {"times_the_first": middle / (rows or [row])[0]["steps_per_second"]}
-        rows.append(row | {"each": (steps / np.array(measured)).tolist()})
-    return rows
+    middle = {name: float(np.median(measured)) for name, measured in seconds.items()}
+    first = next(iter(middle.values()))
+    return [
+        {"case": name, "steps_per_second": steps / middle[name], "times_the_first": first / middle[name]}
+        | {"each": (steps / np.array(measured)).tolist()}
+        for name, measured in seconds.items()
+    ]
 
 
 def frame_rates(settings: Settings, advance: Callable[[int], object] = bool) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from .experiments import FRAMES, FULL, Case, Settings
 from .findings import findings, here, number
 
 FRONT, BACK = (1.0, 0.6, 1.3), (-0.6, 0.9, 0.7)  # the paper draws frame 200 of the moving sphere from the back
+WIDTH = 440  # pixels of a picture
 STAGE = (-1.2, -1.6, -0.6), (1.6, 1.1, 1.6)  # m; mass points that a collision throws further are cut
 COLORS = (
     "Blue: the cloth's upper face as it starts; sand: its lower face. Red: the sphere's surface where cloth lies under it, "
@@ -51,13 +52,12 @@ def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 HEADINGS = {key: heading for heading, key, _ in _cells(page_section("Quantities"))}
-RATES = ("case", "steps_per_second", "lower_quartile", "upper_quartile")
 SEEN = ("points_passed", "points_touching", "energy_gained")
 COLUMNS: dict[str, tuple[str, ...]] = {
     "cells": ("frame", "time", "case", "points", "triangles", "triangles_so_far", *SEEN),
     "study": ("dt", "case", "points", "triangles", "energy_gained"),
-    "3": (*RATES, "frames_per_second", "each"),
-    "4": (*RATES, "times_the_first", "each"),
+    "3": ("case", "steps_per_second", "frames_per_second", "each"),
+    "4": ("case", "steps_per_second", "times_the_first", "each"),
     "5": ("sphere", "case", "points_so_far", "triangles_so_far", "points_passed", "energy_gained"),
 }
 
@@ -182,7 +182,7 @@ def _image(path: Path, caption: str) -> str:
     return f'<img src="data:image/png;base64,{data}" alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption>'
 
 
-def draw_cells(number: str, cases: Sequence[Case], width: int, folder: Path) -> None:
+def draw_cells(number: str, cases: Sequence[Case], folder: Path) -> None:
     """Write the picture of each cell, with one camera for all of a frame, and enter its path in the cell."""
     (folder / f"experiment{number}").mkdir(parents=True, exist_ok=True)
     for frame in FRAMES[number]:
@@ -195,7 +195,7 @@ def draw_cells(number: str, cases: Sequence[Case], width: int, folder: Path) -> 
         for case, cell, t, x in shown:
             cell["picture"] = f"experiment{number}/frame{frame}_{case.name.replace(', ', '_').replace(' ', '_')}.png"
             camera = cs.Camera.around(direction, np.concatenate(seen))
-            picture = cs.picture(case.scene, x, t, camera=camera, width=width, ground=False)
+            picture = cs.picture(case.scene, x, t, camera=camera, width=WIDTH, ground=False)
             picture.save(folder / cell["picture"])
 
 
