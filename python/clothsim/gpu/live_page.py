@@ -41,7 +41,7 @@ from .shader import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, Features, SphereFe
 UNLIMITED_DT = 1e-3  # s, the time step of a scene that nothing limits
 STORED = 2.0  # s of the run that a browser without WebGPU plays
 STORED_STEPS = 2e7  # of single mass points that it may take: about half a second
-STORED_POINTS = 30_000  # in all of its frames, which keeps the page below 400 kB
+STORED_POINTS = 28_000  # in all of its frames, which keeps the page below 400 kB
 METHODS = (
     ("1 (reflect)", "reflect", False),
     ("1, as printed", "reflect", True),
