@@ -103,7 +103,6 @@ class HardCase:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> result = cs.scenes.hard_cases()["a point at the exact centre"].run()
         >>> result.passed
         True
@@ -479,7 +478,6 @@ def hard_cases() -> dict[str, HardCase]:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> case = cs.scenes.hard_cases()["1e6 m away"]
     >>> case.why
     'float32 tells points there apart by 6 cm'

@@ -222,7 +222,6 @@ def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray
     The exact derivative by the stiffness is -0.1 sin(w t) t / (2 w), with w = 10 / s:
 
     >>> import math
-    >>> import clothsim as cs
     >>> data = cs.sensitivity(cs.scenes.oscillator(stiffness=100.0), [0.5, 1.0], of=["stiffness"])
     >>> found = data.dx.sel(parameter="stiffness", time=1.0, row=0, column=1, component="x").item()
     >>> abs(found + 0.1 * math.sin(10.0) * 1.0 / 20.0) < 1e-12
@@ -300,7 +299,6 @@ class Fit:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> motion = cs.simulate(cs.scenes.oscillator(), 0.2, rtol=1e-6, fps=50)
         >>> len(cs.fit(cs.scenes.oscillator(stiffness=90.0), motion.t, motion.x, over=["stiffness"]).plot())
         3
@@ -420,7 +418,6 @@ def fit(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> import numpy as np
     >>> times = np.linspace(0.05, 0.5, 10)
     >>> tracked = cs.simulate(cs.scenes.hanging(shape=(4, 4)), 0.5, rtol=1e-8, times=times).x[1:, -1:, -1]

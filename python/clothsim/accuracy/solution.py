@@ -84,7 +84,6 @@ class Reference:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> solution = cs.reference(cs.scenes.oscillator(), 0.1)
         >>> solution.error_of(solution.x[-1])
         {'max': 0.0, 'rms': 0.0}
@@ -131,7 +130,6 @@ def reference(scene: Scene, duration: float, every: float | None = None) -> Refe
     Examples
     --------
     >>> import math
-    >>> import clothsim as cs
     >>> solution = cs.reference(cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1), 2.0)
     >>> abs(float(solution.x[-1, 0, 1, 0]) - (1.0 + 0.1 * math.cos(10.0 * 2.0))) < 3e-16
     True

@@ -77,7 +77,6 @@ class Method:
     The leapfrog method over `clothsim.acceleration`, of order 2 where forces depend on x alone.
 
     >>> import time
-    >>> import clothsim as cs
     >>> from clothsim.accuracy import Method
     >>> def leapfrog(scene, duration, dt):
     ...     x, v, steps = scene.initial_position, scene.initial_velocity, round(duration / dt)
@@ -163,7 +162,6 @@ def work_precision(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> scene = cs.scenes.oscillator(damping=1.0)
     >>> data = cs.work_precision(scene, 0.5, ["rk4"], dts=[0.02, 0.01])
     >>> data.sizes["level"], bool(data.rms_error[0, 1] < data.rms_error[0, 0] / 10)
@@ -350,7 +348,6 @@ class Convergence:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cs.convergence(cs.scenes.oscillator(), 0.1, [0.01, 0.005]).plot().get_xlabel()
         'time step dt [s]'
         """
@@ -405,7 +402,6 @@ def convergence(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> scene = cs.scenes.oscillator(damping=2.0)
     >>> found = cs.convergence(scene, 0.5, [0.01, 0.005, 0.0025])
     >>> round(found.order, 1), found.steps.tolist()

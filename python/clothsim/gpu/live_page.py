@@ -83,7 +83,6 @@ def view(scene: Scene, **unknown: Any) -> Path | Frame:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> page = cs.view(cs.scenes.paper_static())  # doctest: +SKIP
     """
     if unknown:

@@ -37,7 +37,6 @@ def difference(a: Run, b: Run) -> dict[str, Any]:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> a, b = (cs.simulate(cs.scenes.paper_swing(), 0.1, dt=dt, fps=50) for dt in (1e-3, 1e-4))
     >>> found = cs.difference(a, b)
     >>> found["distance"].shape, bool(0 < found["rms"][-1] < 1e-5)

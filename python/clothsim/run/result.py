@@ -92,7 +92,6 @@ class Run:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
     >>> run.x.shape, run.report["steps"]
     ((6, 32, 32, 3), 100)
@@ -181,7 +180,6 @@ class Run:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> scene = cs.scenes.paper_moving()
         >>> run = cs.simulate(scene, 0.02, dt=1e-4)
         >>> both = run + run.resume(0.03)
@@ -208,7 +206,6 @@ class Run:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> corner = run.at(-1, -1)
         >>> corner["x"].shape, bool((corner["speed"][1:] > 0).all())
@@ -236,7 +233,6 @@ class Run:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> run = cs.simulate(cs.scenes.oscillator(), 1.0, dt=1e-3, fps=10)
         >>> total = run.energy()["total"]
         >>> total.shape, bool(abs(total - total[0]).max() < 1e-9)
@@ -261,7 +257,6 @@ class Run:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> run = cs.simulate(cs.scenes.paper_moving(), 0.1, dt=1e-3, fps=50)
         >>> run.penetration()["points"]
         array([0., 0., 0., 0., 0., 0.])
@@ -284,7 +279,6 @@ class Run:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> bool(run.stretch()["largest"][-1] > 0)
         True
@@ -301,7 +295,7 @@ class Run:
 
         Examples
         --------
-        >>> import tempfile, clothsim as cs
+        >>> import tempfile
         >>> run = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     run.save(folder + "/run").name
@@ -320,7 +314,6 @@ class Run:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> run = cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-3, fps=50)
         >>> dict(run.to_xarray().sizes)
         {'time': 6, 'row': 1, 'column': 2, 'component': 3}
@@ -356,7 +349,6 @@ class Run:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> run = cs.simulate(cs.scenes.paper_static(), 0.02, dt=1e-3, every=10)
         >>> run.picture(t=0.01, width=200)
         <Picture of 200 x 129 pixels>
@@ -382,7 +374,6 @@ class Run:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-3, fps=50)
         >>> [axes.get_ylabel() for axes in run.plot().axes]
         ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
@@ -410,7 +401,7 @@ class Run:
 
         Examples
         --------
-        >>> import tempfile, clothsim as cs
+        >>> import tempfile
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
@@ -436,7 +427,7 @@ class Run:
 
         Examples
         --------
-        >>> import tempfile, clothsim as cs
+        >>> import tempfile
         >>> run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-3, every=5)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = run.to_html(folder + "/run.html")
@@ -457,7 +448,6 @@ class Run:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
@@ -512,7 +502,7 @@ class Run:
 
         Examples
         --------
-        >>> import tempfile, clothsim as cs
+        >>> import tempfile
         >>> run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-3, fps=60)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     [file.name for file in run.export(folder + "/cloth.pc2")]
@@ -532,7 +522,7 @@ def load_run(path: str | os.PathLike[str]) -> Run:
 
     Examples
     --------
-    >>> import tempfile, clothsim as cs
+    >>> import tempfile
     >>> run = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     again = cs.load_run(run.save(folder + "/run"))

@@ -136,7 +136,6 @@ def settle(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> cloth = cs.Cloth((12, 12), mass=0.3, stiffness=100.0, damping=0.05)
     >>> run = cs.settle(cs.Scene(cloth))
     >>> run.report["residual"] < 1e-6, run.report["reason"]

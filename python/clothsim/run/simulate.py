@@ -134,7 +134,6 @@ def simulate(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> run = cs.simulate(cs.scenes.oscillator(), 1.0, rtol=1e-6, fps=25)
     >>> run.x.shape, run.report["integrator"], run.report["error_estimate"]["rms"] < 1e-6
     ((26, 1, 2, 3), 'dop853', True)

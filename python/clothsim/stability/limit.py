@@ -111,7 +111,6 @@ def max_stable_dt(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> scene = cs.scenes.paper_swing(bend=True)
     >>> f"{cs.max_stable_dt(scene):.3e}"
     '8.526e-04'

@@ -101,7 +101,6 @@ def stability_map(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> found = cs.stability_map(cs.scenes.oscillator(), [100.0, 10_000.0], [0.02, 0.2, 0.3])
     >>> found.stable.values.astype(int).tolist()
     [[1, 1, 0], [1, 0, 0]]

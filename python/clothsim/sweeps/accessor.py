@@ -57,7 +57,6 @@ class ClothsimAccessor:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> ds = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 4.0]}, duration=0.1, dt=0.01, progress=False)
         >>> run = ds.clothsim.member(stiffness=4.0, every=0.05)
         >>> run.scene.cloth.family_stiffness["structural"], run.t.tolist()

@@ -109,7 +109,6 @@ def sweep(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> scene = cs.scenes.hanging(shape=(4, 4))
     >>> result = cs.sweep(scene, {"stiffness": [1e3, 1e5], "dt": [1e-3, 1e-1]}, duration=0.2, progress=False)
     >>> result.stable.values.tolist()

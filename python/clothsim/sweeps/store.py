@@ -415,7 +415,7 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     Examples
     --------
-    >>> import tempfile, clothsim as cs
+    >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     done = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 2.0]}, duration=0.1,
     ...                     dt=0.01, metrics="stable", store=folder + "/s.zarr", progress=False)

@@ -51,7 +51,6 @@ class Camera:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> camera = cs.Camera((0, 0, 1), target=(0.5, -0.5, 0.5), width=1.5, height=1.2)
     >>> scene = cs.scenes.paper_static()
     >>> cs.picture(scene, camera=camera, width=300).pixels.shape
@@ -79,7 +78,6 @@ class Camera:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> cs.Camera((0, 0, 2), (0, 0, 0), 1.0, 1.0).axes().tolist()
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
         """
@@ -105,7 +103,6 @@ class Camera:
 
         Examples
         --------
-        >>> import clothsim as cs
         >>> camera = cs.Camera.around((0, 0, 1), [(0, 0, 0), (2, 1, 0)], margin=0.0)
         >>> camera.width, camera.height
         (2.0, 1.0)

@@ -132,7 +132,6 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> runs = {name: cs.simulate(cs.scenes.paper_static(name), 0.1, dt=1e-3, every=5) for name in ("reflect", "ray")}
     >>> cs.compare(runs)
     <Comparison of 'reflect', 'ray'>

@@ -127,7 +127,6 @@ class Picture:
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> cs.picture(cs.scenes.paper_static(), width=200).pixels.dtype
     dtype('uint8')
     """
@@ -146,7 +145,7 @@ class Picture:
 
         Examples
         --------
-        >>> import tempfile, clothsim as cs
+        >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     cs.picture(cs.scenes.paper_static(), width=64).save(folder + "/cloth.png").name
         'cloth.png'
@@ -268,7 +267,6 @@ def picture(
 
     Examples
     --------
-    >>> import clothsim as cs
     >>> scene = cs.scenes.paper_static()
     >>> cs.picture(scene, scene.initial_position, camera="front", width=320).pixels.shape[1:]
     (320, 3)
