@@ -318,7 +318,7 @@ class State:
                 "swapped: the order is advance(steps, dt) and step(scene, x, v, dt, steps); "
                 "both can be given by name"
             )
-        steps = check.integer("steps", steps, minimum=0, maximum=check.INT64_MAX)
+        steps = check.integer("steps", steps, minimum=0)
         dt = check.number("dt", dt, minimum=0, exclusive=True)
         if t + dt == t:
             raise ValueError(

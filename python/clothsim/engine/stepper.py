@@ -122,7 +122,7 @@ class Stepper:
         if centers is None:
             self._state.advance(steps, dt)
             return
-        steps = check.integer("steps", steps, minimum=1, maximum=check.INT64_MAX)
+        steps = check.integer("steps", steps, minimum=1)
         try:
             self._state.advance_spheres(steps, dt, sphere_targets(centers, self._state.scenes))
         finally:

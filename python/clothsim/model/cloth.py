@@ -33,7 +33,7 @@ SPRING_DTYPE = np.dtype(
 _ENDS = tuple(
     (family, *ends)
     for family, r, c in _core.spring_kinds
-    for ends in (((0, 0), (r, c)), *[((0, c), (r, 0))] * bool(r and c))
+    for ends in [((0, 0), (r, c)), ((0, c), (r, 0))][: 2 if r and c else 1]  # a diagonal has a mirror image
 )
 
 # What can be replaced beside everything else: arrays and pins stay.
@@ -132,12 +132,10 @@ class Cloth(Record):
         pins: Pins = ((0, 0), (-1, 0)),
     ) -> None:
         shape, springs = checked_shape(shape, least=2), _springs(springs)
-        size = check.vector("size", size, 2)
-        for k in range(2):
-            check.number(f"size[{k}]", size[k], minimum=0, exclusive=True)
+        sides = enumerate(check.items("size", size, 2, "numbers > 0"))
         self._set(
             shape=shape,
-            size=size,
+            size=tuple(check.number(f"size[{k}]", side, minimum=0, exclusive=True) for k, side in sides),
             mass=_mass(mass, shape),
             stiffness=_per_family("stiffness", stiffness, springs),
             damping=_per_family("damping", damping, springs),

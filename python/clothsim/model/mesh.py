@@ -55,11 +55,8 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
     (np.int64(547), np.int32(1), np.int32(1))
     """
     rows, columns = checked_shape(shape)
-    wanted = tuple(
-        check.integer(f"group[{k}]", n, minimum=1) for k, n in enumerate(check.items("group", group, 3, "integers"))
-    )
-    if wanted != GROUP:
-        raise ValueError(f"group must be {GROUP}, the one the kernels are built for, got {wanted}")
+    if tuple(check.items("group", group, 3, "integers")) != GROUP:
+        raise ValueError(f"group must be {GROUP}, the one the kernels are built for, got {check.shown(group)}")
     grid = np.empty((rows, columns), _THREAD)
     for axis, at, size in zip("yx", np.indices((rows, columns)), (GROUP[1], GROUP[0])):
         grid[f"dispatch_{axis}"], (grid[f"group_{axis}"], grid[f"thread_{axis}"]) = at, divmod(at, size)

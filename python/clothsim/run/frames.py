@@ -105,7 +105,7 @@ def checked_every(every: Any) -> int | float | None:
     accepted = "steps between frames (an int >= 2), seconds between frames (a float > 0) or 'step' (each step)"
     if isinstance(every, str):
         raise TypeError(f"every must be {accepted}, got {check.shown(every)}")
-    steps = check.integer("every", every, maximum=check.INT64_MAX)
+    steps = check.integer("every", every)
     if steps == 1:
         raise ValueError(
             "every=1 is ambiguous: give every='step' for a frame at each step, or every=1.0 for "
