@@ -30,44 +30,38 @@ _DTYPES = (np.dtype(np.float64), np.dtype(np.float32))
 
 def _engine(
     scene: Any, x: Any, v: Any, integrator: Any, precision: Any, threads: Any, kernel: Any, backend: Any = "cpu"
-) -> tuple[State, dict[Any, list[State]], Any, FloatArray, FloatArray]:
-    """An engine that this call alone uses, the place where it is kept, and the arrays in the engine's form.
+) -> tuple[State, list[State], FloatArray, FloatArray]:
+    """An engine for a call, which no other call can have meanwhile, where it may wait for the next, and the arrays for it.
 
-    Only arrays of another type or a new shape are checked here; `State.step` finds numbers that are not finite.
+    Arrays are checked here where they are no plain float arrays, or of a new shape; `State.step` finds numbers that are not
+    finite.
     """
     if not (type(x) is type(v) is np.ndarray and x.dtype is v.dtype and x.dtype in _DTYPES and x.shape == v.shape):
         x, v = state_arrays(x, v, scenes_of(scene), not isinstance(scene, Scene))
-    kept: dict[Any, list[State]] = {}
-    key: Any = None
+    waiting: list[State] = []
     if x.nbytes <= _MOST_BYTES and type(threads) in _THREADS and type(backend) is str and backend == "cpu":
         # An engine that waits keeps its scenes, so that no other object has their identity.
         many = type(scene) in (list, tuple) and set(map(type, scene)) == {Scene}
         if many or type(scene) is Scene:
-            kept = (scene[0] if many else scene).engines
+            kinds = (scene[0] if many else scene).engines
             others = tuple(map(id, scene)) if many else None
             key = (x.shape, x.dtype, integrator, precision, threads, kernel, others)
             try:
-                while not (state := kept[key].pop()).core.current:
+                if key not in kinds:
+                    if len(kinds) >= _MOST_KINDS:
+                        kinds.pop(next(iter(kinds)), None)
+                    kinds[key] = []
+                waiting = kinds[key]
+                while not (state := waiting.pop()).core.current:
                     pass  # CLOTHSIM_ISA has changed
-                return state, kept, key, x, v
-            except (KeyError, IndexError, TypeError):  # TypeError: an option that is no name
+                return state, waiting, x, v
+            except (IndexError, KeyError, TypeError):  # KeyError: another thread; TypeError: an option that is no name
                 pass
     options = Options(integrator, precision, threads, kernel, backend)
     scenes, batched = scenes_of(scene), not isinstance(scene, Scene)
     x, v = state_arrays(x, v, scenes, batched, precision)
     members = len(x) if x.ndim == 4 and not batched else 1
-    return State(scenes * members, x.ndim == 4, x.shape, x.dtype, 0.0, options), kept, key, x, v
-
-
-def _keep(kept: dict[Any, list[State]], key: Any, state: State) -> None:
-    """Keep an engine for the next call of its kind, except after an error."""
-    if key is None:
-        return
-    if key not in kept and len(kept) >= _MOST_KINDS:
-        kept.pop(next(iter(kept)), None)
-    waiting = kept.setdefault(key, [])
-    if len(waiting) < _MOST_WAITING:
-        waiting.append(state)
+    return State(scenes * members, x.ndim == 4, x.shape, x.dtype, 0.0, options), waiting, x, v
 
 
 def step(
@@ -154,9 +148,10 @@ def step(
     """
     if unknown:
         check.no_argument(unknown)
-    state, kept, key, x, v = _engine(scene, x, v, integrator, precision, threads, kernel, backend)
+    state, waiting, x, v = _engine(scene, x, v, integrator, precision, threads, kernel, backend)
     results = state.step(x, v, t, steps, dt, out)
-    _keep(kept, key, state)
+    if len(waiting) < _MOST_WAITING:  # not after an error
+        waiting.append(state)
     return results
 
 
@@ -197,9 +192,10 @@ def acceleration(
     """
     if unknown:
         check.no_argument(unknown)
-    state, kept, key, x, v = _engine(scene, x, v, "rk4", precision, threads, kernel)
+    state, waiting, x, v = _engine(scene, x, v, "rk4", precision, threads, kernel)
     result = state.accelerate(x, v, t, out)
-    _keep(kept, key, state)
+    if len(waiting) < _MOST_WAITING:
+        waiting.append(state)
     return result
 
 
