@@ -1,4 +1,4 @@
-// The engine of the "gather" kernel: padded structure of arrays.
+// The engine of the "gather" kernel: padded structure of arrays, one tile a row of shader groups.
 #pragma once
 
 #include "engines/state_engine.hpp"
@@ -52,6 +52,7 @@ private:
     void apply_force() override;
     GatherArguments<Real> arguments(Stage stage, double dt);
 
+    ThreadGrid grid_;
     GatherKernel<Real> kernel_;
     AlignedVector<Real> inverse_mass_, applied_, free_;
     SpringCoefficients<Real> spring_[spring_kind_count];

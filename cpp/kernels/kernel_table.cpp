@@ -32,7 +32,7 @@ constexpr std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts() 
 
 template <class Real>
 constexpr RealKernels<Real> real_kernels() {
-    return {rows_kernels<ThisArch, Real>(),    &gather_rows_of_any<ThisArch, Real>,
+    return {rows_kernels<ThisArch, Real>(),    &gather_tile<ThisArch, Real>,
             &edge_rows_of_any<ThisArch, Real>, &edge_halo_of_any<ThisArch, Real>,
             &edge_finish<ThisArch, Real>,      edge_parts<Real>(),
             root_scale<Real, ThisArch>(),      &reciprocal_at_rest<ThisArch, Real>,

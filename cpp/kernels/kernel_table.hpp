@@ -17,7 +17,7 @@ namespace clothsim {
 struct ContactKernels;
 
 template <class Real>
-using GatherKernel = void (*)(const GatherArguments<Real>&, int begin, int end);  // rows
+using GatherKernel = void (*)(const GatherArguments<Real>&, const Tile&);
 
 // The edge kernel: many rows, the end of the stage of the last of them, and the forces of the two rows before
 // a band on it.

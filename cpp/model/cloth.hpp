@@ -7,12 +7,9 @@
 #include <memory>
 
 #include "model/stencil.hpp"
+#include "model/thread_grid.hpp"
 
 namespace clothsim {
-
-// Mass points along and down of a group of the compute shader's threads, as WebGPU guarantees them. Point
-// (row, column) is thread (column, row); its index is row * columns + column.
-inline constexpr int group_size = 16;
 
 struct Cloth {
     int rows = 0;
@@ -29,6 +26,7 @@ struct Cloth {
     std::shared_ptr<const bool[]> pinned;
 
     int points() const { return rows * columns; }
+    ThreadGrid grid() const { return {columns, rows}; }
 
     double rest_length(const Neighbour& n) const {
         const double along_rows = n.row * row_spacing;

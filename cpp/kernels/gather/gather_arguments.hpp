@@ -6,6 +6,7 @@
 #include <cstdint>
 
 #include "model/stencil.hpp"
+#include "model/thread_grid.hpp"
 
 namespace clothsim {
 
@@ -56,7 +57,7 @@ template <class Real>
 struct GatherArguments : StepConstants<Real> {
     std::ptrdiff_t stride;  // elements from row to row
     std::ptrdiff_t plane;   // elements from component to component
-    int rows, columns;
+    int rows;
     Stage stage;
     Features features;
     SpringCoefficients<Real> spring[spring_kind_count];

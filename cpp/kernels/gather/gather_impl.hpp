@@ -126,7 +126,7 @@ CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t
 }
 
 template <class V, class Real, bool damped>
-__attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, int begin, int end) {
+__attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const Tile& tile) {
     const V zero(Real(0));
     const Planes planes(g.plane);
     const std::ptrdiff_t stride = g.stride;
@@ -134,9 +134,9 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, int b
     each<spring_kind_count>([&](auto kind) __attribute__((always_inline)) {
         springs[kind] = {V(g.spring[kind].stiffness), V(g.spring[kind].rest), V(g.spring[kind].damping)};
     });
-    for (int row = begin; row < end; ++row) {
+    for (int row = tile.row_begin; row < tile.row_end; ++row) {
         const unsigned present = neighbours_of_row(g.features, row, g.rows);
-        for (int column = 0; column < g.columns; column += int(V::size)) {
+        for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
             std::ptrdiff_t at = row * stride + column;
             // The compiler would keep a pointer of its own to each row and array, which are more than there
             // are registers.
@@ -167,10 +167,10 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, int b
 }
 
 template <class Arch, class Real>
-void gather_rows_of_any(const GatherArguments<Real>& g, int begin, int end) {
+void gather_tile(const GatherArguments<Real>& g, const Tile& tile) {
     using V = Lanes<Real, Arch>;
-    if (g.features.spring_damping) gather_rows<V, Real, true>(g, begin, end);
-    else gather_rows<V, Real, false>(g, begin, end);
+    if (g.features.spring_damping) gather_rows<V, Real, true>(g, tile);
+    else gather_rows<V, Real, false>(g, tile);
 }
 
 }  // namespace

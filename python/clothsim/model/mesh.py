@@ -11,7 +11,6 @@ from .. import _core
 from ..base import Floats, check
 
 GROUP = (_core.group_size, _core.group_size, 1)
-_THREAD = [(f"{what}_{axis}", np.int32) for what in ("group", "thread", "dispatch") for axis in "xy"] + [("index", np.int64)]
 
 
 def checked_shape(value: Any, least: int = 1) -> tuple[int, int]:
@@ -57,11 +56,7 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
     rows, columns = checked_shape(shape)
     if tuple(check.items("group", group, 3, "integers")) != GROUP:
         raise ValueError(f"group must be {GROUP}, the one the kernels are built for, got {check.shown(group)}")
-    grid = np.empty((rows, columns), _THREAD)
-    for axis, at, size in zip("yx", np.indices((rows, columns)), (GROUP[1], GROUP[0])):
-        grid[f"dispatch_{axis}"], (grid[f"group_{axis}"], grid[f"thread_{axis}"]) = at, divmod(at, size)
-    grid["index"] = np.arange(rows * columns).reshape(rows, columns)
-    return grid
+    return _core.thread_ids(rows, columns)
 
 
 def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
