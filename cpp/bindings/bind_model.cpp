@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "bindings/bindings.hpp"
-#include "contact/exact.hpp"
+#include "contact/continuous.hpp"
 #include "driver/energy_watch.hpp"
 #include "integrators/methods.hpp"
 #include "measure/diagnostics.hpp"

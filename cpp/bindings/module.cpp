@@ -6,7 +6,7 @@
 
 #include "bindings/bindings.hpp"
 #include "bindings/unlocked.hpp"
-#include "contact/exact.hpp"
+#include "contact/continuous.hpp"
 #include "driver/energy_watch.hpp"
 #include "driver/simulation.hpp"
 #include "kernels/kernel_table.hpp"

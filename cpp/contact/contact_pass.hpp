@@ -8,17 +8,15 @@
 //                     /  S   \                      s    n   v.n -> -e v.n, friction on the rest
 //                                                            s: the rest of the step, along the new velocity
 //
-//   1. A kernel finds the vectors of points that may touch, responds where it can and copies the others.
-//      Points do not depend on each other here, so any number of threads gives the same bits.
-//   2. Bounces and points near several spheres follow, point by point in the cloth's order.
-//      The energy of a bounce depends on the neighbours as they are now.
-//
-//     all points -> near (kernel) -> done | free: untouched | unresolved -> exact::resolve, one by one
+//   1. Kernels find the points that may touch, and respond where a point lies on one sphere. Points do not
+//      depend on each other here, so any number of threads gives the same bits.
+//   2. The other points follow, one by one in the cloth's order (contact/continuous.hpp), bounces last: their
+//      energy depends on the neighbours as they are now.
 //
 // Where a sphere has the offset "cell", each point has a contact surface of its own, by rho of its cells
 // (kernels/contact/contact_impl.hpp):
 //
-//   1. rho is that before the step. Rows where the step before has not left it wait until it is found.
+//   1. rho is that before the step; it is computed where the step before has not left it.
 //   3. rho of the cells now. Points that lie deeper than it lets them are lifted; again, until none is. A
 //      move of d changes rho by at most d and a distance by rho / sqrt(R^2 + rho^2) of that: the rounds
 //      contract. Later rounds visit the rows beside points that were lifted.
@@ -35,7 +33,7 @@
 #include <vector>
 
 #include "contact/contact_report.hpp"
-#include "contact/exact.hpp"
+#include "contact/continuous.hpp"
 #include "contact/large_cells.hpp"
 #include "contact/state_points.hpp"
 #include "kernels/contact/contact_kernels.hpp"
@@ -72,8 +70,8 @@ public:
         cell_rows_ = std::max(cloth.rows - 1, 1);
         const std::size_t vectors = std::size_t(g.rows) * std::size_t(g.vectors),
                           values = vectors * std::size_t(lanes_);
-        for (auto* const sets : {&near_, &unresolved_, &inside_, &found_, &free_, &cells_})
-            sets->assign(vectors, 0);
+        for (auto* const sets : {&unresolved_, &inside_, &found_, &free_, &cells_}) sets->assign(vectors, 0);
+        near_.assign(std::max<std::size_t>(numbers_.size(), 1) * vectors, 0);
         mass_.assign(values, Real(0));
         for (int r = 0; r < g.rows; ++r)
             for (int j = 0; j < g.vectors; ++j)
@@ -86,31 +84,31 @@ public:
                         std::uint64_t(r < cell_rows_ && column < std::max(cloth.columns - 1, 1)) << l;
                     mass_[index(r, j) * std::size_t(lanes_) + std::size_t(l)] = Real(cloth.mass[point]);
                 }
-        for (auto* const rows : {&marks_, &found_in_, &known_, &wanted_})
-            rows->assign(std::size_t(g.rows), 0);
-        sums_.assign(std::size_t(g.rows), {});
+        for (auto* const rows : {&marks_, &known_, &wanted_}) rows->assign(std::size_t(g.rows), 0);
+        lift_work_.assign(std::size_t(g.rows), 0);
+        press_.assign(values, Real(0));
+        a_.transposed = Layout::is_transposed;
         a_.free = free_.data();
         a_.mass = mass_.data();
+        on_spheres_.resize(numbers_.size());
+        a_.impulses = on_spheres_.data();
         a_.impulse_row = std::ptrdiff_t(impulses_.size_of_row());
-        a_.sums = sums_.data();
         a_.marks = marks_.data();
         a_.near = near_.data();
         a_.unresolved = unresolved_.data();
         a_.inside = inside_.data();
+        a_.press = press_.data();
+        a_.wanted = wanted_.data();
+        a_.lift_work = lift_work_.data();
         if (!a_.cells) return;
         cell_radii2_.assign(values + std::size_t(lanes_), Real(0));
         point_radii2_.assign(values, Real(0));
-        press_.assign(values, Real(0));
         a_.right = cloth.columns > 1 ? layout.right()[0] : 0;
         a_.right_of_last = cloth.columns > 1 ? layout.right()[1] : 0;
         a_.below = cloth.rows > 1 ? g.row : 0;
-        a_.transposed = Layout::is_transposed;
         a_.cell_lanes = cells_.data();
         a_.cell_radii2 = cell_radii2_.data() + lanes_;
         a_.point_radii2 = point_radii2_.data();
-        a_.press = press_.data();
-        a_.known = known_.data();
-        a_.wanted = wanted_.data();
     }
     ContactPass(const ContactPass&) = delete;
 
@@ -157,20 +155,28 @@ public:
                                     [&](int i) { return points_.position(memory, i); });
     }
 
-    // What contact/exact.hpp needs.
+    // What contact/continuous.hpp needs.
     PointState before(int i) const { return points_.get(before_, i); }
     PointState now(int i) const { return points_.get(*memory_, i); }
-    void set(int i, const PointState& state) { points_.set(*memory_, i, state); }
+    void set(int i, const PointState& state) {
+        report_.changed = true;
+        points_.set(*memory_, i, state);
+    }
     // A radius that grows moves points and gives no velocity.
     void give(int i, const SweptSphere& s, const Vec3& change) {
         if (!lifting_) impulses_.give(number(s), row(i), column(i), mass(i) * change);
+    }
+    bool postpones(int i) {
+        if (!bouncing_) add(unresolved_, i);
+        return !bouncing_;
     }
     void press(int i, double speed) {
         if (a_.cells) press_[std::size_t(value_of(i))] = Real(speed);
     }
     void note_inside(int i, const SweptSphere& s, double depth) {
-        was_inside_ = true;
-        if (lifting_ || !starts_) return;
+        if (lifting_) return;
+        add(inside_, i);
+        if (!starts_) return;
         // Half warns of sheets laid around a sphere by the cells at rest; twice hides another hundredth.
         constexpr double part_of_standoff = 0.01;
         if (s.cells) {
@@ -191,11 +197,11 @@ public:
     double spring_energy(int i, const Vec3& x) const {
         return clothsim::spring_energy(plan_.cloth, i, x, [this](int j) { return position(j); });
     }
-    Surface<double> surface_at(int i, const SweptSphere& s) const {
-        if (!s.cells) return surface_of<Real>(s, 0.0);
-        const Surface<double> before = surface_of<Real>(s, radius2_before(i));
+    exact::Surface surface_at(int i, const SweptSphere& s) const {
+        if (!s.cells) return exact::surface_of<Real>(s, 0.0);
+        const exact::Surface before = exact::surface_of<Real>(s, radius2_before(i));
         if (!lifting_) return before;
-        Surface<double> surface = surface_of<Real>(s, std::max(radius2_before(i), radius2_now(i)));
+        exact::Surface surface = exact::surface_of<Real>(s, std::max(radius2_before(i), radius2_now(i)));
         surface.innermost = before.innermost;
         return surface;
     }
@@ -223,6 +229,9 @@ private:
         return std::ptrdiff_t(index(row(i), a_.transposed ? c % vectors : c / lanes_)) * lanes_ +
             (a_.transposed ? c / vectors : c % lanes_);
     }
+    void add(std::vector<std::uint64_t>& set, int i) const {
+        set[std::size_t(value_of(i) / lanes_)] |= std::uint64_t(1) << value_of(i) % lanes_;
+    }
     // `visit(i)` for the points of some lanes of a vector.
     template <class Visit>
     void each_point(int row, int vector, std::uint64_t lanes, const Visit& visit) const {
@@ -243,10 +252,10 @@ private:
         in_parts(a_.geometry.rows, threads_,
                  [&](std::ptrdiff_t begin, std::ptrdiff_t end) { work(int(begin), int(end)); });
     }
-    std::uint8_t all_marks() const {
+    bool any(std::uint8_t mark) const {
         std::uint8_t all = 0;
         for (const std::uint8_t row : marks_) all |= row;
-        return all;
+        return all & mark;
     }
 
     // "reflect" and "ray".
@@ -257,24 +266,27 @@ private:
             const Contact contact(sphere, t, 2 * double(Real(dt / 2)));  // as the shader has it
             const SweptSphere s = swept(sphere, plan_.cloth, t, t, dt, 0, Points::compensated);
             ContactArguments<Real> a = a_;
+            a.before = nullptr;
             a.spheres = &s;
             a.sphere_count = 1;
             std::atomic<std::int64_t> responses{0};
             std::atomic<bool> changed{false};
             each_part([&](int begin, int end) {
                 kernels_.find(a, begin, end);
+                std::int64_t count = 0;
+                bool moved = false;
                 each_vector(begin, end, [&](int r, int j) {
-                    if (near_[index(r, j)] == 0) return;
                     found_[index(r, j)] |= near_[index(r, j)];
-                    found_in_[std::size_t(r)] = 1;
-                    each_point(r, j, near_[index(r, j)], [&](int i) {
-                        if (pinned(i) || !touches(contact, position(i))) return;
-                        responses.fetch_add(1, std::memory_order_relaxed);
-                        if (respond_at_end(contact, i)) changed.store(true, std::memory_order_relaxed);
+                    each_point(r, j, near_[index(r, j)] & free_[index(r, j)], [&](int i) {
+                        if (!touches(contact, position(i))) return;
+                        ++count;
+                        moved |= respond_at_end(contact, i);
                     });
                 });
+                responses += count;
+                if (moved) changed = true;
             });
-            anything_found_ |= all_marks() != 0;
+            anything_found_ |= any(ContactMarks::near);
             report_.responses += responses;
             report_.changed |= changed;
         }
@@ -283,21 +295,20 @@ private:
         const PointState before = now(i), after = clothsim::respond(contact, before);
         impulses_.give(std::size_t(&contact.sphere - plan_.spheres.data()), row(i), column(i),
                        mass(i) * (after.velocity - before.velocity));
-        set(i, after);
-        return after.position != before.position || after.velocity != before.velocity;
+        points_.set(*memory_, i, after);
+        return after != before;
     }
     // Points that "reflect" and "ray" have found, pinned ones too; no other can be inside.
     void note_depths_at_end(double t) {
         if (!anything_found_) return;
-        std::vector<Vec3> places;
-        for (const Sphere& sphere : plan_.spheres) places.push_back(sphere.place_at(t));
-        for (int r = 0; r < a_.geometry.rows; ++r)
-            for (int j = 0; j < a_.geometry.vectors && found_in_[std::size_t(r)]; ++j)
-                each_point(r, j, std::exchange(found_[index(r, j)], 0), [&](int i) {
-                    const Vec3 point = position(i);
-                    for (std::size_t k = 0; k < places.size(); ++k)
-                        note_depth(-plan_.spheres[k].height(point - places[k]));
-                });
+        for (const Sphere& sphere : plan_.spheres) {
+            const Vec3 place = sphere.place_at(t);
+            for (int r = 0; r < a_.geometry.rows; ++r)
+                for (int j = 0; j < a_.geometry.vectors; ++j)
+                    each_point(r, j, found_[index(r, j)],
+                               [&](int i) { note_depth(-sphere.height(position(i) - place)); });
+        }
+        std::fill(found_.begin(), found_.end(), 0);
     }
     void note_depth(double depth) { report_.depth = std::max(report_.depth, depth); }
 
@@ -310,69 +321,42 @@ private:
         a_.before = before_.data() + layout_.first();
         a_.spheres = swept_.data();
         a_.sphere_count = int(swept_.size());
-        a_.impulses = impulses_.of_row(numbers_[0], 0);
-        a_.only_waiting = false;
+        for (std::size_t s = 0; s < numbers_.size(); ++s) on_spheres_[s] = impulses_.of_row(numbers_[s], 0);
         if (!current_) known(false);
-        current_ = true;
         lifting_ = false;
-        std::fill(sums_.begin(), sums_.end(), RowSums{});
-        const auto respond = [&](int begin, int end) { kernels_.respond(a_, begin, end); };
-        each_part(respond);
-        std::uint8_t all = all_marks();
-        if (all & ContactMarks::waits) {
-            want(ContactMarks::waits);
+        std::fill(lift_work_.begin(), lift_work_.end(), 0.0);
+        each_part([&](int begin, int end) { kernels_.find(a_, begin, end); });
+        const bool near = any(ContactMarks::near);
+        if (a_.cells && near) {
+            want(ContactMarks::near);
             for (std::size_t r = 0; r < known_.size(); ++r) wanted_[r] = wanted_[r] && !known_[r];
             each_part([&](int begin, int end) { kernels_.radii(a_, a_.before, begin, end); });
-            for (std::size_t r = 0; r < known_.size(); ++r) known_[r] |= wanted_[r];
-            a_.only_waiting = true;
-            each_part(respond);
-            all = all_marks();
         }
-        report_.changed |= (all & ContactMarks::responded) != 0;
-        each_vector(0, a_.geometry.rows, [&](int r, int j) { finish_vector(r, j); });
-        if (a_.cells) lift(all != 0);
-        for (const RowSums& sums : sums_) {
-            note_depth(sums.depth);
-            report_.lift_work += sums.work / dt;
-        }
-    }
-    void finish_vector(int r, int j) {
-        if (starts_)
-            each_point(r, j, near_[index(r, j)] & inside_[index(r, j)] & free_[index(r, j)], [&](int i) {
-                const SweptSphere& s = swept_[0];
-                const double begun = exact::level(s, before(i).position - exact::vec(s.start));
-                note_inside(i, s, height_of(s, surface_at(i, s).innermost) - height_of(s, begun));
+        if (near) each_part([&](int begin, int end) { kernels_.respond(a_, begin, end); });
+        report_.changed |= any(ContactMarks::responded);
+        for (int pass = 0; pass < 2 && any(ContactMarks::unresolved); ++pass) {
+            bouncing_ = pass == 1;
+            each_vector(0, a_.geometry.rows, [&](int r, int j) {
+                each_point(r, j, std::exchange(unresolved_[index(r, j)], 0), [&](int i) { resolve(i); });
             });
-        const std::uint64_t lanes = std::exchange(unresolved_[index(r, j)], 0);
-        if ((lanes | inside_[index(r, j)]) == 0 || near_[index(r, j)] == 0) return;
-        each_point(r, j, lanes, [&](int i) {
-            if (pinned(i)) return note_if_inside(i);
-            const PointState free_end = now(i);
-            was_inside_ = false;
-            if (!exact::resolve(*this, i, swept_)) ContactReport::keep_first(report_.trapped, i);
-            const PointState end = now(i);
-            report_.changed |= end.position != free_end.position || end.velocity != free_end.velocity;
-            if (was_inside_)
-                for (const SweptSphere& s : swept_)
-                    note_depth(-height_of(s, exact::level(s, end.position - exact::vec(s.end))));
-        });
-        if (!a_.cells) copy(r, j);
+        }
+        lift(near);
+        for (const double work : lift_work_) report_.lift_work += work / dt;
+    }
+    void resolve(int i) {
+        if (pinned(i)) return note_if_inside(i);
+        if (!exact::resolve(*this, i, swept_)) ContactReport::keep_first(report_.trapped, i);
+        const std::ptrdiff_t value = value_of(i);
+        if (inside_[std::size_t(value / lanes_)] >> value % lanes_ & 1)
+            for (const SweptSphere& s : swept_)
+                note_depth(-exact::height_of(s, exact::level(s, position(i) - exact::vec(s.end))));
     }
     void note_if_inside(int i) {
         for (const SweptSphere& s : swept_) {
             const double level = exact::level(s, position(i) - exact::vec(s.end));
-            note_depth(-height_of(s, level));
+            note_depth(-exact::height_of(s, level));
             if (level < surface_at(i, s).innermost) ContactReport::keep_first(report_.pinned_inside, i);
         }
-    }
-    void copy(int row, int vector) {
-        const VectorGeometry& g = a_.geometry;
-        const std::ptrdiff_t at = layout_.first() + row * g.row + vector * g.vector;
-        for (int part = 0; part < (Points::compensated ? 2 : 1); ++part)
-            for (int k = 0; k < 6; ++k) {
-                const std::ptrdiff_t from = at + k * g.component + part * g.compensation;
-                std::copy_n(memory_->data() + from, lanes_, before_.data() + from);
-            }
     }
 
     // Offset "cell".
@@ -388,59 +372,48 @@ private:
                 0;
     }
     void lift(bool near) {
-        want(ContactMarks::near);
-        known(false);
-        for (std::size_t r = 0; r < known_.size(); ++r) known_[r] |= wanted_[r];
-        const bool several = swept_.size() > 1;
-        a_.first_round = true;
-        lifting_ = true;
+        if (a_.cells) {
+            want(ContactMarks::near);
+            known(false);
+            for (std::size_t r = 0; r < known_.size(); ++r) known_[r] |= wanted_[r];
+        }
+        // Lifts change the cells of rows that are done: their rho is that of the round.
+        const bool one_by_one = swept_.size() > 1 || plan_.kernel == Kernel::gather,
+                   at_once = threads_ == 1 && !one_by_one;
+        lifting_ = a_.first_round = true;
         for (int round = 0; round < most_lifts && (round == 0 || near); ++round) {
-            const auto radii = [&](int begin, int end) { kernels_.radii(a_, a_.state, begin, end); };
+            const auto radii = [&](int begin, int end) {
+                if (a_.cells && near) kernels_.radii(a_, a_.state, begin, end);
+            };
             const auto rows = [&](int begin, int end) { kernels_.lift(a_, begin, end); };
-            // Lifts change the cells of rows that are done: their rho is that of the round.
-            for (int r = 0; threads_ == 1 && !several && r < a_.geometry.rows; r += rows_at_a_time) {
+            for (int r = 0; at_once && r < a_.geometry.rows; r += rows_at_a_time) {
                 const int end = std::min(r + rows_at_a_time, a_.geometry.rows);
                 radii(r, end);
                 rows(r, end);
             }
-            if (threads_ > 1 || several) each_part(radii);
-            if (several) near = near && lift_among_several();
-            else if (threads_ > 1) each_part(rows);
-            near = several ? near : (all_marks() & ContactMarks::lifted) != 0;
+            if (!at_once) each_part(radii);
+            if (!at_once) each_part(rows);
+            if (one_by_one) each_vector(0, a_.geometry.rows, [&](int r, int j) { lift_points(r, j); });
+            near = any(ContactMarks::lifted);
             report_.changed |= near;
             a_.first_round = false;
             want(ContactMarks::lifted);
         }
-        if (several) before_ = *memory_;
+        if (one_by_one) before_ = *memory_;
+        current_ = one_by_one || !near;
     }
-    // The places alone of points that lie too deep for the cells as they are now.
-    bool lift_among_several() {
-        bool lifted = false;
-        for (std::uint8_t& row : marks_) row &= std::uint8_t(~ContactMarks::lifted);
-        each_vector(0, a_.geometry.rows, [&](int r, int j) {
-            if (!a_.first_round && !wanted_[std::size_t(r)] && !(r > 0 && wanted_[std::size_t(r) - 1]))
-                return;
-            each_point(r, j, near_[index(r, j)] & free_[index(r, j)], [&](int i) {
-                if (!low(i)) return;
-                PointState end = now(i);
-                const Vec3 free_end = end.position;
-                if (!exact::resolve(*this, i, swept_, before(i).position, end))
-                    ContactReport::keep_first(report_.trapped, i);
-                if (end.position == free_end) return;
-                lifted = true;
-                marks_[std::size_t(r)] |= ContactMarks::lifted;
-                sums_[0].work +=
-                    mass(i) * double(press_[std::size_t(value_of(i))]) * (end.position - free_end).norm();
-                points_.set_position(*memory_, i, end.position);
-            });
-        });
-        return lifted;
-    }
-    // Whether a point lies too deep in a sphere.
-    bool low(int i) const {
-        return std::any_of(swept_.begin(), swept_.end(), [&](const SweptSphere& s) {
-            return exact::level(s, position(i) - exact::vec(s.end)) <
-                surface_at(i, s).lowest + s.tolerance / 4;
+    // Points that lie too deep in a sphere. Their places alone change.
+    void lift_points(int r, int j) {
+        each_point(r, j, std::exchange(unresolved_[index(r, j)], 0), [&](int i) {
+            PointState end = now(i);
+            const Vec3 free_end = end.position;
+            if (!exact::resolve(*this, i, swept_, before(i).position, end, false))
+                ContactReport::keep_first(report_.trapped, i);
+            if (end.position == free_end) return;
+            marks_[std::size_t(r)] |= ContactMarks::lifted;
+            lift_work_[std::size_t(r)] +=
+                mass(i) * double(press_[std::size_t(value_of(i))]) * (end.position - free_end).norm();
+            points_.set_position(*memory_, i, end.position);
         });
     }
     // rho^2 of a near point before the step, and with the cells as they are now.
@@ -462,15 +435,16 @@ private:
     int lanes_, cell_rows_ = 1, threads_ = 1;
     std::vector<std::size_t> numbers_;  // of continuous spheres, among all
     std::vector<SweptSphere> swept_;
+    std::vector<double*> on_spheres_;  // impulses
     ContactArguments<Real> a_{};
     AlignedVector<Real> before_;
     AlignedVector<Real>* memory_ = nullptr;
     bool current_ = false;  // whether `before_` is the state
-    bool starts_ = false, lifting_ = false, anything_found_ = false, was_inside_ = false, passed_ = false;
+    bool starts_ = false, bouncing_ = false, lifting_ = false, anything_found_ = false, passed_ = false;
     std::vector<std::uint64_t> near_, unresolved_, inside_, found_, free_, cells_;
-    std::vector<std::uint8_t> marks_, found_in_;  // rows of points
+    std::vector<std::uint8_t> marks_;  // rows of points
     std::vector<std::uint8_t> known_, wanted_;  // rows of cells: rho is that before the step; is needed
-    std::vector<RowSums> sums_;
+    std::vector<double> lift_work_;
     AlignedVector<Real> cell_radii2_, point_radii2_, press_;
     std::vector<Real> mass_;  // a lane after the other; 0 of padding
     ContactReport report_;

@@ -13,6 +13,8 @@ namespace clothsim {
 struct PointState {
     Vec3 position;
     Vec3 velocity;
+
+    bool operator==(const PointState&) const = default;
 };
 
 // The sphere at the moment of the pass.
@@ -71,7 +73,7 @@ inline double length_of(const Vec3& v) {
 // Method 2: cast a ray from the point back along its velocity. The point moves to the intersection of ray and
 // surface, and its velocity is reflected there.
 //
-// With b = -v/|v| the level (kernels/contact/continuous.hpp) along the ray is f + 2 s m.b + k s^2: eq 9 with
+// With b = -v/|v| the level (contact/continuous.hpp) along the ray is f + 2 s m.b + k s^2: eq 9 with
 // its errata corrected, over the radius. Division by v.v makes no speed too small. The point lies inside,
 // C = f - top < 0, so exactly one distance along the ray is positive:
 //

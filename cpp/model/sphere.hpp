@@ -42,7 +42,7 @@ struct Sphere {
     // The place from which points are measured.
     Vec3 place_at(double t) const { return flat() ? center_at(t) : Vec3(center_at(t) + radius * normal); }
     // The level of a point that is d from there, and heights over the surface by level
-    // (kernels/contact/continuous.hpp).
+    // (contact/continuous.hpp).
     double level(const Vec3& d) const { return d.dot(normal + (normal + curvature() * d)); }
     double height(double level) const {
         return level / (1 + std::sqrt(std::max(1 + curvature() * level, 0.0)));

@@ -1,13 +1,11 @@
 // The contact pass, a vector of mass points at a time: the points that may touch a sphere within the step,
-// and their responses. The many that lie on the sphere go to kernels/contact/contact_resting.hpp, the others
-// to kernels/contact/continuous.hpp.
+// and the responses of the many that lie on it (kernels/contact/contact_resting.hpp). The others are left to
+// contact/continuous.hpp.
 //
 // A point that needs a response came to the level `top` or below, at a right angle to its way or at its end.
 // With q its way in the sphere's frame, it ends at a level of at most top + k q^2. That check is in Real, and
 // rounding never hides a point: a way that is wrong by e counts 2 q^2 >= q'^2 - 2 e^2. Rounding of a level
 // grows with the distance from p0, which a slightly smaller curvature covers.
-//
-// The state of vectors that are done is copied for the next step on the way.
 //
 // Offset "cell": each mass point keeps sqrt(R^2 + rho^2) from a sphere of radius R.
 //
@@ -25,15 +23,6 @@
 
 namespace clothsim {
 namespace {
-
-template <class Arch>
-struct Number<xsimd::batch<double, Arch>> {
-    using D = xsimd::batch<double, Arch>;
-    using Mask = xsimd::batch_bool<double, Arch>;
-    static CLOTHSIM_LANE D select(const Mask& c, const D& a, const D& b) { return xsimd::select(c, a, b); }
-    static CLOTHSIM_LANE D root(const D& a) { return xsimd::sqrt(a); }
-    static CLOTHSIM_LANE bool any(const Mask& c) { return xsimd::any(c); }
-};
 
 // Points that may respond to a sphere.
 template <class V, class Real>
@@ -182,239 +171,112 @@ CLOTHSIM_INLINE Lanes<Real, Arch> point_radius2(const ContactArguments<Real>& a,
     return row > 0 ? xsimd::max(of_row(row), of_row(row - 1)) : of_row(row);
 }
 
-// Lane after lane, so that the strict class has the same bits for lanes of any width.
-template <class D>
-CLOTHSIM_INLINE void add_lanes(double& to, const D& values) {
-    alignas(64) double lanes[D::size];
-    values.store_aligned(lanes);
-    double sum = to;
-    for (const double lane : lanes) sum += lane;
-    to = sum;
+// Of the points of a vector, those that may touch another sphere, too.
+template <class Real>
+CLOTHSIM_INLINE std::uint64_t near_others(const ContactArguments<Real>& a, int sphere, std::ptrdiff_t index) {
+    const std::ptrdiff_t vectors = std::ptrdiff_t(a.geometry.rows) * a.geometry.vectors;
+    std::uint64_t near = 0;
+    for (int s = 0; s < a.sphere_count; ++s)
+        if (s != sphere) near |= a.near[s * vectors + index];
+    return near;
 }
 
-// Adds those `lanes` of a vector that touch the one sphere to `responded_lanes`, those that began inside to
-// a.inside, and returns the remaining lanes.
-template <class Arch, class Real>
-__attribute__((noinline)) std::uint64_t respond_vector(const ContactArguments<Real>& a, int row, int vector,
-                                                       std::uint64_t lanes, std::uint64_t& responded_lanes) {
-    using D = xsimd::batch<double, Arch>;
-    using Memory = Wide<Arch, Real>;
-    constexpr int W = int(Lanes<Real, Arch>::size);
-    const VectorGeometry& g = a.geometry;
-    const std::ptrdiff_t first = row * g.row + vector * g.vector;
-    const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector;
-    const std::uint64_t free = a.free[index];
-    constexpr std::uint64_t part = (std::uint64_t(1) << Memory::N) - 1;
-    std::uint64_t unresolved = 0;
-    for (int l = 0; l < W; l += Memory::N) {
-        if ((lanes >> l & part) == 0) continue;
-        Real* const state = a.state + first + l;
-        const Real* const before = a.before + first + l;
-        D x0[3], v0[3], x[3], v[3];
-        each<3>([&](auto k) __attribute__((always_inline)) {
-            x0[k] = Memory::read(before + k * g.component, g.compensation);
-            v0[k] = Memory::read(before + (k + 3) * g.component, g.compensation);
-            x[k] = Memory::read(state + k * g.component, g.compensation);
-            v[k] = Memory::read(state + (k + 3) * g.component, g.compensation);
-        });
-        const SweptSphere& s = a.spheres[0];
-        const auto of_lanes = [&](const Real* values) __attribute__((always_inline)) {
-            return Memory::batch(Memory::widen(Memory::load(values + index * W + l)));
-        };
-        const Surface<D> surface = surface_of<Real>(s, s.cells ? of_lanes(a.point_radii2) : D(0.0));
-        const D free_end[3] = {v[0], v[1], v[2]};
-        const VectorResponse<D> r = respond(s, surface, x0, v0, x, v);
-        const auto asked = lanes_of<D>(lanes >> l & part), moves = lanes_of<D>(free >> l & part);
-        const auto inside = asked & r.inside;
-        if (xsimd::any(inside)) {
-            a.inside[index] |= std::uint64_t(inside.mask()) << l;
-            const double lowest = xsimd::reduce_min(xsimd::select(inside & moves, r.height, D(0.0)));
-            if (-lowest > a.sums[row].depth) a.sums[row].depth = -lowest;
-        }
-        unresolved |= std::uint64_t((asked & (r.in_the_air | (r.responded & !moves))).mask()) << l;
-        const auto responded = asked & r.responded & moves;
-        if (xsimd::none(responded)) continue;
-        responded_lanes |= std::uint64_t(responded.mask()) << l;
-        const D chosen = xsimd::select(responded, D(1.0), D(0.0));
-        if (s.cells) Memory::write(a.press + index * W + l, r.press, chosen);
-        each<3>([&](auto k) __attribute__((always_inline)) {
-            Memory::write(state + k * g.component, g.compensation, x[k], chosen);
-            Memory::write(state + (k + 3) * g.component, g.compensation, v[k], chosen);
-            add_lanes(a.impulses[row * a.impulse_row + k],
-                      xsimd::select(responded, of_lanes(a.mass) * (free_end[k] - v[k]), D(0.0)));
-        });
-    }
-    return unresolved;
-}
-
-// Marks the points of a row that may touch a sphere; whether there are such points. A vector is marked
-// without inspection if all its points were near in the step before and some of the row responded. A point
-// that is marked and not near has no response.
-template <class Arch, class Real>
-CLOTHSIM_INLINE bool find_near(const ContactArguments<Real>& a, SphereNear<Lanes<Real, Arch>, Real>& sphere,
-                               int row) {
-    using V = Lanes<Real, Arch>;
-    const VectorGeometry& g = a.geometry;
-    constexpr std::uint64_t all = ~std::uint64_t(0) >> (64 - V::size);
-    std::uint64_t* const near = a.near + std::ptrdiff_t(row) * g.vectors;
-    const bool again = a.marks[row] & ContactMarks::responded;
-    std::uint64_t any = 0;
-    for (int s = 0; s < a.sphere_count; ++s) {
-        if (a.sphere_count > 1) sphere.prepare(a.spheres[s]);
-        for (int vector = 0; vector < g.vectors; ++vector) {
-            if (!again || near[vector] != all) {
-                const std::ptrdiff_t at = row * g.row + vector * g.vector;
-                const std::uint64_t found =
-                    sphere.near(load3<V>(a.state + at, g.component), load3<V>(a.before + at, g.component))
-                        .mask();
-                near[vector] = (s > 0 ? near[vector] : 0) | found;
-            }
-            any |= near[vector];
-        }
-    }
-    return any != 0;
-}
-
+// Marks the points that may touch a sphere. A vector is marked without inspection if all its points were near
+// in the step before and some of the row responded. A point that is marked and not near has no response.
 template <class Arch, class Real>
 void find_rows(const ContactArguments<Real>& a, int begin, int end) {
     using V = Lanes<Real, Arch>;
     const VectorGeometry& g = a.geometry;
+    constexpr std::uint64_t all = ~std::uint64_t(0) >> (64 - V::size);
     SphereNear<V, Real> sphere;
-    sphere.prepare(a.spheres[0]);
-    for (int row = begin; row < end; ++row) {
-        std::uint64_t any = 0;
-        for (int vector = 0; vector < g.vectors; ++vector)
-            any |= a.near[std::ptrdiff_t(row) * g.vectors + vector] =
-                sphere.near_at_end(load3<V>(a.state + row * g.row + vector * g.vector, g.component)).mask();
-        a.marks[row] = any ? ContactMarks::near : 0;
+    for (int s = 0; s < a.sphere_count; ++s) {
+        sphere.prepare(a.spheres[s]);
+        for (int row = begin; row < end; ++row) {
+            std::uint64_t* const near = a.near + (std::ptrdiff_t(s) * g.rows + row) * g.vectors;
+            std::uint8_t& marks = a.marks[row];
+            if (s == 0) marks &= ContactMarks::responded;
+            const bool again = marks & ContactMarks::responded;
+            std::uint64_t any = 0;
+            for (int vector = 0; vector < g.vectors; ++vector) {
+                const std::ptrdiff_t at = row * g.row + vector * g.vector;
+                if (!a.before) near[vector] = sphere.near_at_end(load3<V>(a.state + at, g.component)).mask();
+                else if (!again || near[vector] != all)
+                    near[vector] =
+                        sphere.near(load3<V>(a.state + at, g.component), load3<V>(a.before + at, g.component))
+                            .mask();
+                any |= near[vector];
+            }
+            if (any) marks |= ContactMarks::near;
+        }
     }
 }
 
-// The response of the near points of a row. The row waits if rho of its cells is unknown.
-template <class Arch, class Real, Arithmetic arithmetic>
-class RespondRow {
-    using V = Lanes<Real, Arch>;
-    static constexpr int W = int(V::size);
-
-public:
-    CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
-        sphere_.prepare(s);
-        if constexpr (arithmetic == Arithmetic::fused) resting_.prepare(s);
-    }
-    CLOTHSIM_INLINE void respond(const ContactArguments<Real>& a, int row) {
-        const VectorGeometry& g = a.geometry;
-        std::uint8_t& marks = a.marks[row];
-        if (!a.only_waiting) marks = find_near<Arch>(a, sphere_, row) ? ContactMarks::near : 0;
-        if (a.only_waiting ? (marks & ContactMarks::waits) != 0 : marks != 0) {
-            marks = ContactMarks::near;
-            if (a.cells && (!a.known[row] || (row > 0 && !a.known[row - 1]))) {
-                marks |= ContactMarks::waits;
-                return;
-            }
-            for (int vector = 0; vector < g.vectors; ++vector)
-                if (a.near[std::ptrdiff_t(row) * g.vectors + vector]) marks |= respond_in(a, row, vector);
-            if constexpr (arithmetic == Arithmetic::fused) resting_.end_row(a.impulses + row * a.impulse_row);
-        }
-        if (a.cells) return;  // `lift_rows` copies
-        for (int vector = 0; vector < g.vectors; ++vector) {
-            const std::ptrdiff_t at = row * g.row + vector * g.vector,
-                                 index = std::ptrdiff_t(row) * g.vectors + vector;
-            if (__builtin_expect(!marks || !((a.unresolved[index] | a.inside[index]) && a.near[index]), 1))
-                copy_vector<V>(a.state + at, a.before + at, g, a.bounces);
-        }
-    }
-
-private:
-    CLOTHSIM_INLINE std::uint8_t respond_in(const ContactArguments<Real>& a, int row, int vector) {
-        const VectorGeometry& g = a.geometry;
-        const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector,
-                             at = row * g.row + vector * g.vector;
-        std::uint64_t unresolved = a.near[index], responded = 0;
-        a.inside[index] = 0;
-        V radius2(Real(0)), press(Real(0));
-        if (a.cells) {
-            radius2 = point_radius2<Arch>(a, row, vector);
-            radius2.store_unaligned(a.point_radii2 + index * W);
-            press.store_unaligned(a.press + index * W);
-            if (a.sphere_count > 1 || arithmetic == Arithmetic::strict) unresolved &= nearer(a, at, radius2);
-        }
-        if (a.sphere_count == 1 && unresolved) {
-            if constexpr (arithmetic == Arithmetic::fused) {
-                unresolved = resting_.respond(g, a.state + at, a.before + at, lanes_of<V>(unresolved),
-                                              lanes_of<V>(a.free[index]), radius2, a.mass + index * W,
-                                              responded, press);
-                if (a.cells) press.store_unaligned(a.press + index * W);
-            }
-            if (unresolved) unresolved = respond_vector<Arch>(a, row, vector, unresolved, responded);
-        }
-        a.unresolved[index] |= unresolved;
-        return responded ? ContactMarks::responded : 0;
-    }
-    // Points that may touch one of the spheres, with rho before the step.
-    CLOTHSIM_INLINE std::uint64_t nearer(const ContactArguments<Real>& a, std::ptrdiff_t at,
-                                         const V& radius2) {
-        const auto x = load3<V>(a.state + at, a.geometry.component),
-                   before = load3<V>(a.before + at, a.geometry.component);
-        std::uint64_t near = 0;
-        for (int s = 0; s < a.sphere_count; ++s) {
-            if (a.sphere_count > 1) sphere_.prepare(a.spheres[s]);
-            near |= sphere_.near_by_cells(x, before, radius2).mask();
-        }
-        return near;
-    }
-
-    SphereNear<V, Real> sphere_;
-    OnSphere<Arch, Real> resting_;
-};
-
+// The responses of the points of marked rows that lie on one sphere.
 template <class Arch, class Real, Arithmetic arithmetic>
 void respond_rows(const ContactArguments<Real>& a, int begin, int end) {
-    RespondRow<Arch, Real, arithmetic> points;
-    points.prepare(a.spheres[0]);
-    for (int row = begin; row < end; ++row) points.respond(a, row);
-}
-
-// Lifts `lanes` of a vector on to the level that their cells ask for. They keep their velocity.
-template <class Arch, class Real>
-__attribute__((noinline)) void lift_vector(const ContactArguments<Real>& a, int row, int vector,
-                                           const Real* radii2, std::uint64_t lanes) {
-    using Memory = Wide<Arch, Real>;
-    using D = typename Memory::D;
-    constexpr int W = int(Lanes<Real, Arch>::size);
+    using V = Lanes<Real, Arch>;
+    constexpr int W = int(V::size);
     const VectorGeometry& g = a.geometry;
-    const SweptSphere& s = a.spheres[0];
-    for (int l = 0; l < W; l += Memory::N) {
-        const auto chosen = lanes_of<D>(lanes >> l & ((std::uint64_t(1) << Memory::N) - 1));
-        if (xsimd::none(chosen)) continue;
-        Real* const state = a.state + row * g.row + vector * g.vector + l;
-        const std::ptrdiff_t own = (std::ptrdiff_t(row) * g.vectors + vector) * W + l;
-        const auto of_lanes = [&](const Real* values) __attribute__((always_inline)) {
-            return Memory::batch(Memory::widen(Memory::load(values)));
-        };
-        const Surface<D> surface = surface_of<Real>(s, of_lanes(radii2 + l));
-        D d[3], m[3];
-        each<3>([&](auto k) __attribute__((always_inline)) {
-            d[k] = Memory::read(state + k * g.component, g.compensation) - D(s.end[k]);
-        });
-        const D raised = height_of(s, surface.top) - height_of(s, level(s, d, m));
-        lift(s, d, surface.top, surface.top);
-        const D written = xsimd::select(chosen, D(1.0), D(0.0));
-        each<3>([&](auto k) __attribute__((always_inline)) {
-            Memory::write(state + k * g.component, g.compensation, D(s.end[k]) + d[k], written);
-        });
-        add_lanes(a.sums[row].work, written * (of_lanes(a.mass + own) * (of_lanes(a.press + own) * raised)));
+    SphereNear<V, Real> sphere;
+    OnSphere<Arch, Real> resting;
+    for (int s = 0; s < a.sphere_count; ++s) {
+        sphere.prepare(a.spheres[s]);
+        if constexpr (arithmetic == Arithmetic::fused) resting.prepare(a.spheres[s]);
+        for (int row = begin; row < end; ++row) {
+            std::uint8_t& marks = a.marks[row];
+            if (s == 0) marks &= ContactMarks::near;
+            for (int vector = 0; vector < g.vectors && marks; ++vector) {
+                const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector,
+                                     at = row * g.row + vector * g.vector;
+                std::uint64_t near = a.near[std::ptrdiff_t(s) * g.rows * g.vectors + index];
+                const std::uint64_t others = near_others(a, s, index);
+                if (!(near | others)) continue;
+                V radius2(Real(0)), press(Real(0));
+                if (s == 0) a.unresolved[index] = a.inside[index] = 0;
+                if (a.cells && s == 0) {
+                    radius2 = point_radius2<Arch>(a, row, vector);
+                    radius2.store_unaligned(a.point_radii2 + index * W);
+                    press.store_unaligned(a.press + index * W);
+                } else if (a.cells) {
+                    radius2 = V::load_unaligned(a.point_radii2 + index * W);
+                    press = V::load_unaligned(a.press + index * W);
+                }
+                if (a.cells && (a.sphere_count > 1 || arithmetic == Arithmetic::strict))
+                    near &= sphere
+                                .near_by_cells(load3<V>(a.state + at, g.component),
+                                               load3<V>(a.before + at, g.component), radius2)
+                                .mask();
+                std::uint64_t unresolved = near;
+                if constexpr (arithmetic == Arithmetic::fused) {
+                    std::uint64_t responded = 0;
+                    unresolved = near & others;
+                    if (near & ~others)
+                        unresolved |= resting.respond(g, a.state + at, a.before + at,
+                                                      lanes_of<V>(near & ~others), lanes_of<V>(a.free[index]),
+                                                      radius2, a.mass + index * W, responded, press);
+                    if (responded) marks |= ContactMarks::responded;
+                    if (a.cells && responded) press.store_unaligned(a.press + index * W);
+                }
+                a.unresolved[index] |= unresolved;
+                if (unresolved) marks |= ContactMarks::unresolved;
+            }
+            if constexpr (arithmetic == Arithmetic::fused)
+                resting.end_row(a.impulses[s] + row * a.impulse_row);
+        }
     }
 }
 
-// Points below what rho of the present cells asks for. Points that began inside have a speed of their own for
-// that. The row is copied for the next step.
+// Points below what rho of the present cells asks for are lifted on to the top, and keep their velocity.
+// Points that began inside have a speed of their own for that.
 template <class Arch, class Real>
 class LiftRow {
     using V = Lanes<Real, Arch>;
+    static constexpr bool compensated = sizeof(Real) == 4;
 
 public:
     CLOTHSIM_INLINE void prepare(const SweptSphere& s) {
         least_ = V(Real(s.least + s.tolerance / 4));
+        band_ = V(Real(s.band - s.tolerance / 4));
         of_cells_ = V(Real(s.curvature * cell_rounding<Real>));
         most_of_cells_ = V(Real(s.most_of_cells));
         curvature_ = V(Real(s.curvature));
@@ -424,54 +286,77 @@ public:
             normal_[k] = V(Real(s.normal[k]));
         }
     }
-    CLOTHSIM_INLINE void lift(const ContactArguments<Real>& a, int row) const {
+    // Whether some of the points near the sphere `alone` were lifted. Others of `near` are left.
+    CLOTHSIM_INLINE bool lift(const ContactArguments<Real>& a, int row, int vector, std::uint64_t alone,
+                              std::uint64_t near) const {
+        constexpr int W = int(V::size);
+        const V zero(Real(0)), one(Real(1));
         const VectorGeometry& g = a.geometry;
-        std::uint8_t& marks = a.marks[row];
-        marks &= std::uint8_t(~ContactMarks::lifted);
-        for (int vector = 0; vector < g.vectors; ++vector) {
-            const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector,
-                                 at = row * g.row + vector * g.vector;
-            if (marks && a.near[index] &&
-                inspect(a, row, vector, a.near[index] & a.free[index] & ~a.inside[index]))
-                marks |= ContactMarks::lifted | ContactMarks::responded;
-            copy_vector<V>(a.state + at, a.before + at, g, a.bounces);
-        }
-    }
-
-private:
-    // Whether a point was lifted.
-    CLOTHSIM_INLINE bool inspect(const ContactArguments<Real>& a, int row, int vector,
-                                 std::uint64_t moves) const {
-        const VectorGeometry& g = a.geometry;
-        const Real* const state = a.state + row * g.row + vector * g.vector;
-        const V radius2 = point_radius2<Arch>(a, row, vector);
-        V f(Real(0));
+        const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector;
+        Real* const state = a.state + row * g.row + vector * g.vector;
+        const V radius2 = a.cells ? point_radius2<Arch>(a, row, vector) : zero;
+        V m[3], f(zero);
         each<3>([&](auto k) __attribute__((always_inline)) {
             V d = V::load_unaligned(state + k * g.component) - place_[k];
-            if constexpr (sizeof(Real) == 4)
+            if constexpr (compensated)
                 d += V::load_unaligned(state + k * g.component + g.compensation) - rest_[k];
-            f += d * (normal_[k] + normal_[k] + curvature_ * d);
+            m[k] = normal_[k] + curvature_ * d;
+            f += d * (normal_[k] + m[k]);
         });
         const V least = least_ + xsimd::min(radius2 * of_cells_, most_of_cells_);
-        const std::uint64_t low = (f < least).mask() & moves;
+        const std::uint64_t low = (f < least).mask() & near & a.free[index] & ~a.inside[index];
         if (__builtin_expect(low == 0, 1)) return false;
-        alignas(64) Real radii2[V::size];
-        radius2.store_aligned(radii2);
-        lift_vector<Arch>(a, row, vector, radii2, low);
+        a.unresolved[index] |= low & ~alone;
+        if ((low & alone) == 0) return false;
+        const auto lifted = lanes_of<V>(low & alone);
+        const V top = least + band_, length2 = one + curvature_ * f;
+        const V rise = xsimd::select(
+            lifted, (top - f) / (length2 + xsimd::sqrt(length2 * (one + curvature_ * top))), zero);
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            Real* const x = state + k * g.component;
+            add_increment<compensated>(x, x + g.compensation, rise * m[k]);
+        });
+        const V work = V::load_unaligned(a.mass + index * W) * V::load_unaligned(a.press + index * W) *
+            (rise * xsimd::sqrt(length2));
+        alignas(64) Real lanes[W];
+        xsimd::select(lifted, work, zero).store_aligned(lanes);
+        for (const Real lane : lanes) a.lift_work[row] += double(lane);  // in this order for any width
         return true;
     }
 
-    V least_, of_cells_, most_of_cells_, curvature_, place_[3], rest_[3], normal_[3];
+private:
+    V least_, band_, of_cells_, most_of_cells_, curvature_, place_[3], rest_[3], normal_[3];
 };
 
 // The wanted rows of cells and the rows of points beside them; in the first round all rows. No point of the
-// cells of a row is moved before their rho is found.
-template <class Arch, class Real>
+// cells of a row is moved before their rho is found. With one sphere the rows are copied for the next step.
+template <class Arch, class Real, Arithmetic arithmetic>
 void lift_rows(const ContactArguments<Real>& a, int begin, int end) {
+    using V = Lanes<Real, Arch>;
+    const VectorGeometry& g = a.geometry;
+    constexpr bool fused = arithmetic == Arithmetic::fused;
+    const bool inspects = a.cells || (fused && a.sphere_count > 1);
     LiftRow<Arch, Real> points;
-    points.prepare(a.spheres[0]);
-    for (int row = begin; row < end; ++row)
-        if (a.first_round || a.wanted[row] || (row > 0 && a.wanted[row - 1])) points.lift(a, row);
+    for (int s = 0; s < a.sphere_count; ++s) {
+        points.prepare(a.spheres[s]);
+        for (int row = begin; row < end; ++row) {
+            if (!a.first_round && !a.wanted[row] && !(row > 0 && a.wanted[row - 1])) continue;
+            std::uint8_t& marks = a.marks[row];
+            if (s == 0) marks &= std::uint8_t(~ContactMarks::lifted);
+            for (int vector = 0; vector < g.vectors; ++vector) {
+                const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector,
+                                     at = row * g.row + vector * g.vector;
+                if (marks && inspects) {
+                    const std::uint64_t near = a.near[std::ptrdiff_t(s) * g.rows * g.vectors + index],
+                                        others = near_others(a, s, index);
+                    if ((near | others) &&
+                        points.lift(a, row, vector, fused ? near & ~others : 0, near | others))
+                        marks |= ContactMarks::lifted | ContactMarks::responded;
+                }
+                if (fused && a.sphere_count == 1) copy_vector<V>(a.state + at, a.before + at, g, a.bounces);
+            }
+        }
+    }
 }
 
 }  // namespace

@@ -10,7 +10,7 @@ namespace {
 template <class Real, Arithmetic arithmetic>
 constexpr RowsOfContact<Real> rows_of_contact{
     &find_rows<ThisArch, Real>, &respond_rows<ThisArch, Real, arithmetic>,
-    &cell_radii<ThisArch, Real, arithmetic>, &lift_rows<ThisArch, Real>};
+    &cell_radii<ThisArch, Real, arithmetic>, &lift_rows<ThisArch, Real, arithmetic>};
 
 }  // namespace
 

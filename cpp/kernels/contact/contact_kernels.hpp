@@ -10,8 +10,8 @@ namespace clothsim {
 template <class Real>
 struct RowsOfContact {
     using Rows = void (*)(const ContactArguments<Real>&, int begin, int end);
-    Rows find;  // marks points that are inside at the end of a step
-    Rows respond;
+    Rows find;  // marks points that may touch a sphere
+    Rows respond;  // of marked rows
     void (*radii)(const ContactArguments<Real>&, const Real* state, int begin, int end);  // rho^2 of cells
     Rows lift;  // moves points outwards where rho has grown
 };

@@ -1,6 +1,5 @@
 // The usual case of continuous contact, at the full width of the lanes. The points lie on the sphere when the
-// step begins and are pressed against it. Their time of impact is 0, so kernels/contact/continuous.hpp
-// reduces to
+// step begins and are pressed against it. Their time of impact is 0, so contact/continuous.hpp reduces to
 //
 //     n = m(d0) / |m(d0)|   x = x1 - lost q - kept (q.n) n   v = v1 - lost u - kept (u.n) n + u' n
 //
@@ -8,14 +7,14 @@
 // small, is added to the compensated state as a stage of the integrator is.
 //
 // Real decides where its rounding leaves no doubt that a point is such a point, or that it keeps clear of the
-// sphere in this step. All others go to kernels/contact/continuous.hpp, in double. They come from further
-// away, were inside, bounce, or go far in a step.
+// sphere in this step. In double that includes points that come down from just above the sphere. All others
+// go to contact/continuous.hpp, in double: they come from further away, were inside, bounce, or go far in a
+// step.
 //
 // Its arithmetic is fused, so the strict class does without.
 #pragma once
 
 #include "kernels/contact/contact_arguments.hpp"
-#include "kernels/contact/contact_wide.hpp"
 #include "kernels/vector3.hpp"
 
 namespace clothsim {
@@ -59,6 +58,8 @@ public:
         friction_ = V(Real(s.friction));
         bounces_ = s.restitution > 0;
         rough_ = s.friction > 0;
+        still_ = true;
+        for (int k = 0; k < 3; ++k) still_ &= s.end[k] == s.start[k];
     }
 
     // Responds in those lanes of `near` that are such points, and adds them to `responded`. Returns the other
@@ -82,7 +83,8 @@ public:
             m[k] = xsimd::fma(curvature_, d[k], normal_[k]);
             sum[k] = m[k] + normal_[k];
         });
-        const V start = inner(d, sum), inwards = inner(m, q), way2 = inner(q, q);
+        const V start = inner(d, sum), way2 = inner(q, q);
+        V inwards = inner(m, q);
         const V least = least_ + xsimd::min(radius2 * of_cells_, most_of_cells_), top = least + band_;
         const V end = start + (inwards + inwards + curvature_ * way2);
         const auto outside = start >= least, brief = way2 < brief2_;
@@ -91,13 +93,28 @@ public:
         const auto falls_short =
             brief & (xsimd::fma(curvature_, way2, inwards) < zero) & (end > top + tolerance_);
         const auto clear = outside & (falls_short | (certain & !(inwards < zero)));
-        Mask touches = near & moves & outside & (start <= top + tolerance_ * V(Real(0.75))) & certain &
-            (inwards < zero) & brief;
+        const Mask sinks = near & moves & outside & certain & (inwards < zero) & brief;
+        Mask touches = sinks & (start <= top + tolerance_ * V(Real(0.75))), lands = sinks & !sinks;
+        if constexpr (!compensated) {
+            // Cells that shrink lower the surface, so that points at rest come from just above it. Here q
+            // becomes the rest of the way, and m that of the place of impact.
+            const V above = start - top;
+            lands = sinks & (start > top + tolerance_ + tolerance_) & (end <= top);
+            if (xsimd::any(lands)) {
+                const V root = xsimd::sqrt(xsimd::max(inwards * inwards - curvature_ * way2 * above, zero));
+                const V time = xsimd::select(lands, above / (root - inwards), zero);
+                each<3>([&](auto k) __attribute__((always_inline)) {
+                    m[k] = xsimd::fma(curvature_ * time, q[k], m[k]);
+                    q[k] = xsimd::fnma(time, q[k], q[k]);
+                });
+                inwards = inner(m, q);
+                touches = touches | lands;
+            }
+        }
         const std::uint64_t unresolved = (near & !(touches | clear)).mask();
         if (xsimd::none(touches)) return unresolved;
 
-        const V inverse = scaled_reciprocal_root(inner(m, m)) * V(1 / root_scale<Real, Arch>()),
-                normal_way = inwards * inverse;
+        const V inverse = inverse_root(inner(m, m)), normal_way = xsimd::min(inwards, zero) * inverse;
         V n[3], u[3];
         each<3>([&](auto k) __attribute__((always_inline)) {
             n[k] = m[k] * inverse;
@@ -132,7 +149,13 @@ public:
             const V slip2 = inner(tangential, tangential), most = friction_ * (leaving - speed);
             const Mask slides = touches & (slip2 > most * most);
             lost = one;
-            if (xsimd::any(slides)) lost = xsimd::select(slides, most / xsimd::sqrt(slip2), one);
+            if (xsimd::any(slides)) lost = xsimd::select(slides, most * inverse_root(slip2), one);
+            else if (still_ && xsimd::none(lands | (touches & (leaving > zero)))) {
+                stay(g, state, before, u, mass, touches);
+                press = xsimd::select(touches, -speed, press);
+                responded |= touches.mask();
+                return unresolved | in_the_air;
+            }
         }
         // Without friction along the normal alone, at rest exactly back: a normal part far below q's rounding
         // counts.
@@ -145,7 +168,7 @@ public:
             momentum_[k] = xsimd::fma(load(mass), xsimd::select(touches, gain, zero), momentum_[k]);
         });
         gave_ = true;
-        press = xsimd::select(touches, leaving - speed, press);
+        press = xsimd::select(touches & !lands, leaving - speed, press);
         responded |= touches.mask();
         return unresolved | in_the_air;
     }
@@ -161,6 +184,23 @@ public:
     }
 
 private:
+    // Points that friction holds on a sphere at rest are where they were.
+    CLOTHSIM_INLINE void stay(const VectorGeometry& g, Real* state, const Real* before, const V (&u)[3],
+                              const Real* mass, const Mask& touches) {
+        const V zero(Real(0));
+        gave_ = true;
+        each<3>([&](auto k) __attribute__((always_inline)) {
+            momentum_[k] = xsimd::fnma(load(mass), xsimd::select(touches, u[k], zero), momentum_[k]);
+            each<compensated ? 2 : 1>([&](auto part) __attribute__((always_inline)) {
+                const std::ptrdiff_t x = k * g.component + part * g.compensation, v = x + 3 * g.component;
+                xsimd::select(touches, load(before + x), load(state + x)).store_unaligned(state + x);
+                xsimd::select(touches, zero, load(state + v)).store_unaligned(state + v);
+            });
+        });
+    }
+    static CLOTHSIM_INLINE V inverse_root(const V& a) {
+        return scaled_reciprocal_root(a) * V(1 / root_scale<Real, Arch>());
+    }
     static CLOTHSIM_INLINE V load(const Real* p) { return V::load_unaligned(p); }
     static CLOTHSIM_INLINE V inner(const V (&a)[3], const V (&b)[3]) {
         return xsimd::fma(a[2], b[2], xsimd::fma(a[1], b[1], a[0] * b[0]));
@@ -182,7 +222,7 @@ private:
     V normal_[3], curvature_, least_, of_cells_, most_of_cells_, band_, tolerance_, brief2_, inverse_dt_,
         restitution_, friction_;
     V momentum_[3];  // that this row has been given [N s]
-    bool bounces_, rough_, gave_ = false;
+    bool bounces_, rough_, still_, gave_ = false;
 };
 
 }  // namespace

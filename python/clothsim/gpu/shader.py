@@ -100,7 +100,6 @@ class Features:
             is_one = " || ".join(f"k == {k}u" for k in continuous)
             lines += [
                 f"const spheres = {len(self.spheres)}u;",
-                f"const one_sphere = {str(len(continuous) == 1).lower()};",
                 f"fn is_continuous(k: u32) -> bool {{ return {is_one}; }}",
                 shader_text("continuous"),
             ]

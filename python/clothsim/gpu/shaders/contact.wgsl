@@ -6,7 +6,7 @@ struct Body { position: vec3<real>, position_low: vec3<real>, velocity: vec3<rea
 struct Spot { whole: vec3<wide>, low: vec3<wide> }
 fn same(a: Spot, b: Spot) -> bool { return all(a.whole == b.whole) && all(a.low == b.low); }
 
-// A sphere or plane at the moment of the pass (cpp/kernels/contact/continuous.hpp): a place on it, the normal there and its
+// A sphere or plane at the moment of the pass (cpp/contact/continuous.hpp): a place on it, the normal there and its
 // curvature, levels that start from there, and the check in `real`, which finds a point too many, but none too few.
 struct Contact {
     place: Spot, velocity: vec3<wide>, normal: vec3<wide>,

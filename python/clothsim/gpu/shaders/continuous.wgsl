@@ -1,7 +1,7 @@
 // Continuous contact of a mass point with moving spheres, after the classic responses: the law of
-// cpp/kernels/contact/continuous.hpp. The mean force of the step balances a bounce that flies, in place of spring energies.
+// cpp/contact/continuous.hpp. The mean force of the step balances a bounce that flies, in place of spring energies.
 
-// The host writes `spheres`, their number, `is_continuous` and `one_sphere`: one of them is continuous.
+// The host writes `spheres`, their number, and `is_continuous`.
 const most_contacts = 16u;  // of a point in a step, and rounds in which it is taken out of the spheres, as in the core
 const most_rounds = 100u;
 
@@ -12,7 +12,6 @@ struct Radii { before: real, now: real }
 struct Surface { top: wide, innermost: wide, lowest: wide }
 
 fn least_of(s: Contact, radius2: real) -> wide { return s.least + min(wide_product(wide(radius2), s.of_cells), s.most_of_cells); }
-
 fn surface_of(s: Contact, radii: Radii) -> Surface {
     let least = least_of(s, radii.now);
     return Surface(least + s.band, least_of(s, radii.before) - (s.least - s.innermost), least);
@@ -104,9 +103,9 @@ fn on_both(a: Contact, top_a: wide, b: Contact, top_b: wide, start: Spot) -> Spo
     for (var round = 0u; round < 30u; round++) {
         let m = gradient(a, spot_from(at, a.place));
         let n = gradient(b, spot_from(at, b.place));
-        let mm = wide_inner(m.yzx, m.yzx);
-        let mn = wide_inner(m.yzx, n.yzx);
-        let nn = wide_inner(n.yzx, n.yzx);
+        let mm = wide_inner(m, m);
+        let mn = wide_inner(m, n);
+        let nn = wide_inner(n, n);
         let determinant = wide_product(mm, nn) - wide_product(mn, mn);
         if (determinant <= wide_product(wide_product(wide(1e-24), mm), nn)) {  // in a line with both centres
             let aside = select(vec3<wide>(-m.y, m.x, wide(0.0)), vec3<wide>(wide(0.0), -m.z, m.y), abs(m.z) > abs(m.x));
@@ -124,8 +123,9 @@ fn on_both(a: Contact, top_a: wide, b: Contact, top_b: wide, start: Spot) -> Spo
     return at;
 }
 
-// Takes a point out of every sphere at the end of the step. False: it is trapped between them.
-fn taken_out(id: vec3<u32>, start: Spot, radii: Radii, at: ptr<function, Spot>, velocity: ptr<function, vec3<wide>>) -> bool {
+// Takes a point out of every sphere at the end of the step. False: it is trapped between them. `placed`: on to one already.
+fn taken_out(id: vec3<u32>, start: Spot, radii: Radii, at: ptr<function, Spot>, velocity: ptr<function, vec3<wide>>,
+             placed: bool) -> bool {
     for (var round = 0u; round < most_rounds; round++) {
         var last = spheres;
         for (var k = 0u; k < spheres; k++) {
@@ -135,28 +135,33 @@ fn taken_out(id: vec3<u32>, start: Spot, radii: Radii, at: ptr<function, Spot>, 
             let begun = level(s, spot_from(start, contact_of(id.z, k, 1u).place));
             let height = height_of(s, begun);
             let was_inside = begun < surface.innermost;
-            let pushed = min(surface.lowest, level_of(s, (height + s.push) - (surface.top - surface.lowest) / wide(2.0)));
-            let most = select(surface.lowest, surface.top, one_sphere && (was_inside || stage != 4u));
-            let least = select(most, pushed, was_inside && !one_sphere);
+            var least = select(surface.lowest, (surface.lowest + surface.innermost) / wide(2.0), placed || round > 0u);
+            if (was_inside && round == 0u) {
+                if (cells) { accelerations[place(id)] = real(-1.0); }
+                least = surface.top;
+            } else if (was_inside) {
+                least = min(least, level_of(s, (height + s.push) - (surface.top - surface.lowest) / wide(2.0)));
+            }
             var end = Response(false, spot_from(*at, s.place), *velocity - s.velocity);
             if (level(s, end.d) >= least) { continue; }
-            if (round > 0u && last < spheres && !was_inside) {
+            if (was_inside) {
+                end = pushed_out(s, surface.top, height, end);
+                *at = beyond(s.place, end.d);
+                *velocity = s.velocity + end.velocity;
+            } else if (round > 0u && last < spheres) {
                 let other = contact_of(id.z, last, 0u);
                 *at = on_both(other, surface_of(other, radii).top, s, surface.top, *at);
             } else {
-                if (one_sphere && !was_inside) { end = lifted(s, end, least, surface.top); }
-                else { end = pushed_out(s, surface.top, select(height_of(s, surface.top), height, was_inside), end); }
-                *at = beyond(s.place, end.d);
-                *velocity = s.velocity + end.velocity;
+                *at = beyond(s.place, lifted(s, end, surface.top, surface.top).d);
             }
             last = k;
         }
-        if (last == spheres || one_sphere) { return true; }
+        if (last == spheres) { return true; }
     }
     return false;
 }
 
-// Contacts of the step with all spheres, earliest first (cpp/contact/exact.hpp).
+// Contacts of the step with all spheres, earliest first (cpp/contact/continuous.hpp).
 fn respond_continuously(body: Body, before: Body, id: vec3<u32>) -> Body {
     let start = spot_of(before);
     var at = spot_of(body);
@@ -193,7 +198,6 @@ fn respond_continuously(body: Body, before: Body, id: vec3<u32>) -> Body {
             let path = on_path(id.z, k, elapsed);
             let d = spot_from(x, path);
             let inside_at_start = level(s, d) < surface.innermost;
-            if (cells && one_sphere && inside_at_start) { accelerations[place(id)] = real(-1.0); }
             let t = touch(s, surface.top, d, way(at, x, s.place, path));
             if (inside_at_start || !t.hit || (first < spheres && t.time >= soonest.time)) { continue; }
             first = k;
@@ -209,7 +213,7 @@ fn respond_continuously(body: Body, before: Body, id: vec3<u32>) -> Body {
         x = beyond(on_path(id.z, first, elapsed), soonest.place);
         last = first;
     }
-    if (!taken_out(id, start, radii, &at, &velocity)) { note(3u, id); }
+    if (!taken_out(id, start, radii, &at, &velocity, last < spheres)) { note(3u, id); }
     if (last == spheres && same(at, spot_of(body)) && all(velocity == velocity_of(body))) { return body; }
     return body_at(body, at, velocity);
 }
@@ -254,21 +258,17 @@ fn point_radius2(id: vec3<u32>, excess: real) -> real {
 fn radii_of(id: vec3<u32>, before: real) -> Radii {
     if (!cells) { return Radii(before, before); }
     let now = point_radius2(id, real(contact_of(id.z, 0u, 0u).excess));
-    if (stage == 4u) { return Radii(now, now); }
-    return Radii(before, select(max(before, now), now, one_sphere));
+    return Radii(select(before, now, stage == 4u), now);
 }
 
 // Whether a point lies deeper than its cells let it.
 fn is_low(s: Contact, body: Body, radii: Radii) -> bool {
-    if (!one_sphere) {
-        return level(s, spot_from(spot_of(body), s.place)) < surface_of(s, radii).lowest + s.tolerance / wide(4.0);
-    }
     let whole = vec3<real>(s.place.whole);
     let low = vec3<real>((s.place.whole - vec3<wide>(whole)) + s.place.low);
     let d = (body.position - whole) + (body.position_low - low);
     let n = vec3<real>(s.normal);
     let more = min(product(radii.now, real(s.of_cells)), real(s.most_of_cells));
-    return inner(d, n + n + scaled(real(s.curvature), d)) < real(s.least + s.tolerance / wide(4.0)) + more;
+    return inner(d, n + (n + scaled(real(s.curvature), d))) < real(s.least + s.tolerance / wide(4.0)) + more;
 }
 
 // A round of the growth of cells: points that lie too deep go outwards, and keep their velocities.
@@ -281,12 +281,13 @@ fn raise(@builtin(global_invocation_id) id: vec3<u32>) {
     var now = was;
     var none = vec3<wide>();
     let radii = radii_of(id, accelerations[at]);
+    let kept = Radii(radii.before, max(radii.before, radii.now));
     for (var k = 0u; k < spheres && accelerations[at] >= real(0.0); k++) {
         let s = contact_of(id.z, k, 0u);
         let large = s.most_of_cells > wide(0.0) && product(radii.now, real(s.curvature)) > real(s.most_of_cells);
         if (large && level(s, spot_from(was, s.place)) <= surface_of(s, radii).top + s.tolerance) { note(2u, id); }
         if (!is_continuous(k) || !is_low(s, body, radii)) { continue; }
-        if (!taken_out(id, spot_of(body_before(at)), radii, &now, &none)) { note(3u, id); }
+        if (!taken_out(id, spot_of(body_before(at)), kept, &now, &none, false)) { note(3u, id); }
         break;
     }
     if (!same(now, was)) {
