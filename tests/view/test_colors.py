@@ -5,7 +5,7 @@ from itertools import combinations
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.base import plots
+from clothsim.viewing import plots
 from clothsim.viewing.page import SHADING
 
 pytest.importorskip("matplotlib")

@@ -29,7 +29,6 @@ from ..model.scene import Scene, stops_of
 from ..model.sphere import Sphere
 from ..run.result import Run
 from ..run.simulate import simulate
-from .plots import draw_fit
 from .solution import METHOD, ORDER, Motion, motion
 
 if TYPE_CHECKING:
@@ -303,6 +302,8 @@ class Fit:
         >>> len(cs.fit(cs.scenes.oscillator(stiffness=90.0), motion.t, motion.x, over=["stiffness"]).plot())
         3
         """
+        from ..viewing.plots import draw_fit
+
         return draw_fit(self, ax)
 
 

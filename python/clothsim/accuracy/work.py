@@ -26,12 +26,12 @@ from ..methods.integrators import integrator_name, integrators
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Integrator, Precision
-from .plots import OWN, draw_convergence
 from .solution import Reference, reference_for
 
 if TYPE_CHECKING:
     import xarray
 
+OWN = "clothsim"  # library of the integrators
 _COMPARED = ("semi_implicit_euler", "velocity_verlet", "rk4", "dopri5 adaptive", "dop853 adaptive")
 _SAFETY = 0.95  # of the guaranteed stable step: an explicit method's coarsest
 _HALVINGS = 7
@@ -351,6 +351,8 @@ class Convergence:
         >>> cs.convergence(cs.scenes.oscillator(), 0.1, [0.01, 0.005]).plot().get_xlabel()
         'time step dt [s]'
         """
+        from ..viewing.plots import draw_convergence
+
         return draw_convergence(self, ax)
 
     def __str__(self) -> str:

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base.build import available_threads
 from ..base.extras import needed
-from ..base.plots import BLACK, BLUE, RED, shown_axes
 from ..base.progress import ProgressBar
 from ..engine.options import Options
 from ..engine.stepper import Stepper
@@ -137,27 +136,6 @@ def stability_map(
         {"integrator": integrator, "precision": precision, "steps": steps},
     )
     return found
-
-
-def draw_map(data: Any, ax: Any = None) -> Any:
-    """Draw stable and unstable runs, with lines of the predicted limit and the guarantee, and return the axes."""
-    (axes,) = shown_axes(ax, width=7, height=5)
-    stable, predicted = (data[name].transpose("stiffness", "dt").values for name in ("stable", "predicted"))
-    k, dt = np.meshgrid(data["stiffness"], data["dt"], indexing="ij")
-    for mask, color, marker, label in ((stable, BLUE, "o", "stable"), (~stable, RED, "x", "unstable")):
-        axes.plot(k[mask], dt[mask], marker, color=color, markersize=5, label=label, clip_on=False)
-    rising = data.sortby("stiffness")
-    for name, style, label in (("limit", "-", "predicted at the start"), ("guarantee", "--", "guaranteed")):
-        if np.isfinite(rising[name]).any():
-            axes.plot(rising["stiffness"], rising[name], style, color=BLACK, label=label)
-    title = "{integrator}, {precision}: {steps} steps".format_map(data.attrs)
-    axes.set(xscale="log", yscale="log", xlabel="stiffness K [N/m]", ylabel="time step dt [s]", title=title)
-    if (~stable & predicted).any():
-        note = "Crosses below the predicted limit: it is that of the initial state, and the cloth moves on to others"
-        axes.text(0.5, 1.0, note, transform=axes.transAxes, ha="center", va="bottom", fontsize="small")
-        axes.set_title(title, pad=20)
-    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)
-    return axes
 
 
 def _positive(name: str, value: npt.ArrayLike) -> Floats:

@@ -20,7 +20,6 @@ import numpy as np
 
 from ..base import Floats, check
 from ..base.files import write_bytes
-from ..base.plots import COLORS
 from ..model.cloth import Cloth
 from ..model.ready import hanging, oscillator, paper_moving, paper_static, paper_swing
 from ..model.scene import Scene
@@ -32,7 +31,7 @@ from .camera import DIRECTIONS, Camera, camera_for, nearest, reach
 from .legend import HEAT, TOP_PART, VIRIDIS, point_stretch
 from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
-from .plots import curves
+from .plots import COLORS, curves
 
 # Times the narrowest view of the runs of a page. A cloth that was thrown off is wider; at twice it makes others small, at
 # half two scenes of different size do not both fit.

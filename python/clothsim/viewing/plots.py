@@ -5,26 +5,99 @@ Each function for a Dataset draws on the matplotlib axes `ax`, or on those of a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from io import BytesIO
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..accuracy.plots import draw_work_precision, look_of
+from ..accuracy.work import OWN, Convergence
 from ..base import Floats, check
 from ..base.extras import needed
-from ..base.plots import BLACK, BLUE, DPI, GREEN, GREY, LIGHT_GREY, RED, YELLOW, figure, save, shown_axes, style
+from ..base.files import replacing
+from ..methods.integrators import integrators
 from ..model.scene import Scene
-from ..stability.map import draw_map
 from ..sweeps.member import STATUS
 from ..sweeps.metrics import RESERVED
 from .picture import file_path
 
+if TYPE_CHECKING:
+    from ..accuracy.fit import Fit
+
+# Okabe and Ito's palette: readers with any colour vision tell these colours apart. The least Lab distance of two of them
+# is 16 in simulations of the three deficiencies, and grey would have 9 to pink and green.
+BLACK, BLUE, GREEN, RED, YELLOW = "#000000", "#0072B2", "#009E73", "#D55E00", "#F0E442"
+COLORS = (BLUE, RED, GREEN, BLACK, "#CC79A7", "#E69F00", "#56B4E9", YELLOW)
+GREY, LIGHT_GREY = "0.5", "0.85"
+
+# Of lengths without a common factor to the colours: a further round of colours has other markers.
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
+DASHES = ("-", "--", ":", "-.", (0, (7, 2, 1, 2, 1, 2)))
+
+DPI = 120
+"""Pixels per inch of a picture file."""
+
+_DASHES = {("dt", "double"): "-", ("dt", "single"): ":", ("rtol", "double"): "-.", ("rtol", "single"): (0, (7, 2, 1, 2))}
+_HOLLOW = {"mfc": "white", "ls": "none", "zorder": 3}
+
 # A mass point touches a sphere if it is closer than the contact radius and this part of the spacing. Half of it misses
 # points that bounce while they rest, twice of it counts points that only pass.
 TOUCH = 1 / 32
+
+
+def style(k: int) -> dict[str, Any]:
+    """Colour, marker and dash of the line number `k` of a figure; lines of one colour differ in marker and dash."""
+    return {"color": COLORS[k % len(COLORS)], "marker": MARKERS[k % len(MARKERS)], "ls": DASHES[k % len(DASHES)], "ms": 4}
+
+
+def shown_axes(ax: Any = None, columns: int = 1, width: float = 6.4, height: float = 4.6, **options: Any) -> list[Any]:
+    """The axes that a caller gave, `columns` of them, or the axes of a new figure that pyplot shows."""
+    given = [] if ax is None else list(np.ravel(ax))
+    if not given:
+        pyplot = needed("matplotlib.pyplot", "plot", "plot")
+        given = list(np.ravel(pyplot.subplots(1, columns, figsize=(width, height), layout="constrained", **options)[1]))
+        for one in given:
+            tidy(one)
+    if len(given) != columns or not all(hasattr(one, "plot") for one in given):
+        raise ValueError(f"ax must be None or axes of matplotlib, {columns} of them, got {ax!r}")
+    return given
+
+
+# From an end of a line [points] to its label, and which side of the text is there; the first that is free is taken.
+PLACES = [(7, 0), (7, -9), (7, 9), (0, -12), (0, 12), (-7, -9), (-7, 9), (-7, 0), (12, -20), (12, 20), (-12, -20), (-12, 20)]
+
+
+def label_lines(axes: Any) -> None:
+    """Label each line at one of its points, if possible an end, without overlap with other lines or labels."""
+    axes.figure.draw_without_rendering()  # lays out the axes
+    paths = [line.get_transform().transform(line.get_xydata()) for line in axes.lines if len(line.get_xydata())]
+    ink = np.concatenate([np.linspace(a, b, 60) for path in paths for a, b in zip(path, [*path[1:], path[-1]])])
+    taken = np.empty((0, 2, 2))  # lower left and upper right corners of labels [pixels]
+    for line in axes.lines:
+        points = line.get_xydata()[np.isfinite(line.get_xydata()).all(axis=1)]
+        if line.get_label().startswith("_") or not len(points):
+            continue
+        look = {"textcoords": "offset points", "fontsize": "small", "color": line.get_color(), "va": "center"}
+        text = axes.annotate(line.get_label(), points[-1], PLACES[0], annotation_clip=False, **look)
+        size, pixels = text.get_window_extent().size, axes.transData.transform(points)
+        from_ends = sorted(range(len(points)), key=lambda k: min(k + 0.5, len(points) - 1 - k))
+        for k, (dx, dy) in product(from_ends, PLACES):
+            low = pixels[k] + np.multiply((dx, dy), axes.figure.dpi / 72) - size * (0.5 - 0.5 * np.sign(dx), 0.5)
+            crossed = ((ink > low - 2) & (ink < low + size + 2)).all(axis=1).any()
+            crossed |= ((taken[:, 0] < low + size) & (taken[:, 1] > low)).all(axis=1).any()
+            if not crossed and axes.bbox.count_contains([low, low + size]) == 2:
+                break
+        text.xy, text.xyann = points[k], (dx, dy)
+        text.set_ha(("right", "center", "left")[np.sign(dx) + 1])
+        taken = np.concatenate([taken, [[low, low + size]]])
+
+
+def tidy(axes: Any) -> None:
+    """A thin grid, and no frame at the top and at the right."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(alpha=0.3)
 
 
 def touching(scene: Scene, x: Floats, t: float) -> int:
@@ -86,9 +159,11 @@ def plot_run(run: Any, path: str | Path | None = None) -> Any:
 
     found = curves(run)
     panels = [panel for panel in PANELS if panel[2][0] in found]
-    drawn, axes = figure(8, 0.8 + 1.6 * len(panels), len(panels), what="run.plot", base=Plot, sharex=True)
+    drawn = Plot(figsize=(8, 0.8 + 1.6 * len(panels)), layout="constrained")
+    axes = drawn.subplots(len(panels), squeeze=False, sharex=True)
     few: dict[str, Any] = {"marker": "o", "ms": 3} if len(run.t) < 20 else {}
     for axis, (label, scale, names) in zip(axes[:, 0], panels, strict=True):
+        tidy(axis)
         for name in names:
             color, dash, width = STYLES.get(name, (BLACK, "-", 1.5))
             look = {"label": LABELS.get(name, name), "color": color, "ls": dash, "lw": width, **few}
@@ -101,7 +176,8 @@ def plot_run(run: Any, path: str | Path | None = None) -> Any:
     axes[-1, 0].set_xlabel("time [s]")
     drawn.align_ylabels()
     if path is not None:
-        save(drawn, path)
+        with replacing(path) as part:
+            drawn.savefig(part, dpi=DPI)
     return drawn
 
 
@@ -335,3 +411,126 @@ def _title(array: Any, name: str | None = None) -> str:
 
 def _tick(value: Any) -> str:
     return f"{float(value):.4g}" if _numeric(value) else str(value.values)
+
+
+def look_of(method: str, others: Sequence[str] = ()) -> dict[str, Any]:
+    """Colour and marker of a method, the same in every plot; methods of others follow those of this package."""
+    names = [*integrators(), *others, method]
+    return {**style(names.index(method)), "ls": "-", "lw": 1.2}
+
+
+def draw_work_precision(data: Any, ax: Any = None) -> Any:
+    """Draw error against wall time, and against force evaluations, on two matplotlib axes, given or new.
+
+    With one given axes, draw only against wall time. Each method has the same colour and marker in every plot. Methods at
+    tolerances are dash-dotted, "single" has more dots, other libraries are dashed. Points below the error
+    of the reference are hollow.
+    """
+    panels = shown_axes(ax, 1 if np.size(ax) == 1 and ax is not None else 2, 13.0, 6.4, sharey=True)
+    own, precisions = integrators(), set(data["precision"].values[data["library"].values == OWN])
+    methods = [str(name).removesuffix(" adaptive") for name in data["integrator"].values]
+    others = list(dict.fromkeys(name for name in methods if name not in own))
+    floor = data.attrs["reference_error_estimate_rms"]
+    for m, label in enumerate(map(str, data["solver"].values)):
+        one, look = data.isel(solver=m), look_of(methods[m], others)
+        kind = str(one["control"].values), str(one["precision"].values)
+        look["ls"] = _DASHES[kind] if str(one["library"].values) == OWN else "--"
+        if len(precisions) == 1:
+            label = label.removesuffix(f" {next(iter(precisions))}")
+        rms = np.where(np.isfinite(one["rms_error"]), one["rms_error"], np.nan)
+        if np.isfinite(rms).any():
+            for panel, cost in zip(panels, ("wall_time", "force_evaluations")):
+                panel.plot(one[cost], rms, label=label, **look)
+                panel.plot(one[cost][rms < floor], rms[rms < floor], **{**look, **_HOLLOW})
+    front = data["pareto"].values
+    order = np.argsort(data["wall_time"].values[front])
+    times, errors = (data[name].values[front][order] for name in ("wall_time", "rms_error"))
+    wide = {"color": BLACK, "lw": 5, "alpha": 0.15, "marker": "o", "ms": 11, "zorder": 0}
+    panels[0].plot(times, errors, drawstyle="steps-post", **wide)
+    texts = (f"wall time per simulated second [s/s]{'; grey: front' if front.any() else ''}", "force evaluations")
+    for panel, text in zip(panels, texts):
+        panel.set(xscale="log", yscale="log", xlabel=text)
+        if floor > 0:
+            panel.axhline(floor, color=GREY, lw=0.8)
+            # At the left: where a method is fast, its error is not yet that small.
+            where = {"xycoords": ("axes fraction", "data"), "va": "bottom", "fontsize": 8}
+            panel.annotate("error of the reference", (0.01, floor), color=GREY, **where)
+        low, high = panel.get_xlim()
+        panel.set_xlim(low, high * (high / low) ** 0.3)  # room for labels
+    panels[0].set_ylabel(f"rms error after {data.attrs['duration']:g} s [m]")
+    for panel in panels:
+        label_lines(panel)
+    return np.array(panels)
+
+
+def draw_convergence(found: Convergence, ax: Any = None) -> Any:
+    """`Convergence.plot`."""
+    (axes,) = shown_axes(ax)
+    look = look_of(found.integrator)
+    good = np.isfinite(found.rms) & (found.rms > 0)
+    axes.loglog(found.dt[good], found.rms[good], label=f"{found.integrator}, {found.precision}", **look)
+    outside = good & ~found.fitted
+    axes.loglog(found.dt[outside], found.rms[outside], label="not fitted", **{**look, **_HOLLOW})
+    if found.fitted.sum() > 1:
+        dt, middle = found.dt[found.fitted], np.log(found.rms[found.fitted] / found.dt[found.fitted] ** found.order).mean()
+        axes.loglog(dt, np.exp(middle) * dt**found.order, color=BLACK, ls="--", label=f"order {found.order:.2f}", zorder=1)
+    axes.loglog(found.dt, found.floor, color=BLACK, ls=":", label="floor of the comparison", zorder=1)
+    unstable = found.dt[np.isinf(found.rms)]
+    if unstable.size:
+        top = axes.get_xaxis_transform()
+        axes.plot(unstable, np.full(unstable.size, 0.97), "x", color=look["color"], transform=top, label="unstable")
+    axes.set(xlabel="time step dt [s]", ylabel=f"rms error after {found.reference.t[-1]:g} s [m]")
+    axes.legend(fontsize="small", frameon=False)
+    return axes
+
+
+def draw_fit(found: Fit, ax: Any = None) -> Any:
+    """`Fit.plot`."""
+    curves, off, matrix = shown_axes(ax, 3, 13.0, 4.2)
+    data = found.positions.reshape(len(found.times), -1, 3)
+    residuals = found.residuals.reshape(data.shape)
+    spread = np.nan_to_num(np.nanmax(data, axis=0) - np.nanmin(data, axis=0))
+    for n, k in enumerate(np.argsort(-spread.max(axis=1), kind="stable")[:3]):
+        c, place = int(spread[k].argmax()), tuple(map(int, np.unravel_index(k, found.positions.shape[1:-1])))
+        label = f"{'xyz'[c]} of point {place if len(place) > 1 else f'number {k}'}"
+        curves.plot(found.times, data[:, k, c], "o", ms=4, color=COLORS[n], label=label)
+        curves.plot(found.times, data[:, k, c] - residuals[:, k, c], "-", color=COLORS[n])
+    curves.set(xlabel="time [s]", ylabel="position [m]", title="measured (dots) and fitted")
+    curves.legend(fontsize="small")
+    off.plot(found.times, residuals.reshape(len(found.times), -1) * 1e3, ".", ms=3, color=BLUE, alpha=0.5)
+    for side in (-1, 1):
+        off.axhline(side * 2e3 * found.report["sigma"], color=GREY, ls="--")
+    off.set(xlabel="time [s]", ylabel="measured less fitted [mm]", title="residuals; dashed: 2 sigma")
+    names, deviation = [*found.values], np.sqrt(np.diag(found.covariance))
+    correlation = found.covariance / np.outer(deviation, deviation)
+    matrix.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1)
+    for i, j in np.argwhere(np.isfinite(correlation)):
+        color = "white" if abs(correlation[i, j]) > 0.6 else BLACK
+        matrix.text(j, i, f"{correlation[i, j]:.2f}", ha="center", va="center", fontsize=8, color=color)
+    labels = [name if np.isfinite(found.values[name]) else f"{name} (unknown)" for name in names]
+    matrix.set_xticks(range(len(names)), labels, rotation=30, ha="right")
+    matrix.set_yticks(range(len(names)), labels)
+    matrix.set_title("correlation of the parameters")
+    matrix.grid(False)
+    return np.array([curves, off, matrix])
+
+
+def draw_map(data: Any, ax: Any = None) -> Any:
+    """Draw stable and unstable runs, with lines of the predicted limit and the guarantee, and return the axes."""
+    (axes,) = shown_axes(ax, width=7, height=5)
+    stable, predicted = (data[name].transpose("stiffness", "dt").values for name in ("stable", "predicted"))
+    k, dt = np.meshgrid(data["stiffness"], data["dt"], indexing="ij")
+    for mask, color, marker, label in ((stable, BLUE, "o", "stable"), (~stable, RED, "x", "unstable")):
+        axes.plot(k[mask], dt[mask], marker, color=color, markersize=5, label=label, clip_on=False)
+    rising = data.sortby("stiffness")
+    for name, dash, label in (("limit", "-", "predicted at the start"), ("guarantee", "--", "guaranteed")):
+        if np.isfinite(rising[name]).any():
+            axes.plot(rising["stiffness"], rising[name], dash, color=BLACK, label=label)
+    title = "{integrator}, {precision}: {steps} steps".format_map(data.attrs)
+    axes.set(xscale="log", yscale="log", xlabel="stiffness K [N/m]", ylabel="time step dt [s]", title=title)
+    if (~stable & predicted).any():
+        note = "Crosses below the predicted limit: it is that of the initial state, and the cloth moves on to others"
+        axes.text(0.5, 1.0, note, transform=axes.transAxes, ha="center", va="bottom", fontsize="small")
+        axes.set_title(title, pad=20)
+    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    return axes
