@@ -5,7 +5,6 @@
 #include "bindings/unlocked.hpp"
 #include "measure/diagnostics.hpp"
 #include "memory/plan.hpp"
-#include "reference/extrapolation.hpp"
 #include "reference/reference.hpp"
 
 namespace clothsim {

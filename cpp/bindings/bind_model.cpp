@@ -143,7 +143,7 @@ py::dict methods() {
     py::dict all;
     for (const Method& method : all_methods()) {
         py::dict facts;
-        facts["family"] = method_family_names[std::size_t(method.family)];
+        facts["family"] = method.runge_kutta ? "runge_kutta" : method.splitting ? "splitting" : "implicit";
         facts["in_kernels"] = method.in_kernels;
         facts["adaptive"] = method.runge_kutta && !method.runge_kutta->errors.empty();
         std::size_t stages = 1;
@@ -161,11 +161,6 @@ py::dict methods() {
         all[py::str(std::string(method.name))] = facts;
     }
     return all;
-}
-
-template <class Real>
-int lanes(const Plan& plan) {
-    return kernels_of<Real>(*plan.kernels).lanes;
 }
 
 }  // namespace
@@ -193,14 +188,10 @@ void bind_model(py::module_& m) {
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), "cloth"_a, "gravity"_a, "spheres"_a, "force"_a,
              "pin_motions"_a, "driven_pins"_a, "precision"_a, "kernel"_a, "integrator"_a)
-        .def_readonly("cloth", &Plan::cloth)
         .def("contact_table", &contact_table)
         .def("runaway_speed",
              [](const Plan& p, double dt, double stable_dt) { return runaway_speed(p.cloth, dt, stable_dt); })
-        .def_property_readonly("instruction_set", [](const Plan& p) { return std::string(p.kernels->name); })
-        .def_property_readonly("lanes", [](const Plan& p) {
-            return p.precision == Precision::single ? lanes<float>(p) : lanes<double>(p);
-        });
+        .def_property_readonly("instruction_set", [](const Plan& p) { return std::string(p.kernels->name); });
     m.def("edge_offset", &edge_offset);
     m.def("methods", &methods);
 }

@@ -19,7 +19,6 @@ class EnergyWatch {
 public:
     explicit EnergyWatch(const Plan& plan);
 
-    // Forget the state where the run began.
     void restart() {
         started_ = grown_ = lifted_ = false;
         largest_ = 0;
@@ -35,13 +34,11 @@ public:
     // for which the guarantee holds.
     void set_step(double dt, double stable_dt);
 
-    // Part of the kinetic and elastic energy that a run has made of nothing. More than half is a warning,
-    // more than nine tenths an error. With half of either, harmless errors of a long step are judged; above 1
-    // nothing is.
+    // Parts of the kinetic and elastic energy made of nothing that are a warning, and an error. At half of
+    // either, harmless errors of a long step are judged; above 1 nothing is.
     static constexpr double grown_part = 0.5, runaway_part = 0.9;
-    // Energy below this part counts as nothing: the part of the energy of all springs at twice their rest
-    // lengths, a stretch of a thousandth. An unstable energy doubles within steps, so half or twice the part
-    // changes little.
+    // The part of the energy of all springs at twice their rest lengths that counts as nothing: a stretch of
+    // a thousandth. An unstable energy doubles within steps, so half or twice the part changes little.
     static constexpr double negligible_part = 1e-6;
     // Steps between two inspections above the guaranteed time step, where growth is likely.
     static constexpr std::int64_t steps_between_checks = 16;
@@ -54,7 +51,7 @@ public:
     // Whether lifts have made more than `lifted_part` of the largest kinetic and elastic energy; true once.
     bool lifted(const Engine& engine);
     static constexpr double lifted_part = 0.01;
-    // Whether the energy has grown at a recorded inspection; true once.
+    // The same of growth at a recorded inspection.
     bool take_growth() { return std::exchange(news_, false); }
 
 private:
@@ -62,7 +59,7 @@ private:
     // Whether the guarantee of the time step holds at the state of the last energy (docs/stability.md). No
     // spring is shorter than half its rest length, and none turns too fast for its damping.
     bool guaranteed() const;
-    // Whether the method's own swing reaches what is judged. Else no state is asked for its guarantee.
+    // Whether the method's own swing reaches what is judged.
     bool swings() const { return swing_ > grown_part; }
     // Whether the energy made is more than this part of the moving one, and more than the method's own swing.
     bool beyond(double part, double made, double moving) const;

@@ -84,9 +84,9 @@ public:
 
     std::size_t size() const { return members_.size(); }
     Engine& member(std::size_t i) { return *members_[i]; }
+    const Engine& member(std::size_t i) const { return *members_[i]; }
     // To be called when a member's state was set from outside.
     void restart(std::size_t i);
-    const Engine& member(std::size_t i) const { return *members_[i]; }
 
     Clock clock;
 
@@ -108,9 +108,8 @@ public:
     // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
     void set_stable_dt(std::vector<double> stable_dt);
 
-    // A sphere of a member has another centre and motion from now on.
+    // From now on.
     void set_sphere(std::size_t i, std::size_t sphere, const Vec3& center, const Motion& motion);
-    // The force on the mass points of a member from now on [N].
     void set_force(std::size_t i, const double* force);
 
     // A frozen member takes no part in further steps: it keeps its state, and the others go on without it.
@@ -131,7 +130,6 @@ public:
         sample_every_ = every;
         sample_interval_ = interval;
     }
-    // Whether energies are watched; by default they are.
     void set_watch_energy(bool on) { watch_energy_ = on; }
     // Sample the present state of every member, and its energy, whenever that is due.
     void sample();
@@ -142,7 +140,6 @@ public:
     }
 
 private:
-    // Steps of all members, with what goes before and after them.
     struct Steps {
         std::int64_t count;
         bool inspect;  // at the state after them

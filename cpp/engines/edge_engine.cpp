@@ -528,7 +528,8 @@ FieldLayout EdgeEngine<Real>::field() const {
     f.compensation = Base::compensated ? layout_.compensation() : 0;
     f.acceleration_row = layout_.vectors * 3 * lanes;
     f.acceleration_run = 3 * lanes;
-    f.acceleration_size = rows() * f.acceleration_row;
+    // A record more: equal places of slopes would share a set of the nearest cache.
+    f.acceleration_size = rows() * f.acceleration_row + f.acceleration_run;
     return f;
 }
 

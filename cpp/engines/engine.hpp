@@ -17,7 +17,7 @@ namespace clothsim {
 // Extents of a cloth from the origin to its middle, from which on single keeps positions relative to there.
 inline constexpr double extents_that_are_far = 8;
 
-// The whole state of a cloth between steps: from it, an engine of any layout continues bit for bit.
+// The whole state of a cloth between steps, to be continued bit for bit.
 struct SavedState {
     // Of shape (parts, rows, columns, 3): positions relative to the origin [m], velocities [m/s]; in single
     // two more parts, what compensation adds to each.
@@ -60,8 +60,7 @@ public:
     // Of the passes since the last inspection, see ContactReport.
     ContactReport contact_report;
 
-    // Looks for a cell that is larger than a sphere and touches it, if the contact pass has run since the
-    // last look.
+    // Looks for a cell that is larger than a sphere and touches it, if the contact pass has run since.
     virtual void note_large_cells(double t) = 0;
 
     // Relative, of the arrays that a call has brought, until its first pass of contacts. In coarse arrays a
@@ -89,8 +88,7 @@ public:
         impulses.begin_anew();
     }
 
-    // Put driven pins to their places, with their velocities, of a time; a new state leaves that to the
-    // caller.
+    // Put driven pins to their places, with their velocities; a new state leaves that to the caller.
     virtual void place_pins(double t) = 0;
 
     // A sphere's centre and motion from now on; the state stays.
@@ -104,8 +102,7 @@ public:
     // [m/s].
     virtual std::int64_t first_bad_point(double speed_limit) const = 0;
 
-    // The whole state; an engine of another layout or scene may continue it. The numbers of values must be
-    // those of this cloth and precision. Velocities of held pins are taken as 0.
+    // An engine of another layout or scene of this shape and precision may continue it.
     virtual SavedState saved_state() const = 0;
     virtual void set_saved_state(const SavedState& state) = 0;
 
@@ -120,7 +117,6 @@ public:
     // Take the step that `adaptive()` has tried, from t0 to t1, with the contact pass at its end.
     // Where the spheres leave a point no place (contact_report), the state is that at t0.
     virtual void accept_in_contact(double t0, double t1, int threads) = 0;
-    // Whether there are spheres.
     virtual bool has_contacts() const = 0;
 };
 

@@ -1,8 +1,7 @@
 // Every integrator but the fused RK4 of the kernels, on top of an engine that evaluates accelerations at any
 // state. Each thread has a band of rows, and combines states and accelerations row by row.
 //
-// A family of methods is a way through three arrays: the state, two stages, and a slot of accelerations for
-// each stage.
+// A family of methods is a way through the state, two stages, and a slot of accelerations for each stage.
 //
 //     explicit Runge-Kutta    state --a0--> stage 0 --a1--> stage 1 --a2--> stage 0 ... --> state
 //                               |_____________|_______________|_____ each from the state and all slopes
@@ -38,7 +37,7 @@ public:
         const Cloth& cloth = this->plan_.cloth;
         const bool damped = cloth.drag > 0 || cloth.has_spring_damping();
         explicit_ = damped && method_.damped ? method_.damped : method_.runge_kutta;
-        if (method_.family == MethodFamily::implicit) {
+        if (!method_.runge_kutta && !method_.splitting) {
             implicit_ = std::make_unique<ImplicitMidpoint>(this->plan_);
             return;
         }

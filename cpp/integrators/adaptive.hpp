@@ -1,4 +1,4 @@
-// Error control of one cloth: what the caller asks, what the engine offers, and the step size controller.
+// Error control of one cloth: the engine's part, and the step size controller.
 #pragma once
 
 #include <algorithm>
@@ -23,8 +23,8 @@ public:
     virtual double try_step(double t, double h, const Tolerance& tolerance, int threads) = 0;
     // Take the step that was tried, with the collision pass at its end, time `t`.
     virtual void accept_step(double t) = 0;
-    // The longest step from the state at time t, at most h, within which no motion has a kink. No point moves
-    // further than its distance from the spheres, or, in a step of at most `near`, than a part of their
+    // The longest step from the state at time t, at most h, which has no kink of a motion within. No point
+    // moves further than its distance from the spheres, or, in a step of at most `near`, than a part of their
     // contact radius. `tried`: also by the velocities at the end of the step that was tried; a trial above
     // `near` asks for no shorter one.
     virtual double contact_step(double t, double h, double near, bool tried) = 0;

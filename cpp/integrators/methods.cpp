@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <string>
 #include <utility>
 
 namespace clothsim {
@@ -208,17 +209,14 @@ const Splitting pefrl{{xi, chi, 1 - 2 * (chi + xi), chi, xi},
                       {(1 - 2 * lambda) / 2, lambda, lambda, (1 - 2 * lambda) / 2}};
 
 const std::vector<Method> methods{
-    {.name = "rk4", .family = MethodFamily::runge_kutta, .runge_kutta = &rk4, .in_kernels = true},
-    {.name = "explicit_euler", .family = MethodFamily::runge_kutta, .runge_kutta = &explicit_euler},
-    {.name = "semi_implicit_euler", .family = MethodFamily::splitting, .splitting = &semi_implicit_euler},
-    {.name = "velocity_verlet",
-     .family = MethodFamily::splitting,
-     .splitting = &velocity_verlet,
-     .damped = &damped_verlet},
-    {.name = "pefrl", .family = MethodFamily::splitting, .splitting = &pefrl},
-    {.name = "dopri5", .family = MethodFamily::runge_kutta, .runge_kutta = &dopri5},
-    {.name = "dop853", .family = MethodFamily::runge_kutta, .runge_kutta = &dop853},
-    {.name = "implicit_midpoint", .family = MethodFamily::implicit},
+    {.name = "rk4", .runge_kutta = &rk4, .in_kernels = true},
+    {.name = "explicit_euler", .runge_kutta = &explicit_euler},
+    {.name = "semi_implicit_euler", .splitting = &semi_implicit_euler},
+    {.name = "velocity_verlet", .splitting = &velocity_verlet, .damped = &damped_verlet},
+    {.name = "pefrl", .splitting = &pefrl},
+    {.name = "dopri5", .runge_kutta = &dopri5},
+    {.name = "dop853", .runge_kutta = &dop853},
+    {.name = "implicit_midpoint"},
 };
 
 }  // namespace

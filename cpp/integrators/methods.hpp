@@ -6,21 +6,11 @@
 // and likewise for the result, with b in place of row i. It is the same method, damped or not.
 #pragma once
 
-#include <array>
 #include <span>
-#include <string>
 #include <string_view>
 #include <vector>
 
 namespace clothsim {
-
-// The family of a method. The engines and Python's theory of stability ask for it.
-enum class MethodFamily {
-    runge_kutta,  // explicit, a tableau
-    splitting,    // drifts and kicks in turn
-    implicit,     // the midpoint rule: its stage is found by Newton's method
-};
-inline constexpr std::array<const char*, 3> method_family_names{"runge_kutta", "splitting", "implicit"};
 
 // Factors of the accelerations: in x times h^2, in v times h; `drift` times h is that of v in x.
 struct Weights {
@@ -55,15 +45,14 @@ struct Splitting {
 };
 
 // The part of its largest energy by which an undamped oscillator's energy swings under the method, at omega
-// dt. A step maps (omega x, v) by a matrix M of determinant 1. It keeps the quadratic form
-//   -M10 X^2 + (M00 - M11) X V + M01 V^2
-// The swing is 1 minus the ratio of the form's eigenvalues, for Verlet's method (omega dt / 2)^2. It is 1
-// where no form is definite, which is above the method's stable limit.
+// dt. A step maps (omega x, v) by a matrix M of determinant 1, which keeps -M10 X^2 + (M00 - M11) X V + M01
+// V^2. The swing is 1 minus the ratio of this form's eigenvalues, and 1 where it is not definite: above the
+// method's stable limit.
 double energy_swing(const Splitting& splitting, double omega_dt);
 
+// One of the first two; neither: the implicit midpoint rule, whose stage is found by Newton's method.
 struct Method {
     std::string_view name;
-    MethodFamily family;
     const ExplicitMethod* runge_kutta = nullptr;
     const Splitting* splitting = nullptr;
     const ExplicitMethod* damped = nullptr;  // splitting: the method that runs where there is damping, if any

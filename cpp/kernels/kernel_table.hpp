@@ -9,10 +9,13 @@
 
 #include "kernels/edge/edge_arguments.hpp"
 #include "kernels/gather/gather_arguments.hpp"
-#include "kernels/instruction_set.hpp"
 #include "kernels/row_arguments.hpp"
 
 namespace clothsim {
+
+// `portable` is built alone, on processors that are not x86-64: xsimd's NEON on AArch64, else plain loops
+// over 16 bytes.
+enum class InstructionSet { portable, sse2, avx2, avx512 };
 
 struct ContactKernels;
 

@@ -13,7 +13,7 @@
 #endif
 #include <xsimd/xsimd.hpp>
 
-#include "kernels/instruction_set.hpp"
+#include "kernels/kernel_table.hpp"
 
 namespace clothsim {
 namespace {

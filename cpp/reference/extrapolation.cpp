@@ -1,5 +1,10 @@
-#include "reference/extrapolation.hpp"
-
+// A second opinion on a solution: another method, another arithmetic, another evaluation of the forces.
+//
+// Gragg's modified midpoint rule with 2, 4, ..., 2k substeps, extrapolated to substep 0 by Aitken and
+// Neville. (Gragg-Bulirsch-Stoer; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section
+// II.9.) The order is 2k for k columns. The step follows the difference of the last two columns. Everything
+// is computed in sums of two doubles, 106 bits, from the reference's own list of springs. So an error in the
+// kernels or in the model's list, and rounding in double, both show as a difference.
 #include <algorithm>
 #include <atomic>
 #include <cmath>

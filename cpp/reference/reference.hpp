@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "model/scene.hpp"
@@ -26,5 +27,23 @@ Points accelerations(const Scene& scene, const std::vector<Spring>& springs, con
 // substeps; the paper's responses follow it. `as_printed`: Kim et al., eq 2-6 word for word,
 // where the time step multiplies the slopes and the sum; kept to show that it is not consistent.
 void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t, bool as_printed);
+
+struct ExtrapolationSettings {
+    int columns;
+    double tolerance;  // error of a step, of x and of H v, in extents of the cloth
+    int threads;  // columns at the same time; the bits do not depend on it
+};
+
+struct Extrapolation {
+    bool interrupted = false;
+    double time = 0;  // s, how far it came: less than asked where the step became too small
+};
+
+// From the state at time 0 to `times` (increasing, > 0), without the spheres. x and v hold 3 numbers a point.
+// The states at `times` are appended to them, rounded to double. A time at which the velocity of a pin jumps
+// has to be among `times`. `interrupted` is asked before each step.
+Extrapolation extrapolate(const Scene& scene, const std::vector<double>& times,
+                          const ExtrapolationSettings& settings, std::vector<double>& x,
+                          std::vector<double>& v, const std::function<bool()>& interrupted);
 
 }  // namespace clothsim::reference

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "kernels/contact/contact_arguments.hpp"
-#include "kernels/instruction_set.hpp"
+#include "kernels/kernel_table.hpp"
 
 namespace clothsim {
 

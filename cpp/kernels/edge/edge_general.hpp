@@ -5,7 +5,7 @@
 
 #include <utility>
 
-#include "kernels/edge/edge_update.hpp"
+#include "kernels/edge/edge_stage.hpp"
 
 namespace clothsim {
 namespace {

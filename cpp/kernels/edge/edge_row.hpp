@@ -61,7 +61,7 @@
 #include <bit>
 #include <utility>
 
-#include "kernels/edge/edge_update.hpp"
+#include "kernels/edge/edge_stage.hpp"
 #include "kernels/kernel_table.hpp"
 
 namespace clothsim {

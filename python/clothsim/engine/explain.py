@@ -85,7 +85,6 @@ def explain(
             "kernel": options.chosen_kernel,
             "precision": precision,
             "instruction_set": plan.instruction_set,
-            "lanes": plan.lanes,
             "threads": options.threads_for(cloth.shape),
         }
     )
