@@ -149,7 +149,7 @@ def test_a_sphere_in_the_middle_of_a_cell_warns(stretch, match):
     assert run.report["penetration"]["triangles"] == pytest.approx(0.05, rel=0.03)
 
 
-@pytest.mark.parametrize("below", [None, -9.0, -0.3])  # a second sphere: far away; near the same points, which go one by one
+@pytest.mark.parametrize("below", [None, -9.0, -0.3])  # a second sphere: far away; near the same points
 def test_the_work_of_lifts_depends_on_no_time_step(kernel, precision, below):
     """A damped sheet of bend springs alone, whose cells grow on a sphere at rest."""
     cloth = cs.Cloth((12, 12), mass=0.3, stiffness=60.0, damping=0.2, drag=0.01, springs=("bend",), pins=())

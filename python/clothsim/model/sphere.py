@@ -188,7 +188,7 @@ class Sphere(Obstacle):
     offset : {"cell", "edge", "none"} or float, default "cell"
         Length that the contact radius adds to `radius`. "cell" is the length of eq 13 for the cells
         of each point as they are deformed, so that no triangle dips in. A step in which all points touch
-        takes 1.4 times as long as one without spheres (single: 1.7). A cell must be smaller than the
+        takes 1.4 times as long as one without spheres (single: 1.6). A cell must be smaller than the
         sphere, so a small sphere needs a finer cloth; otherwise you get a `ContactWarning`. With "ray"
         and "reflect" the cells are those at rest.
         "edge" is the length of eq 13, which keeps the middle of an unstretched structural spring
