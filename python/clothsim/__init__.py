@@ -98,9 +98,8 @@ from .stability.limit import max_stable_dt
 from .model.motion import Keyframes, Linear, Reciprocate, Sinusoid
 from .model.scene import Scene
 from .model.scene_files import load_scene, save_scene
-from .run.result import Run, load_run
 from .run.settle import settle
-from .run.difference import difference
+from .run.result import Run, difference, load_run
 from .run.simulate import simulate
 from .model.sphere import Plane, Sphere
 from .engine.snapshot import Snapshot
@@ -112,7 +111,7 @@ if TYPE_CHECKING:
     from .accuracy.fit import Fit, fit, sensitivity
     from .gpu.live_page import view
     from .stability.map import stability_map
-    from .sweeps.api import sweep
+    from .sweeps.sweep import sweep
     from .sweeps.store import open_sweep
     from .viewing.camera import Camera
     from .viewing.page import compare
@@ -138,7 +137,7 @@ __getattr__, __dir__ = _on_demand(
         ".accuracy.fit": ("Fit", "fit", "sensitivity"),
         ".stability.map": ("stability_map",),
         ".sweeps.store": ("open_sweep",),
-        ".sweeps.api": ("sweep",),
+        ".sweeps.sweep": ("sweep",),
         ".viewing.camera": ("Camera",),
         ".viewing.picture": ("Picture", "picture"),
         ".viewing.page": ("compare",),

@@ -79,7 +79,7 @@ class RunInterrupted(KeyboardInterrupt):
     ----------
     run : Run, list of Run or None
         The run up to its last complete step, with the state there as its last frame. For several scenes, the runs
-        begun so far. None if there is no memory for its first frame.
+        begun so far.
 
     Examples
     --------

@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal, TypeAlias, TypedDict
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -49,9 +49,6 @@ Integrator: TypeAlias = (
 )
 """Names of integrators; any other str passes too."""
 
-Every: TypeAlias = float | Literal["step"]
-"""Time between stored frames [s], steps between them (an int), or each step."""
-
 Numbers: TypeAlias = Sequence[float] | npt.NDArray[np.integer[Any] | np.floating[Any]]
 """Real numbers in order: a list, a tuple or an array of one dimension."""
 
@@ -60,80 +57,3 @@ Shape: TypeAlias = Sequence[int] | npt.NDArray[np.integer[Any]]
 
 Pins: TypeAlias = Iterable[Sequence[int]] | npt.NDArray[np.bool_ | np.integer[Any]] | Mapping[tuple[int, int], Any]
 """Pairs (row, column) of pinned points, a boolean mask of the cloth's shape, or a mapping of pairs to motions or None."""
-
-
-class Estimate(TypedDict):
-    max: float
-    rms: float
-    reason: str
-
-
-class Tolerance(TypedDict):
-    asked: float
-    reached: bool
-
-
-class EnergyParts(TypedDict):
-    kinetic: float
-    elastic: float
-    gravity: float
-    force: float
-    total: float
-
-
-class Energies(TypedDict):
-    start: EnergyParts
-    end: EnergyParts
-    gained: float
-    reason: str
-
-
-class Depths(TypedDict):
-    points: float
-    triangles: float
-    reason: str
-
-
-class Stretch(TypedDict):
-    largest: float
-    reason: str
-
-
-class FirstContact(TypedDict):
-    time: float
-    reason: str
-
-
-class Report(TypedDict):
-    """`Run.report`; `simulate` describes the entries. A number that is unknown is NaN, with a reason."""
-
-    steps: int
-    rejected_steps: int
-    force_evaluations: int
-    solution_evaluations: int
-    wall_time: float
-    steps_per_second: float
-    dt: float
-    stopped: str
-    residual: float
-    reason: str
-    error_estimate: Estimate
-    estimate_evaluations: int
-    estimate_wall_time: float
-    tolerance: Tolerance
-    energy: Energies
-    force_work: float
-    penetration: Depths
-    stretch: Stretch
-    first_contact: FirstContact
-    impulse: list[list[float]]
-    impulse_reason: str
-    lift_work: float
-    kernel: str
-    integrator: str
-    as_printed: bool
-    precision: str
-    threads: int
-    instruction_set: str
-    backend: str
-    version: str

@@ -8,7 +8,7 @@ import pytest
 from commands import python
 
 SCENE = cs.scenes.oscillator()
-RUN = cs.simulate(cs.Scene(cs.Cloth((3, 3))), 0.003, dt=1e-3, every="step")
+RUN = cs.simulate(cs.Scene(cs.Cloth((3, 3))), 0.003, dt=1e-3, every=1)
 HINT = r"pip install 'clothsim\[{}\]'"
 
 
@@ -22,7 +22,7 @@ def nothing_runs(monkeypatch):
         ("engine.state", "State"),
         ("stability.map", "is_stable"),
         ("accuracy.work", "reference_for"),
-        ("sweeps.workers", "run_task"),
+        ("sweeps.sweep", "run_task"),
     ]:
         monkeypatch.setattr(importlib.import_module(f"clothsim.{module}"), name, never)
 

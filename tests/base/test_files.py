@@ -14,7 +14,7 @@ import pytest
 from clothsim.base import files
 
 SCENE = cs.Scene(cs.Cloth((3, 3)), cs.Sphere((0.5, -0.5, 0.5), 0.1))
-RUN = cs.simulate(SCENE, 0.003, dt=1e-3, every="step")
+RUN = cs.simulate(SCENE, 0.003, dt=1e-3, every=1)
 
 # Each way to write a file, and its name.
 WRITERS = {
@@ -166,10 +166,8 @@ def test_damage_is_a_value_error_with_the_path_or_harmless(name, tmp_path):
         ({"x": RUN.x[:, :2]}, r"x must be float64 of shape \(4, 3, 3, 3\), got float64 of shape \(4, 2, 3, 3\)"),
         ({"x": np.where(RUN.x == RUN.x[1, 1, 1], np.nan, RUN.x)}, "x must be finite numbers"),
         ({"t": RUN.t[::-1]}, "t must be increasing times"),
-        ({"report": "{}"}, "report lacks as_printed, backend,"),
         ({"report": "[" * 100_000}, "recursion"),
         ({"scene": '{"schema": 2, "cloth": {"shape": [3, 4]}}'}, r"shape \(4, 3, 4, 3\)"),
-        ({"scene": '{"schema": 2, "cloth": {"shape": [3, 3], "mass": 2.0}}'}, "final state is of another scene"),
     ],
 )
 def test_arrays_that_do_not_fit_the_scene_are_refused(change, words, tmp_path):

@@ -23,7 +23,7 @@ SCENE = cs.Scene(cs.Cloth((2, 3), mass=6.0, stiffness=100.0, damping=0.1), BALL)
 MOVING = SCENE.replace(spheres=BALL.replace(motion=cs.Linear((0, 1, 0))))
 X, V = SCENE.initial_position.copy(), SCENE.initial_velocity.copy()
 STATE = {"scene": SCENE, "x": X, "v": V}
-RUN = cs.simulate(SCENE, 0.03, dt=0.01, every="step")
+RUN = cs.simulate(SCENE, 0.03, dt=0.01, every=1)
 STEPPER, CLOTH = cs.Stepper(SCENE), SCENE.cloth
 REFERENCE = cs.reference(cs.scenes.oscillator(), 0.1)
 

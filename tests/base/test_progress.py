@@ -24,8 +24,7 @@ def stderr(monkeypatch, kind):
 
 def test_a_bar_counts_in_a_terminal(monkeypatch):
     terminal = stderr(monkeypatch, Terminal)
-    with ProgressBar(True, total=4, unit="frame", mininterval=0) as bar:
-        bar.say("export")
+    with ProgressBar(True, total=4, unit="frame", desc="export", mininterval=0) as bar:
         bar.advance()
         bar.advance(2)
     assert "export:  75%" in terminal.getvalue() and "3/4" in terminal.getvalue()
@@ -39,7 +38,6 @@ def test_nothing_is_shown_in_a_pipe_or_unasked(monkeypatch):
     pipe = stderr(monkeypatch, io.StringIO)
     with ProgressBar(True, total=4, mininterval=0) as bar:
         bar.advance()
-        bar.say("more")
     assert pipe.getvalue() == "" and not wanted_by_command()
 
 

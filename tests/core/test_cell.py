@@ -144,7 +144,7 @@ def test_a_sphere_in_the_middle_of_a_cell_warns(stretch, match):
     sphere = cs.Sphere((1.5, -0.1, 1.5), 0.05, cs.Linear((0, 1.0, 0)))
     scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0), position=x)
     with pytest.warns(cs.ContactWarning, match=match) as caught:
-        run = cs.simulate(scene, 0.1, dt=1e-3, every="step")
+        run = cs.simulate(scene, 0.1, dt=1e-3, every=1)
     assert len(caught) == 1
     assert run.report["penetration"]["triangles"] == pytest.approx(0.05, rel=0.03)
 

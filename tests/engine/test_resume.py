@@ -43,7 +43,7 @@ def test_a_resumed_run_equals_an_uninterrupted_run(integrator, precision, same_b
 
 
 def test_frames_go_on_in_their_grid(same_bits):
-    for frames in ({"every": 7}, {"every": 0.007}, {"fps": 130}, {"every": "step"}):
+    for frames in ({"every": 7}, {"every": 0.007}, {"fps": 130}, {"every": 1}):
         whole = cs.simulate(SMALL, 0.1, dt=1e-3, **frames)
         first = cs.simulate(SMALL, 0.05, dt=1e-3, **frames)
         rest = first.resume(0.05)
@@ -76,7 +76,7 @@ def test_a_stopped_run_with_error_control_goes_on(scene, integrator, same_bits, 
         if whole.report["steps"] == rest.report["steps"] + 6:
             assert same_bits([rest.t, rest.x, rest.v], [a[3:] for a in (whole.t, whole.x, whole.v)])
         else:  # the whole run was repeated at a smaller tolerance
-            assert whole.report["estimate_evaluations"] > whole.report["solution_evaluations"]
+            assert whole.report["force_evaluations"] > 2 * whole.report["solution_evaluations"]
     assert rest.report["stopped"] == ""
 
 

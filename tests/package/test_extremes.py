@@ -17,27 +17,6 @@ def test_pickles_of_a_stepper_are_refused_and_those_of_a_snapshot_pass():
         assert cs.Stepper.restore(pickle.loads(pickle.dumps(stepper.snapshot(), protocol))).time == 0.0
 
 
-@pytest.mark.parametrize("how", [{"dt": 1e-3, "fps": 500}, {"rtol": 1e-3, "fps": 500}, {"dt": 1e-3, "every": "step"}])
-@pytest.mark.parametrize("error", [KeyError("mine"), MemoryError(), ValueError("mine"), StopIteration()])
-def test_an_exception_of_a_callback_has_the_frames_so_far(how, error, same_bits):
-    calls = []
-
-    def callback(t, x, v):
-        calls.append(t)
-        if len(calls) == 4:
-            raise error
-
-    with pytest.raises(type(error)) as caught:
-        cs.simulate(SCENE, 0.02, callback=callback, **how)
-    run = caught.value.run
-    assert caught.value is error and run.t.tolist() == calls
-    assert run.report["stopped"] == "callback"
-    stopped = cs.simulate(SCENE, 0.02, callback=lambda t, x, v: t >= calls[-1], **how)
-    assert same_bits([run.x, run.v], [stopped.x, stopped.v])
-    if "dt" in how:
-        assert same_bits([run.resume(0.005).x[-1]], [stopped.resume(0.005).x[-1]])
-
-
 def test_arrays_of_a_callback_cannot_be_made_writeable():
     seen = []
 

@@ -2,7 +2,7 @@
 
 import ast
 from pathlib import Path
-from typing import get_args, get_type_hints, is_typeddict
+from typing import get_args
 
 import clothsim as cs
 import clothsim.typing
@@ -36,21 +36,3 @@ def test_editors_are_offered_the_names_of_the_integrators():
     names, text = get_args(clothsim.typing.Integrator)
     assert set(get_args(names)) == {*cs.integrators(), "auto"}
     assert text is str
-
-
-def check_typed(value, declared):
-    """The keys and types of a mapping are those of a TypedDict, through all levels."""
-    hints = get_type_hints(declared)
-    assert value.keys() == hints.keys()
-    for name, hint in hints.items():
-        if is_typeddict(hint):
-            check_typed(value[name], hint)
-        elif hint in (bool, int, float, str):
-            assert type(value[name]) is hint, name
-
-
-@pytest.mark.parametrize("options", [{"dt": 1e-3}, {"rtol": 1e-6}, {"dt": 1e-3, "estimate_error": True}])
-def test_the_report_has_the_type_it_declares(options):
-    run = cs.simulate(cs.scenes.oscillator(), 0.05, **options)
-    check_typed(run.report, clothsim.typing.Report)
-    check_typed(run.resume(0.05).report, clothsim.typing.Report)

@@ -7,7 +7,8 @@ import functools
 
 import clothsim as cs
 import pytest
-from clothsim.run.trajectory import Job, Recorder, RunOptions, Watch
+from clothsim.engine.options import Options
+from clothsim.run.trajectory import Job, Recorder, Watch
 from random_cloths import draw, rms
 
 
@@ -19,7 +20,7 @@ def case_of(number):
 @functools.cache
 def exact(number):
     case = case_of(number)
-    options, tolerance = RunOptions("dop853", "double", 1), 1e-13 * max(case.scene.cloth.size)
+    options, tolerance = Options("dop853", "double", 1), 1e-13 * max(case.scene.cloth.size)
     return Recorder(Job([case.scene], False, case.duration, options, tolerance=tolerance), Watch()).run().trajectory().x[-1]
 
 

@@ -51,7 +51,7 @@ def test_fps_are_frames_a_second(same_bits):
 def test_frames_of_accepted_steps_also_after_a_first_contact(count):
     """The steps before the first contact are taken one by one."""
     scene = cs.scenes.paper_static().replace(velocity=None)
-    each = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every="step")
+    each = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every=1)
     assert each.report["first_contact"]["time"] < 0.28
     assert len(each.t) == each.report["steps"] + 1 and (np.diff(each.t) > 0).all()
     some = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every=count)

@@ -25,7 +25,7 @@ def test_only_the_first_and_last_frame_by_default(same_bits):
     [
         (4, [0, 0.004, 0.008, 0.01]),
         (5, [0, 0.005, 0.01]),
-        ("step", np.arange(11) * 1e-3),
+        (1, np.arange(11) * 1e-3),
         (10, [0, 0.01]),
         (99, [0, 0.01]),
         (np.int64(5), [0, 0.005, 0.01]),
@@ -105,8 +105,8 @@ def test_a_duration_that_no_clock_resolves_is_refused():
             call()
 
 
-def test_more_frames_than_memory_are_refused_before_the_run():
+def test_more_frames_than_a_list_holds_are_refused_before_the_run():
     scene = cs.scenes.paper_swing()
     for frames, name in [({"fps": 1e8}, "fps"), ({"every": 1e-9}, "every"), ({"every": 2}, "every")]:
-        with pytest.raises(ValueError, match=f"^{name} asks for [0-9,]* frames, which need [0-9.e+]* GB; this machine has"):
+        with pytest.raises(ValueError, match=f"^{name} must give fewer than 10,000,000 frames"):
             cs.simulate(scene, 1.0, dt=1e-9, **frames)

@@ -78,7 +78,7 @@ def test_measures_over_steps_equal_measures_of_every_state(name, integrator, pre
     scene = SCENES[name]
     options = {"integrator": integrator, "precision": precision}
     found, stretches, first = step_by_step(scene, **options)
-    report = cs.simulate(scene, STEPS * DT, DT, threads=1, every="step", **options).report
+    report = cs.simulate(scene, STEPS * DT, DT, threads=1, every=1, **options).report
     depth = report["penetration"]
     exact = {"rel": 1e-12, "abs": 1e-15}
     assert depth["points"] == pytest.approx(found[:, 0].max(), **exact)

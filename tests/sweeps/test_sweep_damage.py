@@ -19,8 +19,8 @@ def tip(run):
 
 
 def sweep(path, over=OVER):
-    options = {"frames": True, "every": 0.01, "metrics": ["stable", "energy_drift", tip]}
-    return cs.sweep(SCENE, over, duration=0.02, dt=1e-3, store=path, progress=False, **options).load()
+    metrics = ["stable", "energy_drift", tip]
+    return cs.sweep(SCENE, over, duration=0.02, dt=1e-3, store=path, progress=False, metrics=metrics)
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +45,7 @@ DAMAGES = {"flipped": flipped, "cut": lambda data: data[:-1], "empty": lambda da
 @pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
 def test_a_damaged_chunk_is_refused_and_its_array_named(sound, tmp_path, damage):
     names = chunks(sound[0])
-    frames = [name for name in names if name.startswith(("position", "velocity"))]
-    assert len(frames) == 8 and len(names) == 8 + 4 + 8
+    assert len(names) == 2 + 6 + 3
     for name in names:
         path = tmp_path / "s.zarr"
         shutil.copytree(sound[0], path)
@@ -56,11 +55,8 @@ def test_a_damaged_chunk_is_refused_and_its_array_named(sound, tmp_path, damage)
             (path / name).write_bytes(damage(data))
         if name == "status/c/0/0" and damage is None:  # these members are pending
             same(sweep(path), sound[1])
-        elif name in frames and damage is not None:  # checked when they are read
-            with pytest.raises(ValueError), cs.open_sweep(path) as opened:
-                opened.load()
         else:
-            for call in (cs.open_sweep, sweep):
+            for call in (cs.open_sweep, sweep)[: 2 if name.startswith("stable") else 1]:
                 with pytest.raises(ValueError, match=rf"is damaged at {name.split('/')[0]} \(.*\): delete it"):
                     call(path)
         shutil.rmtree(path)
@@ -69,7 +65,7 @@ def test_a_damaged_chunk_is_refused_and_its_array_named(sound, tmp_path, damage)
 def test_the_store_of_a_single_run_is_read_whole_or_not(tmp_path):
     path = tmp_path / "s.zarr"
     expected = sweep(path, None)
-    same(cs.open_sweep(path).load(), expected)
+    same(cs.open_sweep(path), expected)
     (path / "stable/c").write_bytes(b"")
     for call in (cs.open_sweep, lambda path: sweep(path, None)):
         with pytest.raises(ValueError, match="is damaged at stable "):

@@ -11,11 +11,12 @@ from concurrent.futures.process import BrokenProcessPool
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.sweeps import store, workers
-from clothsim.sweeps.grid import make_grid, physics
+from clothsim.sweeps import store
+from clothsim.sweeps import sweep as sweeps
+from clothsim.sweeps.grid import make_grid
 from clothsim.sweeps.member import Maker, SweepOptions
 from clothsim.sweeps.metrics import choose_metrics
-from clothsim.sweeps.workers import Stopped, Task, Workers, run_task, tasks
+from clothsim.sweeps.sweep import Stopped, Task, Workers, run_task, tasks
 
 pytest.importorskip("xarray")
 
@@ -36,7 +37,7 @@ def expected():
 @pytest.fixture
 def small_tasks(monkeypatch):
     """A task for every member, so that there are enough of them to go wrong."""
-    monkeypatch.setattr(workers, "LARGEST_BATCH", 1)
+    monkeypatch.setattr(sweeps, "LARGEST_BATCH", 1)
 
 
 @pytest.fixture
@@ -131,9 +132,10 @@ def test_an_interrupt_keeps_what_is_finished(small_tasks, recorded, monkeypatch)
             raised.append(True)
             raise KeyboardInterrupt
 
+        if final:
+            gathered.append(self.pending)
+
     monkeypatch.setattr(store.Results, "flush", interrupting)
-    close = store.Results.close
-    monkeypatch.setattr(store.Results, "close", lambda self: gathered.append(self.pending) or close(self))
     with pytest.raises(KeyboardInterrupt, match=" of 24 members were done; give a store to keep them"):
         sweep(threads=2)
     (pending,) = gathered
@@ -147,11 +149,11 @@ def test_a_stopped_task_returns_its_finished_members():
         if finished:
             raise Stopped
 
-    values = {k: {"dt": dt} for k, dt in enumerate((1e-3, 5e-4, 2e-4))}
-    metrics = choose_metrics({"seen": lambda run: finished.append(run) or 0.0})
-    task = Task(SCENE, SweepOptions(0.05, metrics=metrics), values)
-    assert [record.index for record in run_task(task, pause).records] == [0]
-    assert len(run_task(task).records) == 3
+    make = Maker(SCENE, SweepOptions(0.05))
+    members = [make(k, {"dt": dt}) for k, dt in enumerate((1e-3, 5e-4, 2e-4))]
+    task = Task(members, choose_metrics({"seen": lambda run: finished.append(run) or 0.0}))
+    assert [record.index for record in run_task(task, pause)] == [0]
+    assert len(run_task(task)) == 3
 
 
 def test_a_batch_stops_within_a_step_or_two_of_the_clock():
@@ -161,40 +163,45 @@ def test_a_batch_stops_within_a_step_or_two_of_the_clock():
         if next(asked) >= 4:
             raise Stopped
 
-    task = Task(SCENE, SweepOptions(100.0, 1e-6), {0: {}, 1: {}})
-    assert not run_task(task, pause).records
+    make = Maker(SCENE, SweepOptions(100.0, 1e-6))
+    assert not run_task(Task([make(0, {}), make(1, {})], {}), pause)
 
 
 # Tasks
 
 
-def cut(over, count=2, **options):
+def cut(over, count=2, metrics="stable"):
     """The tasks of a sweep for an executor with `count` workers."""
-    grid = make_grid(over)
+    grid, options = make_grid(over), SweepOptions()
     with ThreadPoolExecutor(count) as pool:
-        return grid, list(tasks(SCENE, grid, SweepOptions(**options), np.arange(grid.size), Workers(pool, None), {}))
+        what = Maker(SCENE, options), grid, choose_metrics(metrics), options, np.arange(grid.size)
+        return grid, list(tasks(*what, Workers(pool, None), {}))
 
 
 def test_a_task_has_members_of_one_shape_and_method():
-    over = {"mass": np.linspace(1, 2, 400), "shape": [(4, 4), (6, 7)], "integrator": ["rk4", "velocity_verlet"]}
+    over = {
+        "mass": np.linspace(1, 2, 400),
+        "scene": {str(n): cs.Scene(cs.Cloth((n, n))) for n in (4, 5)},
+        "integrator": ["rk4", "velocity_verlet"],
+    }
     grid, found = cut(over)
-    assert sorted(index for task in found for index in task.values) == list(range(grid.size))
-    assert max(len(task.values) for task in found) == 64 and len(found) == 4 * 7
+    assert sorted(member.index for task in found for member in task.members) == list(range(grid.size))
+    assert max(len(task.members) for task in found) == 64 and len(found) == 4 * 7
     for task in found:
-        assert len({(values["shape"], values["integrator"]) for values in task.values.values()}) == 1
+        assert len({(one.scene.cloth.shape, one.settings["integrator"]) for one in task.members}) == 1
 
 
 def test_few_members_are_tasks_of_all_workers():
-    assert sorted(len(task.values) for task in cut({"mass": np.linspace(1, 2, 60)}, 3)[1]) == [5] * 12
+    assert sorted(len(task.members) for task in cut({"mass": np.linspace(1, 2, 60)}, 3)[1]) == [5] * 12
     assert len(cut({"mass": [1.0, 2.0]}, 3)[1]) == 2
 
 
 def test_members_of_one_reference_come_together():
     over = {"dt": [1e-3, 5e-4, 2e-4], "mass": np.linspace(1, 2, 32)}
-    _, found = cut(over, metrics=choose_metrics("error"))
-    assert len(found) == 8
+    _, found = cut(over, metrics="error")
+    assert len(found) == 32
     for task in found:
-        assert len(set(map(physics, task.values.values()))) <= 5
+        assert len({one.scene for one in task.members}) == 1
 
 
 def test_a_member_is_made_once(monkeypatch):
@@ -207,9 +214,9 @@ def test_a_member_is_made_once(monkeypatch):
 def test_one_member_has_all_threads_and_many_have_one_each():
     alone, given = Workers(None, None), Workers(None, 2)
     assert alone.threads_of(1) is None and alone.threads_of(5) == 1
-    assert given.threads_of(1) == 2 and given.threads_of(2) == 1 and given.limit() == 4
+    assert given.threads_of(1) == 2 and given.threads_of(2) == 1 and given.count == 2
     alone.close()
     given.close()
     with ThreadPoolExecutor(5) as pool:
         others = Workers(pool, None)
-        assert others.threads_of(1) == 1 and others.limit() == 10
+        assert others.threads_of(1) == 1 and others.count == 5

@@ -25,7 +25,7 @@ def test_the_bar_shows_members_rate_and_time_left(monkeypatch):
     terminal = terminal_of(monkeypatch)
     cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"dt": [1e-3, 5e-2]}, duration=0.3)
     last = terminal.getvalue().split("\r")[-1]
-    assert "sweep, 1 unstable: 100%" in last and "2/2 [" in last and "<00:00, " in last and "member/s]" in last
+    assert "sweep: 100%" in last and "2/2 [" in last and "<00:00, " in last and "member/s]" in last
 
 
 @pytest.fixture(scope="module")
@@ -99,8 +99,8 @@ def test_heat_maps(swept):
     line = swept.isel(dt=0).clothsim.plot("heatmap").get_lines()[0]
     assert np.array_equal(line.get_ydata(), swept.error.isel(dt=0))
     corners = {"corners": lambda run: run.x[-1, 0], "height": lambda run: run.x[-1, ..., 1].mean()}
-    framed = cs.sweep(cs.scenes.hanging(), {"dt": [1e-3, 2e-3]}, duration=0.01, metrics=corners, frames=True, progress=False)
-    axes = framed.clothsim.plot("heatmap")  # of a metric with one number a member, not of frames
+    framed = cs.sweep(cs.scenes.hanging(), {"dt": [1e-3, 2e-3]}, duration=0.01, metrics=corners, progress=False)
+    axes = framed.clothsim.plot("heatmap")  # of a metric with one number a member, not of an array
     assert np.array_equal(axes.get_lines()[0].get_ydata(), framed.height)
     assert plots.suggested(swept.drop_vars("error")) == "stability"
     assert plots.suggested(swept.isel(dt=[0]).drop_vars("error")) == "heatmap"

@@ -314,7 +314,8 @@ class _Problem:
     def __init__(self, scene: Scene, names: Sequence[str], times: Floats, data: Floats, measured: Any) -> None:
         self.scene, self.names, self.times = scene, names, times
         self.data, self.measured = data, measured  # (times, rows, columns, 3); whether a number counts
-        self.start, self.scales, *ends = np.array([one[2:] for one in parameters_of(scene, names, "over")]).T
+        self.parameters = parameters_of(scene, names, "over")
+        self.start, self.scales, *ends = np.array([one[2:] for one in self.parameters]).T
         self.ends, self.evaluations, self.jacobians = np.array(ends), 0, 0
         self.logarithmic = (self.ends[0] == 0) & (self.start > 0)
 
@@ -342,9 +343,8 @@ class _Problem:
         far = np.where(self.logarithmic, math.log(_WIDEST), _WIDEST)
         return np.asarray(np.clip(u, -far, far))
 
-    def at(self, u: Floats) -> tuple[Scene, list[Parameter]]:
-        scene = changed(self.scene, parameters_of(self.scene, self.names, "over"), self.values(u))
-        return scene, parameters_of(scene, self.names, "over")
+    def at(self, u: Floats) -> Scene:
+        return changed(self.scene, self.parameters, self.values(u))
 
     def columns(self, change: Floats, parameters: Sequence[Parameter], u: Floats) -> Floats:
         """Changes per scale of each parameter as columns of a Jacobian [m per coordinate]; 0 where a run failed."""
@@ -356,7 +356,7 @@ class _Problem:
         total = len(self.times)
         counts = [-(-total // 2**k) for k in range(int(math.log2(total)), 0, -1)]
         for count in [*(n for n in counts if n >= _FEWEST), total]:
-            found = self._minimum(u, bounds, sigma, Clock(self.at(u)[0], self.times[:count], rtol), least_squares)
+            found = self._minimum(u, bounds, sigma, Clock(self.at(u), self.times[:count], rtol), least_squares)
             u = found.x
         return found
 
@@ -367,13 +367,13 @@ class _Problem:
 
         def residuals(u: Floats) -> Floats:
             self.evaluations += 1
-            scene, _ = self.at(u)
+            scene = self.at(u)
             off = (clock.run([scene], clock.counts(scene)).x[0] - data)[measured]
             return np.append(np.nan_to_num(off, nan=clock.size) / sigma, (u - middle) * held)
 
         def jacobian(u: Floats) -> Floats:
             self.jacobians += 1
-            scene, parameters = self.at(u)
+            parameters = parameters_of(scene := self.at(u), self.names, "over")
             found = self.columns(derivatives(scene, parameters, clock)[1], parameters, u)
             return np.append(found / sigma, np.eye(len(u)) * held, axis=0)
 
@@ -457,7 +457,7 @@ def fit(
         best = found if best is None or found.cost < best.cost else best
         quality, misfit = _judged(best, measured, len(names), sigma, unit, least)
         u, starts = random.uniform(-math.log(10), math.log(10), len(names)) * problem.logarithmic, starts + 1
-    scene, parameters = problem.at(best.x)
+    parameters = parameters_of(scene := problem.at(best.x), names, "over")
     _, change, _, _, ended = known_derivatives(scene, parameters, Clock(scene, times, rtol))
     run = simulate(scene, float(times[-1]), rtol=rtol, times=times)
     wall_time = perf_counter() - begin

@@ -23,7 +23,7 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene, stops_of
 from ..model.sphere import continuous
-from ..run.trajectory import PAUSE
+from ..run.trajectory import PAUSE, Frames
 
 METHOD, ORDER = "dop853", 8
 _COARSEST = 0.5  # of RK4's stable step, well below the stable step of dop853
@@ -136,12 +136,9 @@ def reference(scene: Scene, duration: float, every: float | None = None) -> Refe
     """
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
-    count = 1
-    if every is not None:
-        every = check.number("every", every, minimum=0, exclusive=True)
-        check.frame_count("every", every, duration / every)
-        count = math.ceil(duration / every - 1e-9)
-    return _solved(scene, (*(k * (every or 0.0) for k in range(1, count)), duration))
+    frames = Frames(None if every is None else check.number("every", every, minimum=0, exclusive=True))
+    frames.check_count(duration, None)
+    return _solved(scene, tuple(t for t, _ in frames.moments(0.0, 0.0, duration, None)[1:]))
 
 
 def reference_for(scene: Scene, duration: float, given: Reference | None) -> Reference:

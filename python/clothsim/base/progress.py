@@ -53,11 +53,6 @@ class ProgressBar:
         if self.bar is not None:
             self.bar.update(count)
 
-    def say(self, text: str) -> None:
-        """Show a text in front of the bar."""
-        if self.bar is not None:
-            self.bar.set_description(text)
-
     def close(self) -> None:
         """Leave the bar as it is and start a new line."""
         if self.bar is not None:

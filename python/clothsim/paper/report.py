@@ -10,12 +10,11 @@ from dataclasses import asdict
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 import clothsim as cs
-from clothsim.typing import Report
 
 from ..base.files import write_bytes
 from .experiments import FRAMES, FULL, Case, Settings
@@ -202,5 +201,5 @@ def draw_cells(number: str, cases: Sequence[Case], folder: Path) -> None:
 def play(number: str, cases: Sequence[Case], folder: Path) -> None:
     """Write a page that plays all cases of an experiment in step."""
     arrays = [map(np.array, zip(*case.played)) for case in cases]
-    runs = {case.name: cs.Run(case.scene, t, x, v, cast(Report, {})) for case, (t, x, v) in zip(cases, arrays)}
+    runs = {case.name: cs.Run(case.scene, t, x, v, {}) for case, (t, x, v) in zip(cases, arrays)}
     cs.compare(runs).to_html(folder / f"experiment{number}.html", title=f"Experiment {number}, all cases in step")

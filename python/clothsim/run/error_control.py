@@ -23,12 +23,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base import Floats
+from ..engine.options import Options
 from ..errors import UnstableError
 from ..methods.bound import usable_dt
 from ..methods.integrators import integrators
 from ..model.scene import Scene, stops_of
-from .frames import Schedule
-from .trajectory import Job, Recorder, RunOptions, Trajectory, Watch
+from .trajectory import Frames, Job, Recorder, Trajectory, Watch
 
 NOT_ASKED = "no estimate was asked for"
 MANY_STEPS = 1_000_000  # a fixed-step method takes no more to reach a tolerance
@@ -102,21 +102,20 @@ class Estimate(NamedTuple):
 
 
 class Controlled(NamedTuple):
-    """A trajectory, its error, and what the runs that are not returned have cost."""
+    """A trajectory, its error, and force evaluations of the runs that are not returned."""
 
     trajectory: Trajectory
     error: Estimate
     evaluations: int
-    wall_time: float  # [s]
 
 
 Search = Generator[Job, Trajectory, tuple[Trajectory, Estimate]]
 Step = Generator[Job, Trajectory, Trajectory]  # a part of a search, which finds a run
 
 
-def solve(job: Job, asked: float, watch: Watch, plain: RunOptions | None = None) -> Controlled:
+def solve(job: Job, asked: float, watch: Watch, plain: Options | None = None) -> Controlled:
     """The run whose error is at most `asked` [m], rms, or the best one found; see `refined` for `plain`."""
-    stops_of(job.scene, job.options.start, job.options.start + job.duration)  # refuses too many before the first run
+    stops_of(job.scene, job.start, job.start + job.duration)  # refuses too many before the first run
     done: list[Trajectory] = []
     if job.options.integrator == "dop853" and job.options.precision == "double":
         return _conduct(refined(job, asked, done, plain), done, watch)
@@ -149,8 +148,7 @@ def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled
     except KeyboardInterrupt:  # the last run that came to its end is handed over
         watch.recorder = finished or watch.recorder or recorder
         raise
-    others = [run for run in done if run is not best]
-    return Controlled(best, error, sum(run.evaluations for run in others), sum(run.wall_time for run in others))
+    return Controlled(best, error, sum(run.evaluations for run in done if run is not best))
 
 
 def _evaluations(done: list[Trajectory]) -> int:
@@ -164,7 +162,7 @@ def _smallest(job: Job) -> float:
 
 def _unseen(job: Job, **changes: object) -> Job:
     """A run that is not returned: it has no frames, unless a force changes at them."""
-    return replace(job, shown=False, frames=job.frames if job.force else Schedule(), **changes)  # type: ignore[arg-type]
+    return replace(job, shown=False, frames=job.frames if job.force else Frames(), **changes)  # type: ignore[arg-type]
 
 
 def _at_tolerance(job: Job, tolerance: float) -> Step:
@@ -199,7 +197,7 @@ def _fixed(job: Job, dt: float) -> Job:
 # proportional; docs/dev/error-control.md has the algorithm.
 
 
-def refined(job: Job, asked: float, done: list[Trajectory], plain: RunOptions | None = None) -> Search:
+def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | None = None) -> Search:
     """The run of dop853 whose error is at most `asked` [m], rms, or the best one found.
 
     `plain`: options of a run at the longest stable step, which is returned if it is accurate enough, because it costs less.

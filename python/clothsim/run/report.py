@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any
 
 from .. import _core
 from ..base import Floats
 from ..model.scene import Scene
-from ..typing import Report
 from .error_control import NOT_ASKED, Controlled, Estimate
 from .trajectory import Trajectory
 
 _VERSION = _core.build_facts()["version"]
 RESUMED = "the error of a resumed run is not estimated"
 _SUMS = {
-    *("steps", "rejected_steps", "force_evaluations", "solution_evaluations", "estimate_evaluations"),
-    *("wall_time", "estimate_wall_time", "force_work", "lift_work"),
+    *("steps", "rejected_steps", "force_evaluations", "solution_evaluations"),
+    *("wall_time", "force_work", "lift_work"),
 }
 _PARTS = ("kinetic", "elastic", "gravity", "force", "total")
 
@@ -28,7 +27,7 @@ def report(
     controlled: Controlled | None = None,
     asked: float = math.nan,
     unknown: str = NOT_ASKED,
-) -> Report:
+) -> dict[str, Any]:
     """The report of a run. `stopped`: why it ended early. `controlled`: the outcome of its error estimate, if any.
 
     `unknown`: why the error of a whole run is not known.
@@ -36,13 +35,12 @@ def report(
     scene, options, state, watched = run.scene, run.options, run.state, run.watched
     reason = f"the run ended early: {stopped}" if stopped else unknown
     estimate = (controlled.error if controlled else Estimate(reason=reason))._asdict()
-    others = controlled.evaluations if controlled else 0
     missing, time = watched.get("reason", ""), watched["first_contact"]
     untouched = "" if watched["in_contact"] else "no sphere responded"
-    found = {
+    return {
         "steps": run.steps,
         "rejected_steps": run.rejected,
-        "force_evaluations": run.evaluations + others,
+        "force_evaluations": run.evaluations + (controlled.evaluations if controlled else 0),
         "solution_evaluations": run.evaluations,
         "wall_time": run.wall_time,
         "steps_per_second": run.steps / run.wall_time if run.wall_time > 0 else math.inf,
@@ -51,8 +49,6 @@ def report(
         "residual": math.nan,
         "reason": "not a run to rest: settle finds the rest state",
         "error_estimate": estimate,
-        "estimate_evaluations": others,
-        "estimate_wall_time": controlled.wall_time if controlled else 0.0,
         "tolerance": {"asked": asked, "reached": bool(estimate["rms"] <= asked)},
         "energy": {**_gained(scene, watched), **_energies(scene, run.x, run.v)},
         "force_work": run.force_work,
@@ -71,7 +67,6 @@ def report(
         "backend": options.backend,
         "version": _VERSION,
     }
-    return cast(Report, found)
 
 
 def _energies(scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
@@ -95,7 +90,7 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     return {"gained": gained, "reason": reason}
 
 
-def joined(one: Any, two: Any) -> Report:
+def joined(one: Any, two: Any) -> dict[str, Any]:
     """The combined report of a run and of the run that continues it."""
     sums = {name: value + two[name] for name, value in one.items() if name in _SUMS}
     energies = {**two["energy"], "start": one["energy"]["start"]}
@@ -114,4 +109,4 @@ def joined(one: Any, two: Any) -> Report:
     }
     for name in ("penetration", "stretch"):
         found[name] = {key: max(value, two[name][key]) for key, value in one[name].items()}  # reasons are "" or equal
-    return cast(Report, found)
+    return found

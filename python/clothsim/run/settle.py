@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, overload
 
 import numpy as np
 
 from ..base import Floats, check
 from ..base.progress import ProgressBar
+from ..engine.options import Options
 from ..engine.state import State, scenes_of
 from ..engine.stepper import Stepper
 from ..engine.stepping import acceleration
@@ -25,11 +25,10 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
 from ..model.sphere import continuous, held
-from ..typing import Report
 from .report import report
 from .result import Run
 from .simulate import interrupted
-from .trajectory import Continuation, RunOptions, Trajectory
+from .trajectory import Continuation, Trajectory
 
 _INTEGRATOR = "semi_implicit_euler"  # one force evaluation a step, and the longest step for it
 
@@ -54,23 +53,6 @@ _PATIENCE = 100_000
 _TRAVEL = 20.0
 
 
-@dataclass
-class _Best:
-    """The state of least residual."""
-
-    x: Floats
-    residual: float
-    steps: int = 0
-    halved: int = 0  # steps when the residual was last halved
-    mark: float = math.inf
-
-    def take(self, x: Floats, residual: float, steps: int) -> None:
-        if residual < self.residual:
-            self.x, self.residual, self.steps = x, residual, steps
-        if residual < self.mark / 2:
-            self.mark, self.halved = residual, steps
-
-
 @overload
 def settle(
     scene: Scene,
@@ -82,15 +64,7 @@ def settle(
     progress: bool = False,
 ) -> Run: ...
 @overload
-def settle(
-    scene: Sequence[Scene],
-    tolerance: float = 1e-6,
-    *,
-    t: float = 0.0,
-    max_evaluations: int = 400_000,
-    threads: int | None = None,
-    progress: bool = False,
-) -> list[Run]: ...
+def settle(scene: Sequence[Scene], *arguments: Any, **options: Any) -> list[Run]: ...
 def settle(
     scene: Scene | Sequence[Scene],
     tolerance: float = 1e-6,
@@ -148,8 +122,7 @@ def settle(
     tolerance = check.number("tolerance", tolerance, minimum=1e-12)
     t = check.number("t", t)
     most = check.integer("max_evaluations", max_evaluations, minimum=1)
-    options = RunOptions(_INTEGRATOR, threads=threads, start=t)
-    search = _Relaxation(scene_at(scene, t), tolerance, most, options)
+    search = _Relaxation(scene_at(scene, t), tolerance, most, t, Options(_INTEGRATOR, threads=threads))
     with ProgressBar(check.boolean("progress", progress), total=most) as bar:
         try:
             reason = search.run(bar.bar)
@@ -172,8 +145,8 @@ def scene_at(scene: Scene, t: float) -> Scene:
 class _Relaxation:
     """The relaxation of a scene in which nothing moves, by `most` force evaluations at most."""
 
-    def __init__(self, scene: Scene, tolerance: float, most: int, options: RunOptions) -> None:
-        self.scene, self._tolerance, self._most, self._options = scene, tolerance, most, options
+    def __init__(self, scene: Scene, tolerance: float, most: int, t: float, options: Options) -> None:
+        self.scene, self._tolerance, self._most, self._t, self._options = scene, tolerance, most, t, options
         still = [continuous(sphere, restitution=0.0) for sphere in scene.spheres]
         self._plain = scene.replace(spheres=still)
         self._mass = scene.cloth.mass_per_point[..., None]
@@ -185,8 +158,9 @@ class _Relaxation:
         stable = _STEP * stable_dt(damped, _INTEGRATOR)
         self._dt = stable if math.isfinite(stable) else 0.1 / self._slow
         self._stepper = self._stepper_of(damped, self._start)
-        self.best = _Best(self._start, self._residual(self._start))
         self._steps, self._seconds = 0, 0.0
+        self._best, self._residual, self._best_steps = self._start, self._unbalanced(self._start), 0
+        self._mark, self._halved = math.inf, 0  # the residual when it was last halved, and the steps until then
 
     def _force_scale(self) -> float:
         scene = self._plain
@@ -207,7 +181,7 @@ class _Relaxation:
         stepper._state.judge.given |= {"dt", "grown"}
         return stepper
 
-    def _residual(self, x: Floats) -> float:
+    def _unbalanced(self, x: Floats) -> float:
         """Largest unbalanced force over the scale: momentum that a step from rest leaves after the responses."""
         probe = self._stepper_of(self._plain, x)
         dt = _PROBE * self._dt
@@ -228,10 +202,10 @@ class _Relaxation:
     def _relax(self, bar: Any) -> str:
         before: tuple[Floats, Floats] | None = None
         blocks = 0
-        while self.best.residual > self._tolerance:
+        while self._residual > self._tolerance:
             if self._steps >= self._most:
                 return f"max_evaluations = {self._most:,} did not suffice"
-            if self._steps - self.best.halved > _PATIENCE:
+            if self._steps - self._halved > _PATIENCE:
                 return f"the unbalanced force did not halve in {_PATIENCE:,} steps"
             count = min(_BLOCK, self._most - self._steps)
             self._stepper.advance(count, self._dt)
@@ -247,8 +221,15 @@ class _Relaxation:
                 self._damp(before, now)
             before = now
             if blocks % _BLOCKS_OF_RESIDUAL == 0 or self._steps >= self._most:
-                self.best.take(x, self._residual(x), self._steps)
+                self._compare(x, self._unbalanced(x))
         return ""
+
+    def _compare(self, x: Floats, residual: float) -> None:
+        """Keep the state if it is the best so far."""
+        if residual < self._residual:
+            self._best, self._residual, self._best_steps = x, residual, self._steps
+        if residual < self._mark / 2:
+            self._mark, self._halved = residual, self._steps
 
     def _damp(self, before: tuple[Floats, Floats], now: tuple[Floats, Floats]) -> None:
         """Damp the motion between two states critically, by the frequency of Rayleigh's quotient."""
@@ -270,17 +251,17 @@ class _Relaxation:
     def result(self, reason: str) -> Run:
         """The run that ends with the best state."""
         still = np.zeros_like(self._start)
-        x, v = np.array([self._start, self.best.x]), np.array([still, still])
-        options, rest = self._options, self._plain.replace(position=self.best.x, velocity=None)
-        t = [options.start, options.start + max(self.best.steps, 1) * self._dt]
-        state = State.own([rest], False, options.start, options)
+        x, v = np.array([self._start, self._best]), np.array([still, still])
+        options, rest = self._options, self._plain.replace(position=self._best, velocity=None)
+        t = [self._t, self._t + max(self._best_steps, 1) * self._dt]
+        state = State.own([rest], False, self._t, options)
         state.core.set_watch(1, 0.0)
         state.core.sample()
         cost = self._steps, 0, self._steps, self._seconds, self._dt
         watched = state.core.watched[0]
-        run = Trajectory(self.scene, options, t, x, v, *cost, watched, 0.0, state, None, Continuation(options.start))
-        found: Report = report(run, unknown="a run to rest has no error in time")
-        found["residual"], found["reason"] = self.best.residual, reason
+        run = Trajectory(self.scene, options, t, x, v, *cost, watched, 0.0, state, None, Continuation(self._t))
+        found = report(run, unknown="a run to rest has no error in time")
+        found["residual"], found["reason"] = self._residual, reason
         found["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]
         found["impulse_reason"] = "impulses of a relaxation have no meaning"
         return Run(self.scene, np.array(t), x, v, found)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NoReturn, TypeVar, cast, overload
 
@@ -14,17 +13,17 @@ import numpy.typing as npt
 from ..base import check
 from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
+from ..engine.options import Options
 from ..engine.snapshot import take
 from ..engine.state import own_arrays, scenes_of, state_arrays
 from ..errors import ContactError, RunInterrupted, UnstableError
 from ..methods.integrators import integrator_name, warn_of_order
 from ..model.scene import Scene
-from ..typing import Backend, Every, Integrator, Kernel, Precision
+from ..typing import Backend, Integrator, Kernel, Precision
 from .error_control import estimate_of, size_of, solve
-from .frames import schedule
 from .report import RESUMED, report
 from .result import Run
-from .trajectory import Failure, Force, Job, Recorder, RunOptions, StopRun, Trajectory, Watch
+from .trajectory import Failure, Force, Frames, Job, Recorder, StopRun, Trajectory, Watch
 
 _DEFAULT_RTOL = 1e-3  # Where neither a step nor a tolerance is given.
 # A duration over the time of its end that is above the rounding of the clock by a thousand times.
@@ -42,7 +41,7 @@ def simulate(
     precision: Precision = "double",
     rtol: float | None = None,
     atol: float | None = None,
-    every: Every | None = None,
+    every: float | None = None,
     threads: int | None = None,
     progress: bool = False,
     *,
@@ -65,7 +64,7 @@ def simulate(
     precision: Precision = "double",
     rtol: float | None = None,
     atol: float | None = None,
-    every: Every | None = None,
+    every: float | None = None,
     threads: int | None = None,
     progress: bool = False,
     *,
@@ -98,9 +97,8 @@ def simulate(
         Error control: the rms error of the last positions over the mass points is to be at most
         ``atol + rtol * max(scene.cloth.size)`` [m]. Without `dt`, `rtol` and `atol`, rtol is 1e-3.
     every, times, fps
-        When frames are stored besides the first and the last state. `every`: an interval in steps (an int >= 2)
-        or seconds (a float), or "step"; `times` of the scene [s], increasing; `fps`: frames per second. Frames never change
-        a run.
+        When frames are stored besides the first and the last state. `every`: an interval in steps (an int) or seconds (a
+        float); `times` of the scene [s], increasing; `fps`: frames per second. Frames never change a run.
     progress : bool, default False
         True shows a progress bar of simulated seconds on a terminal and in a notebook (tqdm, in the extra "demo").
     t : float, default 0.0
@@ -109,8 +107,8 @@ def simulate(
         ``force(t, x, v)`` returns a force on each mass point [N], shape (rows, columns, 3), such as wind. It is called at
         each frame and held until the next, beside the scene's own force; steps end there.
     callback : callable, optional
-        ``callback(t, x, v)`` is called at each frame, with read-only arrays; True stops the run there. If error control
-        repeats the run, the calls start again from the first frame.
+        ``callback(t, x, v)`` is called at each frame, with read-only arrays; True stops the run, at the end of the step. If
+        error control repeats the run, the calls start again from the first frame.
     estimate_error : bool, optional
         Whether a run with a given `dt` is compared with a more accurate run. Without `dt` the error is always estimated.
 
@@ -149,13 +147,13 @@ def simulate(
     t = check.number("t", t)
     _check_end(t, duration)
     asked = _asked_error(scenes[0], dt, rtol, atol)
-    frames = schedule(every, times, fps, t, duration)
+    frames = Frames.of(every, times, fps, t, duration)
     plain = integrator is None and asked is None and dt is None and backend != "gpu"
     if integrator is None:
         integrator = "auto" if asked is not None or plain else "rk4"
     integrator = integrator_name(integrator, "auto")
     method = "rk4" if integrator == "auto" else integrator
-    options = RunOptions(method, precision, threads, kernel, backend, t)
+    options = Options(method, precision, threads, kernel, backend)
     if options.backend == "gpu" and (asked is not None or integrator == "auto"):
         raise ValueError(
             "rtol and atol must be None and integrator must be 'rk4' with backend 'gpu', which takes fixed steps: "
@@ -167,7 +165,7 @@ def simulate(
             raise ValueError("integrator must be a name with dt, got 'auto': it chooses the step")
         dt = check.number("dt", dt, minimum=0, exclusive=True)
         check.step_count(duration, dt)
-    frames.check_memory(duration, dt, len(scenes) * scenes[0].cloth.rows * scenes[0].cloth.columns)
+    frames.check_count(duration, dt)
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
     _check_callables(callback=callback, force=force)
@@ -180,7 +178,7 @@ def simulate(
         options = replace(options, integrator="dop853", precision="double")
     if options.precision == "single":
         state_arrays(*own_arrays(scenes, batched), scenes, batched, "single")
-    job = Job(scenes, batched, duration, options, frames, force, dt)
+    job = Job(scenes, batched, duration, options, t, frames, force, dt)
     error = _DEFAULT_RTOL * size_of(scenes[0]) if asked is None else asked
 
     def compute(watch: Watch) -> Run | list[Run]:
@@ -248,19 +246,14 @@ def _reason(error: Failure) -> str:
 
 
 def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progress: bool) -> Runs:
-    """What `compute` finds, or the part of the runs before an early end: after Ctrl-C at least their first frames."""
+    """What `compute` finds, or the part of the runs before an early end, at least their first frames."""
     form = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
     bar = ProgressBar(progress, total=job.duration, bar_format=form)
     watch = Watch(callback, bar.bar)
 
     def so_far(reason: str) -> Any:
-        recorder = watch.recorder
-        if recorder is None and reason == "interrupted":
-            with suppress(Exception):  # as where memory lacks
-                recorder = Recorder(job, Watch())
-        if recorder is None:
-            return None
-        (recorder.end_at_frame if reason == "callback" else recorder.end_here)()
+        recorder = watch.recorder or Recorder(job, Watch())
+        recorder.end_here()
         runs = _runs(recorder, reason)
         return runs if recorder.state.batched else runs[0]
 
@@ -270,29 +263,16 @@ def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progres
     except StopRun:
         return cast(Runs, so_far("callback"))  # the callback was called for a frame of it
     except (UnstableError, ContactError) as error:
-        if error.run is None:
-            error.run = so_far(_reason(error))
+        error.run = error.run or so_far(_reason(error))
         raise
     except KeyboardInterrupt:
         interrupted(lambda: so_far("interrupted"))
-    except BaseException as error:  # SystemExit too, as by a callback
-        with suppress(Exception):  # as where memory lacks
-            run = so_far("callback" if watch.failed else "error")
-            if run is not None:
-                error.run = run  # type: ignore[attr-defined]
-        raise
 
 
 def interrupted(so_far: Callable[[], Any]) -> NoReturn:
-    """Raise RunInterrupted with the run so far. A second Ctrl-C is held back meanwhile, or starts this again."""
-    while True:
-        try:
-            with Interrupts():
-                raise RunInterrupted(so_far()) from None
-        except RunInterrupted:
-            raise
-        except KeyboardInterrupt:
-            continue
+    """Raise RunInterrupted with the run so far. A second Ctrl-C is held back meanwhile."""
+    with Interrupts():
+        raise RunInterrupted(so_far()) from None
 
 
 def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, force: Any, callback: Any, progress: bool) -> Run:
@@ -306,13 +286,12 @@ def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, force: A
         check.step_count(duration, before.dt)
     frames = before.frames
     if not (every is None and times is None and fps is None):
-        frames = schedule(every, times, fps, before.start + before.seconds, duration)
-    frames.check_memory(duration, before.dt, scene.cloth.rows * scene.cloth.columns)
+        frames = Frames.of(every, times, fps, before.start + before.seconds, duration)
+    frames.check_count(duration, before.dt)
     _check_callables(callback=callback, force=force)
     if before.forced and force is None:
         raise ValueError("force must be given: this run had one, and functions are not kept")
-    options = RunOptions(**vars(snapshot.options), start=before.start)
-    job = Job([scene], False, duration, options, frames, force, before.dt, resumed=(snapshot, before))
+    job = Job([scene], False, duration, snapshot.options, before.start, frames, force, before.dt, resumed=(snapshot, before))
 
     def compute(watch: Watch) -> Run:
         return _run(Recorder(job, watch).run().trajectory(), unknown=RESUMED)

@@ -28,18 +28,20 @@ from ..methods.integrators import METHODS
 from ..model.mesh import point_radii2
 from ..model.scene import Scene, stops_of
 from ..model.sphere import Plane, Sphere
-from .frames import NEGLIGIBLE, Moment, Schedule
 
 Callback = Callable[[float, Floats, Floats], Any]
 Force = Callable[[float, Floats, Floats], npt.ArrayLike]
 Failure = UnstableError | ContactError
 Pair = tuple[Floats, Floats]  # positions and velocities
+Moment = tuple[float, float]  # seconds since the start of the run, and the time of the scene [s]
 # The tolerance of a step [m], the weight of velocities in it [1/s] and the state of the core's controller.
 ControlValues = tuple[float, float, tuple[float, float, bool]]
 
 # Called between steps; may raise to end a run, as for a sweep whose runs are on threads that Ctrl-C does not reach.
 PAUSE: ContextVar[Callable[[], None] | None] = ContextVar("PAUSE", default=None)
 
+# A remainder below this part of a step is rounding of the caller's numbers, not a step.
+NEGLIGIBLE = 1e-9
 _SECONDS_BETWEEN_SHOWS = 0.1  # of the progress bar, and between two pauses
 # Velocities are weighed against positions by a frequency above all of the cloth: this many times
 # the bound on its frequencies. Errors of x then decide, and those of v are held to the same scale.
@@ -55,34 +57,91 @@ _MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES = 16
 
 
 @dataclass(frozen=True)
-class RunOptions(Options):
-    """The options of the steps of a run, and its start."""
+class Frames:
+    """When frames are stored between the first and the last state; by default there are none. At most one field is set."""
 
-    start: float = 0.0  # time of the initial state [s]
+    every: int | float | None = None  # steps (int) or seconds (float) between frames
+    fps: float | None = None
+    times: tuple[float, ...] = ()  # of the scene [s], increasing
+
+    @classmethod
+    def of(cls, every: Any, times: Any, fps: Any, start: float, duration: float) -> Frames:
+        """The frames for the arguments of `simulate`, checked."""
+        given = [name for name, value in (("every", every), ("times", times), ("fps", fps)) if value is not None]
+        if len(given) > 1:
+            raise ValueError(f"at most one of every, times and fps can be given, got {' and '.join(given)}")
+        if times is not None:
+            return cls(times=_checked_times(times, start, duration))
+        if fps is not None:
+            fps = check.number("fps", fps, minimum=0, exclusive=True)
+        return cls(checked_every(every), fps)
+
+    @property
+    def steps(self) -> int:
+        """Steps between frames; 0 where they are not counted in steps."""
+        return self.every if isinstance(self.every, int) else 0
+
+    def _seconds(self, dt: float | None) -> float | None:
+        """Seconds between frames, for `every`; steps have none without `dt`."""
+        if self.steps:
+            return self.steps * dt if dt else None
+        return self.every
+
+    def check_count(self, duration: float, dt: float | None) -> None:
+        """Refuse more frames than a list can hold, of steps of `dt`."""
+        if self.fps:
+            check.frame_count("fps", self.fps, duration * self.fps)
+        if every := self._seconds(dt):
+            check.frame_count("every", every, duration / every)
+
+    def moments(self, start: float, begin: float, end: float, dt: float | None) -> list[Moment]:
+        """Moments from `begin` to `end`, both included, of steps of `dt`; without it frames in steps have no moments.
+
+        `begin` and `end` are seconds since the run started, at the time `start`.
+        """
+        every = self._seconds(dt)
+        if self.times:
+            near = NEGLIGIBLE * (end - begin)
+            inner = [(t - start, t) for t in self.times if begin + near < t - start < end - near]
+        else:
+            first, last = (offset / every if every else offset * (self.fps or 0.0) for offset in (begin, end))
+            numbers = range(math.floor(first + NEGLIGIBLE) + 1, math.ceil(last - NEGLIGIBLE))
+            offsets = [k * every if every else k / (self.fps or 1.0) for k in numbers]
+            inner = [(offset, start + offset) for offset in offsets]
+        return [(begin, start + begin), *inner, (end, start + end)]
+
+
+def checked_every(every: Any) -> int | float | None:
+    """Check `every`: steps (int) or seconds (float)."""
+    if isinstance(every, (int, np.integer)):
+        return check.integer("every", every, minimum=1)
+    return None if every is None else check.number("every", every, minimum=0, exclusive=True)
+
+
+def _checked_times(times: Any, start: float, duration: float) -> tuple[float, ...]:
+    end = start + duration
+    accepted = f"increasing times [s] from {start:g} to {end:g}"
+    given = check.as_array("times", times, accepted)
+    if given.ndim != 1 or not given.size:
+        raise ValueError(f"times must be {accepted}, in one dimension, got shape {given.shape}")
+    found = given.astype(np.float64)
+    slack = NEGLIGIBLE * duration
+    rising = np.append(True, found[1:] > found[:-1])
+    check.check_all("times", found, rising & (found >= start - slack) & (found <= end + slack), accepted)
+    return tuple(found.tolist())
 
 
 @dataclass(frozen=True)
 class Continuation:
-    """The settings of a run, for its continuation."""
+    """The settings of a run, for its continuation: plain data, but for `frames`."""
 
     start: float  # time of the start [s]
     seconds: float = 0.0  # duration of the run so far
     steps: int = 0  # since the start
     dt: float | None = None  # time step [s]; None with error control
-    frames: Schedule = Schedule()
+    frames: Frames = Frames()
     control: ControlValues | None = None  # with error control
     forced: bool = False  # by a function, which is no data
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Continuation:
-        """From plain data, with values converted, because a file may contain other types."""
-        frames = {**data["frames"], "times": tuple(data["frames"]["times"])}
-        dt, control = data["dt"], data["control"]
-        if control is not None:
-            control = (*map(float, control[:2]), (float(control[2][0]), float(control[2][1]), bool(control[2][2])))
-        numbers = {"start": float(data["start"]), "seconds": float(data["seconds"]), "steps": int(data["steps"])}
-        dt = None if dt is None else float(dt)
-        return cls(**{**data, **numbers, "dt": dt, "frames": Schedule(**frames), "control": control})
 
 
 @dataclass(frozen=True)
@@ -96,8 +155,9 @@ class Job:
     scenes: list[Scene]
     batched: bool  # whether a sequence of scenes was given
     duration: float  # [s]
-    options: RunOptions
-    frames: Schedule = Schedule()
+    options: Options
+    start: float = 0.0  # time of the initial state [s]
+    frames: Frames = Frames()
     force: Force | None = None
     dt: float | None = None  # [s]
     own_step: bool = False
@@ -116,7 +176,7 @@ class Trajectory:
     """A run of one scene, or its part so far: its frames, cost, extremes over all states, and local error."""
 
     scene: Scene
-    options: RunOptions
+    options: Options
     t: list[float]
     x: Floats
     v: Floats
@@ -141,7 +201,7 @@ class Trajectory:
 
     def refined(self, ratio: float) -> tuple[float, ...]:
         """Ends of a grid with `ratio` times as many steps between two kinks, with times interpolated linearly."""
-        ends, finer = [self.options.start, *self.ends], []
+        ends, finer = [self.t[0], *self.ends], []
         for first, last in pairwise([0, *self.kinks, len(self.ends)]):
             count = last - first
             numbers = np.linspace(0, count, max(count + 1, math.ceil(ratio * count - NEGLIGIBLE)) + 1)[1:]
@@ -157,15 +217,13 @@ class Watch:
     """Follows the runs of one call of `simulate`.
 
     `callback` is called with (t, x, v) at each frame, and stops the run by returning True. `bar` is a bar of tqdm that
-    counts simulated seconds. `recorder` has the present run, or the last run that ended. `failed` is True while the
-    callback runs, and after it raised.
+    counts simulated seconds. `recorder` has the present run, or the last run that ended.
     """
 
     def __init__(self, callback: Callback | None = None, bar: Any = None) -> None:
         self._callback, self.bar = callback, bar
         self._here = 0.0
         self.recorder: Recorder | None = None
-        self.failed = False
 
     def begin(self, recorder: Recorder, seconds: float) -> None:
         """Start to follow a run whose first state is `seconds` after its start."""
@@ -181,11 +239,9 @@ class Watch:
     def frame(self, t: float, x: Floats, v: Floats) -> None:
         if self._callback is None:
             return
-        self.failed = True
         stop = self._callback(t, *map(_constant, (x, v)))
         if stop is not None and not isinstance(stop, (bool, np.bool_)):
             raise TypeError(f"callback must return True to stop the run, or False or None to go on, got {check.shown(stop)}")
-        self.failed = False
         if stop:
             raise StopRun
 
@@ -218,15 +274,6 @@ class _Frames:
                 stack.resize((count, *stack.shape[1:]), refcheck=False)
 
 
-def _begun(job: Job) -> State:
-    state = State.own(job.scenes, job.batched, job.options.start, job.options)
-    if job.resumed:
-        core = job.resumed[0].core
-        # A report has the impulses of its own run.
-        state.core.restore({**core, "impulses": np.zeros_like(core["impulses"])} if "impulses" in core else core)
-    return state
-
-
 class Recorder:
     """A job in progress: advances `state`, and keeps the frames and the counts of its runs.
 
@@ -235,18 +282,21 @@ class Recorder:
     """
 
     def __init__(self, job: Job, watch: Watch) -> None:
-        self.job, self.state, self._watch = job, _begun(job), watch
-        self._earlier = earlier = job.resumed[1] if job.resumed else Continuation(job.options.start)
-        self._start, begin = earlier.start, earlier.seconds
-        self.moments = job.frames.in_seconds(job.dt).moments(earlier.start, begin + job.duration, begin)
+        self.job, self._watch = job, watch
+        self.state = State.own(job.scenes, job.batched, job.start, job.options)
+        self._earlier = Continuation(job.start)
+        if job.resumed:
+            snapshot, self._earlier = job.resumed
+            core = {name: 0 * value if name == "impulses" else value for name, value in snapshot.core.items()}
+            self.state.core.restore(core)  # a report has the impulses of its own run
+        begin = self._earlier.seconds
+        self.moments = job.frames.moments(job.start, begin, begin + job.duration, job.dt)
         self.steps = 0
         self._wall_time = 0.0  # of stepping and dense output [s]; of a batch, the share of a member
         self._frames = [_Frames(shape, len(self.moments)) for shape in [self.state.shape[-3:]] * len(job.scenes)]
         self.live = list(range(len(job.scenes)))
         self.failed: dict[int, tuple[Failure, Trajectory]] = {}
-        self._steps_at_frame = 0
-        self._ahead = False  # the present state comes after the last frame, which is interpolated
-        self._watched: Sequence[Mapping[str, Any]] = ()
+        self._ahead = False  # the present state comes after the last frame
         self._force = _Forcing(job.force, job.scene.force, self.state) if job.force else None
         self._path = self._new_path() if job.dt is None else None
         if job.dt is not None:
@@ -306,34 +356,31 @@ class Recorder:
 
     def advance(self, steps: int, dt: float) -> None:
         """Take `steps` steps of `dt`. Members of a batch that fail stop; the others go on."""
-        while steps > 0 and self.live:
-            steps -= self._advance(min(steps, self._limit), dt)
-            self._passed(self.state.core.time)
-
-    def _advance(self, steps: int, dt: float) -> int:
         core = self.state.core
-        before, begin = core.time, time.perf_counter()
-        self.state.judge.steps_before = self.steps
-        done, failure = steps, None
-        try:
-            self.state.advance(steps, dt)
-        except BaseException as error:
-            done = round((core.time - before) / dt)
-            if not isinstance(error, (UnstableError, ContactError)) or error.member is None:
-                raise
-            failure = error
-        finally:
-            self._count(done, begin)
-        if failure is not None:
-            self._leave(failure)
-        return done
+        while steps > 0 and self.live:
+            done, failure = min(steps, self._limit), None
+            before, begin = core.time, time.perf_counter()
+            self.state.judge.steps_before = self.steps
+            try:
+                self.state.advance(done, dt)
+            except BaseException as error:
+                done = round((core.time - before) / dt)
+                if not isinstance(error, (UnstableError, ContactError)) or error.member is None:
+                    raise
+                failure = error
+            finally:
+                self._count(done, begin)
+            if failure is not None:
+                self._leave(failure)
+            steps -= done
+            self._passed(core.time)
 
     def _leave(self, error: Any) -> None:
         """Leave the member behind that failed; its run ends with its present state."""
         member = error.member
-        if self.steps > self._steps_at_frame or self._ahead:
+        if self._ahead:
             t = self.state.core.time
-            self._frames[member].put(t - self._start, t, error.x, error.v)
+            self._frames[member].put(t - self.job.start, t, error.x, error.v)
         self.failed[member] = error, self._trajectories([member])[member]
         self.live.remove(member)
         self.state.core.set_frozen(member, True)
@@ -348,14 +395,25 @@ class Recorder:
         other frames until a sphere responds, and from then on the polynomial of `interpolated`.
         """
         core, count = self.state.core, self.job.frames.steps
+        since = self._earlier.steps % count if count else 0  # steps since the last frame
         for seconds, until in self.moments[1:]:
             while core.time < until:
-                before = path.steps
-                self._advance_path(path, until, count - (self._earlier.steps + self.steps) % count if count else 1 << 60)
+                before, begin = path.steps, time.perf_counter()
+                self.state.judge.steps_before = self.steps
+                most = min(self._limit, count - since) if count else self._limit
+                try:
+                    outcome = core.advance_adaptive(path, until, most, self.state.threads)
+                finally:
+                    self._count(path.steps - before, begin)
+                self._passed(min(core.time, until))
+                if outcome:
+                    self.state.judge.outcome(outcome, path.controller[0])
                 if path.steps == before:
                     break  # what is left is rounding of the clock
-                if count and core.time < until and (self._earlier.steps + self.steps) % count == 0:
-                    self.store(core.time - self._start, core.time)
+                since += path.steps - before
+                if since == count and core.time < until:
+                    self.store(core.time - self.job.start, core.time)
+                    since = 0
             if core.time <= until:
                 self.store(seconds, until)
             elif not core.watched[0]["in_contact"]:
@@ -386,21 +444,6 @@ class Recorder:
         self._unit = unit = _ANY_ERROR * tolerance if job.grid else tolerance
         return _core.AdaptiveRun(unit, unit * rate, near, sorted(stops), list(job.grid), controller)
 
-    def _advance_path(self, path: _core.AdaptiveRun, until: float, steps: int) -> None:
-        core, end = self.state.core, path.steps + steps
-        while core.time < until and path.steps < end:
-            before, begin = path.steps, time.perf_counter()
-            self.state.judge.steps_before = self.steps
-            try:
-                outcome = core.advance_adaptive(path, until, min(end - before, self._limit), self.state.threads)
-            finally:
-                self._count(path.steps - before, begin)
-            self._passed(min(core.time, until))
-            if outcome:
-                self.state.judge.outcome(outcome, path.controller[0])
-            if path.steps == before:
-                break
-
     def _dense(self, t: float) -> Pair:
         """Positions and velocities at a time `t` within the last step, without responses at its end."""
         begin = time.perf_counter()
@@ -417,13 +460,14 @@ class Recorder:
         return self._chunk if self._watch.bar is not None or self._pause else 1 << 60
 
     def _passed(self, t: float) -> None:
-        self._watch.passed(t - self._start)
+        self._watch.passed(t - self.job.start)
         if self._pause:
             self._pause()
 
     def _count(self, steps: int, begin: float) -> None:
         seconds = time.perf_counter() - begin
         self.steps += steps
+        self._ahead |= steps > 0
         self._wall_time += seconds / len(self.live)
         wanted = _SECONDS_BETWEEN_SHOWS * steps / max(seconds, 1e-9)
         self._chunk = int(min(max(1.0, wanted), 2.0 * self._chunk))
@@ -443,7 +487,7 @@ class Recorder:
         self._put(seconds, t, x, v)
         if self._watch.recorder is not self:  # until then the recorder before has the frames
             self._watch.begin(self, seconds)
-        self._steps_at_frame, self._ahead = self.steps, ahead
+        self._ahead = ahead
         self._watch.frame(t, x, v)
         if self._force:
             self._force.change(t, x, v)
@@ -455,19 +499,9 @@ class Recorder:
 
     def end_here(self) -> None:
         """End the run with its present state as the last frame."""
-        if self.steps > self._steps_at_frame or self._ahead:
+        if self._ahead:
             t = self.state.core.time
-            self._put(t - self._start, t, *self.arrays())
-
-    def end_at_frame(self) -> None:
-        """End the run with the last frame. With fixed steps the present state is stored after an interpolated frame."""
-        if self.job.dt is not None:
-            self.end_here()
-        elif self._ahead:
-            self._watched = self.state.core.watched  # a state that is loaded is watched anew
-            frames, last = self._frames[0], len(self._frames[0].t) - 1
-            self.state.core.load(frames.x[last], frames.v[last])
-            self.state.core.time = frames.t[-1]
+            self._put(t - self.job.start, t, *self.arrays())
 
     def trajectory(self) -> Trajectory:
         return self._trajectories([0])[0]
@@ -479,7 +513,7 @@ class Recorder:
 
     def _trajectories(self, members: Sequence[int]) -> dict[int, Trajectory]:
         job, state, path, earlier = self.job, self.state, self._path, self._earlier
-        watched, counted = self._watched or state.core.watched, state.core.evaluations
+        watched, counted = state.core.watched, state.core.evaluations
         saves = state.batched and not job.own_step
         saved = of_members(state.core.snapshot(), state.scenes) if saves else [None] * len(watched)
         control = (*self._control_values, path.controller) if path else earlier.control
@@ -493,7 +527,7 @@ class Recorder:
             # The core does not count for kernels that take whole steps.
             evaluations = method.stages * self.steps if method.in_kernels else counted[k]
             settings = Continuation(
-                self._start, frames.seconds, earlier.steps + self.steps, job.dt, job.frames, control, job.force is not None
+                job.start, frames.seconds, earlier.steps + self.steps, job.dt, job.frames, control, job.force is not None
             )
             cost = self.steps, path.rejected if path else 0, evaluations, self._wall_time, step
             rest = watched[k], work, state, saved[k], settings

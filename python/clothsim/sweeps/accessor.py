@@ -6,16 +6,13 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import xarray
 
 from ..errors import ContactError, UnstableError
 from ..model.motion import motion_from_dict
 from ..model.scene import Scene
-from ..run.frames import as_every
 from ..run.result import Run
 from ..run.simulate import simulate
-from ..typing import Every
 from .grid import Axis, Grid
 from .member import Maker, SweepOptions
 from .store import ATTRIBUTE
@@ -40,7 +37,7 @@ class ClothsimAccessor:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The "identity" (scene, grid, settings, version) and the "sessions" (machine, wall time, instruction sets)."""
+        """The "identity" (scene, grid, settings, version), and "created", "build" and "machine" of the first call."""
         text = self._dataset.attrs.get(ATTRIBUTE)
         if text is None:
             raise ValueError(
@@ -48,7 +45,7 @@ class ClothsimAccessor:
             )
         return dict(json.loads(text))
 
-    def member(self, *, every: Every | None = None, **selection: Any) -> Run:
+    def member(self, *, every: float | None = None, **selection: Any) -> Run:
         """The `Run` of one member, to show, play and export, computed again with equal bits.
 
         `every` is as for `simulate`; default: that of the sweep. `selection` has labels as for ``Dataset.sel``, one for
@@ -63,14 +60,18 @@ class ClothsimAccessor:
         (4.0, [0.0, 0.05, 0.1])
         """
         identity = self.provenance["identity"]
-        given = identity["settings"]
-        every = as_every(given["every"]) if every is None else every
-        options = SweepOptions(**{**given, "metrics": (), "every": every})
+        given = {name: value for name, value in identity["settings"].items() if name != "metrics"}
+        every = given["every"] if every is None else every
         grid = Grid([_axis(entry) for entry in identity["over"]])
-        index = _index(grid, self._dataset.sel(selection))
-        member = Maker(Scene.from_dict(identity["scene"]), options)(index, grid.members([index])[index])
+        chosen = self._dataset.sel(selection)["member"]
+        for name, size in chosen.sizes.items():
+            if size != 1:
+                raise ValueError(f"a member needs one value of {name!r}, got {size}: give member({name}=...)")
+        index = chosen.item()
+        make = Maker(Scene.from_dict(identity["scene"]), SweepOptions(**{**given, "every": every}))
+        member = make(index, grid.values(index))
         try:
-            return simulate(member.scene, member.settings.duration, every=every, **member.arguments)
+            return simulate(member.scene, every=every, **{**member.settings, "dt": member.dt})
         except (UnstableError, ContactError) as error:
             if not isinstance(error.run, Run):
                 raise
@@ -98,19 +99,3 @@ def _value(name: str, value: Any) -> Any:
     if name.endswith("motion") and value is not None:
         return motion_from_dict(value)
     return value
-
-
-def _index(grid: Grid, chosen: xarray.Dataset) -> int:
-    """The number of the only member in `chosen`."""
-    coordinates = {one.name: one.values for one in grid.coordinates()}
-    place = []
-    for axis in grid.axes:
-        name = axis.dimension
-        if name not in chosen.coords:
-            raise ValueError(f"a member needs the coordinate {name!r} of its Dataset: select without drop=True")
-        left = chosen[name]
-        if left.size != 1:
-            raise ValueError(f"a member needs one value of {name!r}, got {left.size}: give member({name}=...)")
-        (found,) = np.flatnonzero(coordinates[name] == np.asarray(left.values).ravel()[0])
-        place.append(int(found))
-    return int(np.ravel_multi_index(place, grid.shape)) if place else 0

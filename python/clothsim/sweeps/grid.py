@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..base import check
-from ..methods.integrators import integrator_name
-from ..model.fields import NUMERICS, check_name, units
+from ..model.fields import check_name, units
 from ..model.record import Record
 
 _LARGEST_LISTED = 64  # entries of an array that are written out; a larger one is known by its digest
@@ -44,11 +42,6 @@ def plain(value: Any) -> Any:
 def digest(value: Any) -> str:
     """A short text that is equal for equal values alone."""
     return hashlib.sha256(json.dumps(plain(value), sort_keys=True).encode()).hexdigest()
-
-
-def physics(values: Mapping[str, Any]) -> str:
-    """A text that is the same for all swept values with equal physics."""
-    return digest({name: value for name, value in values.items() if name not in NUMERICS})
 
 
 def label(value: Any) -> str:
@@ -84,16 +77,6 @@ class Axis:
         return [place[name] for place in self.places]
 
 
-@dataclass(frozen=True)
-class Coordinate:
-    """A labelled, unit-carrying coordinate along one dimension."""
-
-    name: str
-    dimension: str
-    values: np.ndarray
-    attrs: dict[str, Any] = field(default_factory=dict)
-
-
 class Grid:
     """All members; a member's number is its flat index, last dimension fastest."""
 
@@ -107,27 +90,24 @@ class Grid:
         if twice:
             raise ValueError(f"over must name each thing once, got {sorted(twice)} more than once")
 
-    def members(self, indices: Iterable[int]) -> dict[int, dict[str, Any]]:
-        """The swept values, by name, of members, by index."""
-        found = {}
-        for index in indices:
-            values, rest = dict[str, Any](), index
-            for axis, length in zip(reversed(self.axes), reversed(self.shape), strict=True):
-                rest, place = divmod(rest, length)
-                values = {**axis.places[place], **values}
-            found[index] = values
-        return found
+    def values(self, index: int) -> dict[str, Any]:
+        """The swept values of a member, by name."""
+        values = dict[str, Any]()
+        for axis, length in zip(reversed(self.axes), reversed(self.shape), strict=True):
+            index, place = divmod(index, length)
+            values = {**axis.places[place], **values}
+        return values
 
-    def coordinates(self) -> list[Coordinate]:
-        """Labels of the dimensions, one per swept name and two more for a swept shape."""
-        result = []
+    def coordinates(self) -> dict[str, Any]:
+        """Labels as xarray takes them: one per swept name, two more for a swept shape, and the number of each member."""
+        found: dict[str, Any] = {}
         for axis in self.axes:
             for name in axis.names:
                 labels = axis.labels if axis.dimension == name else None
-                result += _coordinates(name, axis.dimension, axis.column(name), labels)
+                found |= _coordinates(name, axis.dimension, axis.column(name), labels)
             if axis.dimension not in axis.names:
-                result.append(Coordinate(axis.dimension, axis.dimension, np.arange(len(axis))))
-        return result
+                found[axis.dimension] = axis.dimension, np.arange(len(axis))
+        return {**found, "member": (self.dimensions, np.arange(self.size).reshape(self.shape))}
 
     def describe(self) -> list[dict[str, Any]]:
         """The grid as plain data, to be compared with another."""
@@ -141,23 +121,23 @@ class Grid:
         ]
 
 
-def _coordinates(name: str, dimension: str, values: list[Any], labels: Sequence[str] | None) -> list[Coordinate]:
+def _coordinates(name: str, dimension: str, values: list[Any], labels: Sequence[str] | None) -> dict[str, Any]:
     attrs: dict[str, Any] = {"long_name": name.replace("_", " ")}
     if labels is None and all(isinstance(v, bool) for v in values):
-        return [Coordinate(name, dimension, np.array(values), attrs)]
+        return {name: (dimension, np.array(values), attrs)}
     if unit := "" if all(isinstance(v, str) for v in values) else units(name):
         attrs["units"] = unit
     given = [v for v in values if v is not None]  # None, as of dt beside rtol, is NaN
     if labels is None and given and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in given):
-        return [Coordinate(name, dimension, np.array([np.nan if v is None else v for v in values]), attrs)]
+        return {name: (dimension, np.array([np.nan if v is None else v for v in values]), attrs)}
     texts = list(labels or map(label, values))
     if dimension == name and len(set(texts)) < len(texts):
         texts = [f"{text} #{k}" for k, text in enumerate(texts)]
-    result = [Coordinate(name, dimension, np.array(texts), attrs)]
+    found = {name: (dimension, np.array(texts), attrs)}
     if name == "shape" and labels is None:
         for part, side in enumerate(("rows", "columns")):
-            result.append(Coordinate(side, dimension, np.array([v[part] for v in values])))
-    return result
+            found[side] = dimension, np.array([v[part] for v in values]), {}
+    return found
 
 
 def make_grid(over: Any) -> Grid:
@@ -182,8 +162,7 @@ def _axis(key: Any, values: Any) -> Axis:
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
             wanted = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
             raise ValueError(f"over[{key!r}] must have {wanted}, got {check.shown(row)} at index {k}")
-    places = [dict(zip(names, row, strict=True)) for row in rows]
-    return Axis("_".join(names), tuple(map(_place, places) if "integrator" in names else places), labels)
+    return Axis("_".join(names), tuple(dict(zip(names, row, strict=True)) for row in rows), labels)
 
 
 def _samples(over: Any) -> Axis:
@@ -198,21 +177,13 @@ def _samples(over: Any) -> Axis:
         if set(sample) != set(given[0]):
             names = f"{sorted(sample)} at index {k} and {sorted(given[0])} before"
             raise ValueError(f"over must give every sample the same names, got {names}")
-    return Axis("sample", tuple(_place({check_name(n): _scalar(v) for n, v in sample.items()}) for sample in given))
-
-
-def _place(values: dict[str, Any]) -> dict[str, Any]:
-    """`values` with the integrator's main name. `Member.make` refuses unknown names later."""
-    if isinstance(name := values.get("integrator"), str):
-        with contextlib.suppress(ValueError):
-            values["integrator"] = integrator_name(name, "auto")
-    return values
+    return Axis("sample", tuple({check_name(n): _scalar(v) for n, v in sample.items()} for sample in given))
 
 
 def _values(name: str, values: Any) -> list[Any]:
     if isinstance(values, (str, bytes, Record)) or not isinstance(values, Iterable) or getattr(values, "ndim", 1) == 0:
         raise TypeError(f"{name} must be a sequence of values, got {check.shown(values)}")
-    result = [value.item() if isinstance(value, np.generic) else value for value in values]
+    result = list(map(_scalar, values))
     if not result:
         raise ValueError(f"{name} must have at least one value, got none")
     return result

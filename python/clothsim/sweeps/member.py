@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ..base import Floats, check
+from ..base import check
 from ..engine.options import Options
 from ..methods.bound import guaranteed_dt, stable_dt, usable_dt
 from ..methods.integrators import integrator_name
 from ..model.fields import RUN, change_scene
 from ..model.scene import Scene
-from ..run.frames import checked_every
 from ..run.simulate import checked_tolerances
+from ..run.trajectory import Frames, checked_every
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
 
@@ -35,8 +35,6 @@ class SweepOptions:
     precision: str = "double"
     kernel: str = "auto"
     every: Any = None  # checked: steps (int), seconds (float) or None
-    frames: bool = False
-    metrics: tuple[Any, ...] = ()
     rtol: float | None = None
     atol: float | None = None
 
@@ -46,90 +44,68 @@ class SweepOptions:
             dt=None if self.dt is None else check.number("dt", self.dt, minimum=0, exclusive=True),
             integrator=None if self.integrator is None else integrator_name(self.integrator, "auto"),
             every=checked_every(self.every),
-            frames=check.boolean("frames", self.frames),
         )
-
-    @property
-    def needs(self) -> frozenset[str]:
-        """The data that the metrics and the store need; see `Metric`."""
-        return frozenset(need for metric in self.metrics for need in metric.needs) | ({"frames"} if self.frames else set())
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How members are run. `arguments` of `simulate` have the tolerances too, where these choose the step (`controlled`)."""
-
-    duration: float
-    dt: float | None  # None: by the cloth
-    controlled: bool
-    numerics: Mapping[str, Any]  # integrator, precision and kernel
-    arguments: Mapping[str, Any]
-
-    @classmethod
-    def of(cls, options: SweepOptions, run: Mapping[str, Any]) -> Settings:
-        """The settings of the members with the swept values `run`; a refused value raises the error of its argument."""
-        given = {name: run.get(name, getattr(options, name)) for name in RUN}
-        dt, rtol, atol = given["dt"], given["rtol"], given["atol"]
-        if given["integrator"] is None:
-            given["integrator"] = "rk4" if rtol is None and atol is None else "auto"
-        name = integrator_name(given["integrator"], "auto")
-        numerics = {"integrator": name, "precision": given["precision"], "kernel": given["kernel"]}
-        Options("rk4" if name == "auto" else name, given["precision"], None, given["kernel"])
-        duration = check.number("duration", given["duration"], minimum=0, exclusive=True)
-        if isinstance(options.every, float):
-            check.frame_count("every", options.every, duration / options.every)
-        if name == "auto" or rtol is not None or atol is not None:
-            rtol, atol = checked_tolerances(dt, rtol, atol)
-            return cls(duration, None, True, numerics, {**numerics, "rtol": rtol, "atol": atol})
-        if dt is not None:
-            dt = check.number("dt", dt, minimum=0, exclusive=True)
-            check.step_count(duration, dt)
-        return cls(duration, dt, False, numerics, numerics)
 
 
 @dataclass(frozen=True)
 class Member:
-    """A cloth to run, with its index in the sweep, its time step [s] (NaN with error control) and its guaranteed step
-    [s]."""
+    """A cloth to run, with its index in the sweep, and its guaranteed stable time step [s].
+
+    `settings` are arguments of `simulate`: time steps of `dt` [s], or a tolerance, where `dt` is None.
+    """
 
     index: int
     scene: Scene
-    settings: Settings
-    dt: float
+    settings: Mapping[str, Any]
+    dt: float | None
     max_stable_dt: float
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        """Arguments of `simulate`."""
-        return {**self.settings.arguments, **({} if self.settings.controlled else {"dt": self.dt})}
 
 
 class Maker:
-    """Makes members of a scene and swept values. Members with equal values of the run share their `Settings`."""
+    """Makes members of a scene and swept values. Members with equal values of the run share their `settings`."""
 
     def __init__(self, base: Scene, options: SweepOptions) -> None:
-        self._base, self._options, self._known = base, options, dict[str, Settings]()
+        self._base, self._options, self._known = base, options, dict[str, dict[str, Any]]()
         for kept in ("initial_position", "initial_velocity", "driven_pins", "core_spheres"):  # which members share
             getattr(base, kept)
         _ = base.cloth.core  # with the arrays that it is made of
 
     def __call__(self, index: int, values: Mapping[str, Any]) -> Member:
         """The member with these values; a refused value raises the error of its argument."""
-        run = {name: values[name] for name in RUN if name in values}
+        run = {} if values.keys().isdisjoint(RUN) else {name: values[name] for name in RUN if name in values}
         scene = change_scene(self._base, {name: values[name] for name in values if name not in run} if run else values)
         settings = self._known.get(key := repr(run))
         if settings is None:
-            settings = self._known[key] = Settings.of(self._options, run)
-        cloth, integrator, dt = scene.cloth.core, settings.numerics["integrator"], settings.dt
+            settings = self._known[key] = self._settings(run)
+        cloth, integrator, dt = scene.cloth.core, settings["integrator"], settings["dt"]
         integrator = "rk4" if integrator == "auto" else integrator
         limit = usable_dt(cloth, integrator) if dt is None else guaranteed_dt(cloth, integrator)
-        if settings.controlled:
-            dt = math.nan
-        elif dt is None:
+        if dt is None and not controlled(settings):
             # A method without a limit of its own takes what follows the motion as well.
-            dt = min(_SAFETY * (limit if math.isfinite(limit) else stable_dt(scene)), settings.duration)
-            check.step_count(settings.duration, dt)
+            dt = min(_SAFETY * (limit if math.isfinite(limit) else stable_dt(scene)), settings["duration"])
+            check.step_count(settings["duration"], dt)
         return Member(index, scene, settings, dt, limit)
+
+    def _settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
+        """The checked arguments of `simulate` of members with the swept values `run`; without `dt` it is by the cloth."""
+        given = {name: run.get(name, getattr(self._options, name)) for name in RUN}
+        if given["integrator"] is None:
+            given["integrator"] = "rk4" if given["rtol"] is None and given["atol"] is None else "auto"
+        name = given["integrator"] = integrator_name(given["integrator"], "auto")
+        Options("rk4" if name == "auto" else name, given["precision"], None, given["kernel"])
+        duration = given["duration"] = check.number("duration", given["duration"], minimum=0, exclusive=True)
+        if controlled(given):
+            given["rtol"], given["atol"] = checked_tolerances(given["dt"], given["rtol"], given["atol"])
+        elif given["dt"] is not None:
+            given["dt"] = check.number("dt", given["dt"], minimum=0, exclusive=True)
+            check.step_count(duration, given["dt"])
+        Frames(self._options.every).check_count(duration, given["dt"])
+        return given
+
+
+def controlled(settings: Mapping[str, Any]) -> bool:
+    """Whether these arguments of `simulate` ask for error control."""
+    return settings["integrator"] == "auto" or settings["rtol"] is not None or settings["atol"] is not None
 
 
 @dataclass
@@ -143,4 +119,3 @@ class Record:
     unstable_step: int = -1
     unstable_time: float = np.nan
     message: str = ""
-    frames: tuple[Floats, Floats] | None = None

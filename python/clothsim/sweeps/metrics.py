@@ -10,33 +10,33 @@ from __future__ import annotations
 
 import functools
 import math
-import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..accuracy.solution import distances, solve_in_double
+from ..accuracy.solution import solve_in_double
 from ..base import Floats, check
 from ..model.scene import Scene
 from ..run.result import Run
 from ..run.settle import settle
-from .grid import digest
-
-_lock = threading.Lock()
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Positions at the end [m] and a bound of their error [m]; NaN where there is none.
-
-    `contact`: whether a sphere has responded on the way.
-    """
+class Reference(NamedTuple):
+    """Positions at the end [m] and a bound of their error [m]. `contact`: whether a sphere has responded on the way."""
 
     x: Floats
     error: float
-    contact: bool = False
+    contact: bool
+
+
+@functools.lru_cache(maxsize=64)
+def reference_of(scene: Scene, duration: float, threads: int | None = 1) -> Reference:
+    """The reference of a scene, which this process computes once."""
+    found = solve_in_double(scene, [duration], threads)
+    x = found.x[-1]
+    # Both runs may err by rounding, each as much as the other.
+    return Reference(x, float(2 * found.change[-1] + np.spacing(np.abs(x).max())), found.ended.contact)
 
 
 def incomparable(run: Run, reference: Reference) -> str:
@@ -52,187 +52,127 @@ def incomparable(run: Run, reference: Reference) -> str:
     )
 
 
-def solve(scene: Scene, duration: float, threads: int | None = 1) -> Reference:
-    """The reference of one scene at `duration`."""
-    found = solve_in_double(scene, [duration], threads)
-    x = found.x[-1]
-    # Both runs may err by rounding, each as much as the other.
-    return Reference(x, float(2 * found.change[-1] + np.spacing(np.abs(x).max())), found.ended.contact)
-
-
-@functools.lru_cache(maxsize=64)
-def _slot(key: str) -> tuple[threading.Lock, list[Reference]]:
-    return threading.Lock(), []
-
-
-def reference_of(scene: Scene, duration: float, threads: int | None = 1) -> Reference:
-    """The reference of a scene, which this process computes once: a second thread waits for the first."""
-    with _lock:
-        making, found = _slot(digest([scene, duration]))
-    with making:
-        if not found:
-            found.append(solve(scene, duration, threads))
-    return found[0]
-
-
-@dataclass(frozen=True)
-class Metric:
-    """A named metric: a function of a run and a reference, the attributes of its variables, and what it needs besides the
-    report ("reference": a solution to compare with).
-    """
-
-    name: str
-    compute: Callable[[Run, Any], Mapping[str, Any]]
-    variables: Mapping[str, Mapping[str, str]]
-    needs: tuple[str, ...] = ()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return named, (self.name,)
-
-
-def _attrs(long_name: str, units: str = "1") -> dict[str, str]:
-    return {"long_name": long_name, "units": units}
-
-
-def _reported(name: str, **variables: tuple[str, str, str, str]) -> Metric:
-    """A metric of figures in the report: for each variable the two keys, the long name and the unit."""
-
-    def compute(run: Any, _: Any) -> dict[str, float]:
-        return {name: run.report[entry][key] for name, (entry, key, *_) in variables.items()}
-
-    return Metric(name, compute, {name: _attrs(*attrs) for name, (_, _, *attrs) in variables.items()})
-
-
-def _error(run: Run, reference: Reference) -> dict[str, float]:
+def _error(run: Run, reference: Reference) -> tuple[float, ...]:
     if incomparable(run, reference):
-        return dict.fromkeys(("error", "error_rms", "reference_error"), np.nan)
-    found = distances(run.x[-1], reference.x)
-    return {"error": float(found["max"]), "error_rms": float(found["rms"]), "reference_error": reference.error}
+        return math.nan, math.nan, math.nan
+    distance = np.linalg.norm(run.x[-1] - reference.x, axis=-1)
+    return float(distance.max()), float(np.sqrt((distance**2).mean())), reference.error
 
 
-def _energy_drift(run: Run, _: Any) -> dict[str, float]:
-    energy = run.report["energy"]
-    return {"energy_drift": energy["end"]["total"] - energy["start"]["total"]}
-
-
-def _sag(run: Run, _: Any) -> dict[str, float]:
+def _sag(run: Run, _: Any) -> tuple[float]:
     """Of the rest state, which does not depend on the run; NaN where the scene does not rest."""
     gravity = run.scene.gravity
     pull = np.linalg.norm(gravity)
     rest = settle(run.scene) if pull else None
     if rest is None or rest.report["reason"]:
-        return {"sag": np.nan}
-    return {"sag": float(((rest.x[-1] - rest.x[0]) @ gravity).max() / pull)}
+        return (math.nan,)
+    return (float(((rest.x[-1] - rest.x[0]) @ gravity).max() / pull),)
 
 
-def _impulse(run: Run, _: Any) -> dict[str, float]:
-    """Of all spheres together."""
+def _impulse(run: Run, _: Any) -> tuple[float, ...]:
     x, y, z = np.reshape(run.report["impulse"], (-1, 3)).sum(axis=0)
-    return {"impulse": math.hypot(x, y, z), "impulse_x": x, "impulse_y": y, "impulse_z": z}
+    return math.hypot(x, y, z), x, y, z
 
 
-_ALL = (
-    Metric(
-        "error",
+class Metric(NamedTuple):
+    """A metric that has a name: the values of its variables, from a run and a reference; and their long names and units."""
+
+    compute: Callable[[Run, Any], tuple[Any, ...]]
+    variables: Mapping[str, tuple[str, str]]
+
+
+METRICS = {
+    "error": Metric(
         _error,
         {
-            "error": _attrs("largest distance of a mass point from the reference at the end", "m"),
-            "error_rms": _attrs("rms distance of the mass points from the reference at the end", "m"),
-            "reference_error": _attrs("bound of the reference's own error", "m"),
+            "error": ("largest distance of a mass point from the reference at the end", "m"),
+            "error_rms": ("rms distance of the mass points from the reference at the end", "m"),
+            "reference_error": ("bound of the reference's own error", "m"),
         },
-        ("reference",),
     ),
-    Metric("energy_drift", _energy_drift, {"energy_drift": _attrs("total energy at the end minus that at the start", "J")}),
-    _reported("energy_gained", energy_gained=("energy", "gained", "most energy made of nothing, before any response", "J")),
-    _reported(
-        "largest_stretch",
-        largest_stretch=("stretch", "largest", "stretch l/L - 1 of the most stretched spring at any time", "1"),
+    "energy_drift": Metric(
+        lambda run, _: (run.report["energy"]["end"]["total"] - run.report["energy"]["start"]["total"],),
+        {"energy_drift": ("total energy at the end minus that at the start", "J")},
     ),
-    _reported(
-        "penetration",
-        penetration=("penetration", "triangles", "depth of the deepest triangle in a sphere at any time", "m"),
-        penetration_points=("penetration", "points", "depth of the deepest mass point at any time", "m"),
+    "energy_gained": Metric(
+        lambda run, _: (run.report["energy"]["gained"],),
+        {"energy_gained": ("most energy made of nothing, before any response", "J")},
     ),
-    Metric(
-        "stable",
-        lambda *_: {"stable": True},
-        {"stable": {"long_name": "whether the run came to its end without UnstableError"}},
+    "largest_stretch": Metric(
+        lambda run, _: (run.report["stretch"]["largest"],),
+        {"largest_stretch": ("stretch l/L - 1 of the most stretched spring at any time", "1")},
     ),
-    Metric(
-        "steps_per_second",
-        lambda run, _: {"steps_per_second": run.report["steps_per_second"]},
-        {"steps_per_second": _attrs("steps over the member's share of its batch's time", "1/s")},
+    "penetration": Metric(
+        lambda run, _: (run.report["penetration"]["triangles"], run.report["penetration"]["points"]),
+        {
+            "penetration": ("depth of the deepest triangle in a sphere at any time", "m"),
+            "penetration_points": ("depth of the deepest mass point at any time", "m"),
+        },
     ),
-    Metric("sag", _sag, {"sag": _attrs("largest way along gravity from the initial to the rest state", "m")}),
-    _reported("first_contact", first_contact=("first_contact", "time", "end of the first step that a sphere changed", "s")),
-    Metric(
-        "impulse",
+    "stable": Metric(lambda *_: (True,), {"stable": ("whether the run came to its end without UnstableError", "")}),
+    "steps_per_second": Metric(
+        lambda run, _: (run.report["steps_per_second"],),
+        {"steps_per_second": ("steps over the member's share of its batch's time", "1/s")},
+    ),
+    "sag": Metric(_sag, {"sag": ("largest way along gravity from the initial to the rest state", "m")}),
+    "first_contact": Metric(
+        lambda run, _: (run.report["first_contact"]["time"],),
+        {"first_contact": ("end of the first step that a sphere changed", "s")},
+    ),
+    "impulse": Metric(
         _impulse,
-        {"impulse": _attrs("length of the impulse on all spheres together", "N s")}
-        | {f"impulse_{k}": _attrs(f"impulse on all spheres together along {k}", "N s") for k in "xyz"},
+        {"impulse": ("length of the impulse on all spheres together", "N s")}
+        | {f"impulse_{k}": (f"impulse on all spheres together along {k}", "N s") for k in "xyz"},
     ),
-)
-
-DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")
-RESERVED = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message", "position", "velocity")
-"""Variables of every sweep, beside its metrics."""
-
-METRICS = {metric.name: metric for metric in _ALL}
+}
 """The metrics that have a name."""
 
+DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")
+RESERVED = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message")
+"""Variables of every sweep, beside its metrics."""
 
-def named(name: str) -> Metric:
-    """The metric of that name, also used to unpickle a metric."""
-    return METRICS[name]
-
-
-@dataclass(frozen=True)
-class FunctionMetric:
-    """A user's function of a `Run`, as a metric; it pickles if the function does."""
-
-    name: str
-    function: Callable[..., Any]
-    needs: tuple[str, ...] = ("frames",)
-    variables: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # known when the first run is through
-
-    def compute(self, run: Run, _: Any) -> dict[str, Any]:
-        result = self.function(run)
-        parts = {f"_{key}": value for key, value in result.items()} if isinstance(result, Mapping) else {"": result}
-        for value in parts.values():
-            if np.asarray(value).dtype.kind not in "biuf":
-                accepted = "a number, an array of numbers or a mapping of them"
-                raise TypeError(f"metric {self.name!r} must give {accepted}, got {check.shown(value)}")
-        return {self.name + part: np.asarray(value, float) for part, value in parts.items()}
+Chosen = Mapping[str, Callable[[Run], Any] | None]  # metrics by name; None where the name is of `METRICS`
 
 
-def choose_metrics(metrics: Any) -> tuple[Metric | FunctionMetric, ...]:
+def measured(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Any]:
+    """The variables of a user's function of a run."""
+    result = function(run)
+    parts = {f"{name}_{key}": value for key, value in result.items()} if isinstance(result, Mapping) else {name: result}
+    for value in parts.values():
+        if np.asarray(value).dtype.kind not in "biuf":
+            accepted = "a number, an array of numbers or a mapping of them"
+            raise TypeError(f"metric {name!r} must give {accepted}, got {check.shown(value)}")
+    return {part: np.asarray(value, float) for part, value in parts.items()}
+
+
+def choose_metrics(metrics: Any) -> Chosen:
     """The metrics that the argument `metrics` of `sweep` names."""
     if isinstance(metrics, str) or callable(metrics):
         metrics = (metrics,)
     if not isinstance(metrics, (Mapping, list, tuple)):
         raise TypeError(f"metrics must be names, functions or a mapping of names to functions, got {check.shown(metrics)}")
-    chosen: dict[str, Metric | FunctionMetric] = {}
+    chosen: dict[str, Callable[[Run], Any] | None] = {}
     for name, metric in metrics.items() if isinstance(metrics, Mapping) else [(None, metric) for metric in metrics]:
         if callable(metric):
-            name = _function_name(name or getattr(metric, "__name__", None) or type(metric).__name__, metric)
-            chosen[name] = FunctionMetric(name, metric)
+            name = name or getattr(metric, "__name__", None) or type(metric).__name__
+            chosen[_function_name(name, metric)] = metric
         else:
-            chosen[metric] = named(check.choice("metrics", metric, METRICS))
-    return tuple(chosen.values())
+            chosen[check.choice("metrics", metric, METRICS)] = None
+    return chosen
 
 
 def _function_name(name: Any, function: Any) -> str:
     """`name` if a function may give its variable that name."""
     if not isinstance(name, str) or not name.isidentifier():
         raise ValueError(f"metrics: {function!r} needs a name, as in metrics={{'name': function}}, got {name!r}")
-    if name in RESERVED or any(name in (metric.name, *metric.variables) for metric in _ALL):
+    if name in RESERVED or any(name == known or name in metric.variables for known, metric in METRICS.items()):
         raise ValueError(f"metrics: a function must not be named {name!r}, which is a variable of sweeps")
     return name
 
 
-def describe(metric: Metric | FunctionMetric) -> str:
+def describe(name: str, function: Any) -> str:
     """A text that identifies a metric in a store."""
-    if isinstance(metric, Metric):
-        return metric.name
-    named = metric.function if hasattr(metric.function, "__qualname__") else type(metric.function)
-    return f"{metric.name} = {named.__module__}.{named.__qualname__}"
+    if function is None:
+        return name
+    named = function if hasattr(function, "__qualname__") else type(function)
+    return f"{name} = {named.__module__}.{named.__qualname__}"

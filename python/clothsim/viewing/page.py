@@ -24,8 +24,8 @@ from ..model.cloth import Cloth
 from ..model.ready import hanging, oscillator, paper_moving, paper_static, paper_swing
 from ..model.scene import Scene
 from ..model.sphere import RESPONSES, Plane, Sphere
-from ..run.difference import difference as difference_of
 from ..run.result import Run
+from ..run.result import difference as difference_of
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for, nearest, reach
 from .legend import HEAT, TOP_PART, VIRIDIS, point_stretch

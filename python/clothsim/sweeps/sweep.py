@@ -1,0 +1,419 @@
+"""`sweep`: many cloths from one call, from checked arguments by tasks on threads or an executor to a labelled Dataset."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+
+from .. import _core
+from ..base import check
+from ..base.build import available_threads, build_config, provenance
+from ..base.extras import needed
+from ..base.interrupts import Interrupts
+from ..base.progress import ProgressBar
+from ..engine.options import Options
+from ..errors import ContactError, UnstableError, warn_caller
+from ..methods.bound import stable_dt
+from ..methods.integrators import integrators, warn_of_order
+from ..model.fields import NUMERICS, RUN
+from ..model.scene import Scene
+from ..run.result import Run
+from ..run.simulate import run_batch, simulate
+from ..run.trajectory import PAUSE, Failure, Frames, Job
+from ..typing import Integrator, Kernel, Precision
+from .grid import Grid, make_grid, plain
+from .member import DONE, FAILED, PENDING, UNSTABLE, Maker, Member, Record, SweepOptions
+from .metrics import DEFAULT_METRICS, METRICS, Chosen, choose_metrics, describe, incomparable, measured, reference_of
+from .store import SCHEMA, Results, Store
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor, Future
+
+    import xarray
+
+LARGEST_BATCH = 64
+"""Members of a call; more save nothing, and all of their states are held at once."""
+
+_WAITING = 256  # tasks that an executor has, at most: each holds the scenes of its members
+_TASKS = 4  # a worker has at least so many, where there are enough members, so that all end together
+_WORKERS_UNKNOWN = 32  # of an executor that does not say
+_CHECKED = 2048  # members that are made before anything is run, to find what cannot be
+
+
+def sweep(
+    scene: Scene,
+    over: Mapping[Any, Any] | Sequence[Mapping[str, Any]] | None = None,
+    *,
+    duration: float = 1.0,
+    metrics: str | Callable[..., Any] | Sequence[Any] | Mapping[str, Any] = DEFAULT_METRICS,
+    dt: float | None = None,
+    integrator: Integrator | None = None,
+    precision: Precision = "double",
+    rtol: float | None = None,
+    atol: float | None = None,
+    every: float | None = None,
+    store: str | os.PathLike[str] | None = None,
+    executor: Any = None,
+    threads: int | None = None,
+    progress: bool = True,
+    kernel: Kernel = "auto",
+    **unknown: NoReturn,
+) -> xarray.Dataset:
+    """Run a scene once for every combination of values, and label the results.
+
+    A member's result has the same bits as `simulate` gives for it alone. docs/sweeps.md describes names and metrics.
+
+    Parameters
+    ----------
+    scene : Scene
+        Values that are not swept.
+    over : mapping, or sequence of mappings
+        ``{name: values}`` is a grid: one dimension per name, every combination a member; `sweepable` lists the names.
+        ``{(name, name): [(value, value), ...]}`` are zipped lists, one dimension for both.
+        ``{name: {label: value}}`` labels values that are not numbers. A sequence of mappings (or a
+        table with ``to_dict("records")``) are given samples, with the dimension "sample".
+    duration : float, default 1.0
+        Simulated time [s], > 0.
+    metrics : sequence, mapping, name or function
+        Names: "error" (and error_rms, reference_error), "energy_drift", "energy_gained", "largest_stretch",
+        "penetration" (and penetration_points), "stable", "steps_per_second", "sag", "first_contact",
+        "impulse" (and impulse_x, impulse_y, impulse_z). A function takes a `Run`, with the frames of `every`, and
+        returns a number, an array, or a mapping of them. It must pickle to run in another process.
+    dt, rtol, atol, integrator, precision, kernel
+        As for `simulate`, where they are not swept. Default: "rk4" with half of each member's `max_stable_dt`. Where
+        a tolerance is swept beside dt, None marks a setting that a member does not use.
+    every : int or float, optional
+        Frames, as for `simulate`.
+    store : path-like, optional
+        Folder of a zarr store, written as results come. Repeat an interrupted call: it computes the missing members.
+    executor : concurrent.futures.Executor or dask.distributed.Client, optional
+        Executor that runs the members. Default: threads of this process.
+    threads : int, optional
+        Threads of this process; default: one per processor. With an executor: threads of each task; default: 1.
+    progress : bool, default True
+        Show a bar with members done, their rate and the time left, in a terminal or notebook.
+
+    Returns
+    -------
+    xarray.Dataset
+        One dimension per swept name, with coordinates that have units. Beside the metrics: "status" (0 pending, 1 done,
+        2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step", "unstable_time" [s] and "message". Of a member that
+        diverged or failed, metrics are NaN ("stable" False). After a contact "error" is NaN too, and the message says
+        why. ``ds.clothsim`` plots, and has the provenance.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above, a member cannot be made, or the store is of another sweep (with the differences) or
+        damaged.
+    KeyboardInterrupt
+        On Ctrl-C; the store then has all finished members.
+
+    Warns
+    -----
+    RuntimeWarning
+        If a metric fails for a member.
+
+    Examples
+    --------
+    >>> scene = cs.scenes.hanging(shape=(4, 4))
+    >>> result = cs.sweep(scene, {"stiffness": [1e3, 1e5], "dt": [1e-3, 1e-1]}, duration=0.2, progress=False)
+    >>> result.stable.values.tolist()
+    [[True, False], [True, False]]
+    >>> result.stiffness.attrs["units"], result.sizes["dt"]
+    ('N/m', 2)
+    """
+    needed("xarray", "sweep")  # so that an ImportError comes before the runs
+    if store is not None:
+        needed("zarr", "store=...")
+    check.no_argument(unknown)
+    if check.boolean("progress", progress):
+        needed("tqdm", "progress=True")
+    check.instance("scene", scene, Scene)
+    grid = make_grid(over)
+    chosen = choose_metrics(metrics)
+    options = SweepOptions(duration, dt, integrator, precision, kernel, every, rtol, atol)
+    _check_grid(grid, options)
+    make = Maker(scene, options)
+    made = checked_members(make, grid)
+    workers = Workers(executor, threads)
+    settings = {**vars(options), "metrics": [describe(*metric) for metric in chosen.items()]}
+    identity = {
+        "version": build_config()["version"],
+        "scene": scene.to_dict(),
+        "over": grid.describe(),
+        "settings": {name: plain(value) for name, value in settings.items()},
+    }
+    about = {"schema": SCHEMA, "identity": identity, **provenance()}
+    kept = None
+    try:
+        kept = Store(check.path("store", store), about) if store is not None else None
+        results = Results(grid, chosen, about, kept)
+        _run(workers, tasks(make, grid, chosen, options, results.pending, workers, made), results, progress)
+    finally:
+        workers.close()
+        if kept is not None:
+            kept.close()
+    failed = results["status"] == FAILED
+    if failed.any():
+        first = results["message"][failed][0]
+        warn_caller(f"{int(failed.sum())} of {failed.size} members failed; the first: {first}", RuntimeWarning)
+    return results.dataset()
+
+
+def _check_grid(grid: Grid, options: SweepOptions) -> None:
+    """Refuse arguments that swept values would replace."""
+    default = SweepOptions()
+    for name in grid.names:
+        if name in RUN and (given := getattr(options, name)) != getattr(default, name):
+            raise ValueError(f"{name} must be left out where over has it, got {name} = {given!r} beside its swept values")
+
+
+def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bool) -> None:
+    members = results.grid.size
+    bar = ProgressBar(progress, total=members, initial=members - len(results.pending), unit="member", desc="sweep")
+
+    def record(records: Sequence[Record]) -> None:
+        results.record(records)
+        results.flush()
+        bar.advance(len(records))
+
+    error: BaseException | None = None
+    try:
+        workers.run_all(tasks, record)
+    except BaseException as caught:
+        error = caught
+    with Interrupts():  # a second Ctrl-C waits
+        bar.close()
+        results.flush(final=True)
+        if isinstance(error, KeyboardInterrupt):
+            status = results["status"]
+            kept = "were done; give a store to keep them"
+            if results.store is not None:
+                kept = f"are in {results.store.path}; repeat the sweep to compute the rest"
+            raise KeyboardInterrupt(f"{int((status != PENDING).sum())} of {status.size} members {kept}") from None
+        if error is not None:
+            raise error
+
+
+# Members and tasks
+
+
+def checked_members(make: Maker, grid: Grid) -> dict[int, Member]:
+    """Members, by their index, among which every swept value occurs."""
+    chosen = np.arange(grid.size)
+    if grid.size > _CHECKED:
+        most = _CHECKED // len(grid.axes)
+        steps = [math.prod(grid.shape[k + 1 :]) for k in range(len(grid.shape))]  # between members along each axis
+        along = [step * np.linspace(0, n - 1, min(n, most)).astype(int) for step, n in zip(steps, grid.shape, strict=True)]
+        chosen = np.unique(np.concatenate([[0], *along]))
+    made = {index: _made(make, grid, index) for index in chosen.tolist()}
+    lossy = {name for name, one in integrators().items() if one.order_damped < one.order}
+    for member in made.values():
+        if (name := member.settings["integrator"]) in lossy and warn_of_order(name, member.scene):
+            break
+    return made
+
+
+def _made(make: Maker, grid: Grid, index: int) -> Member:
+    """The member with an index; a ValueError or TypeError names what cannot be run."""
+    values = grid.values(index)
+    try:
+        return make(index, values)
+    except (ValueError, TypeError) as error:
+        if not values:
+            raise
+        which = ", ".join(f"{name}={value!r}" for name, value in values.items())
+        raise type(error)(f"over has the member {which} that cannot be run: {error}") from error
+
+
+@dataclass(frozen=True)
+class Task:
+    """Members of a sweep, and what is asked of each."""
+
+    members: Sequence[Member]
+    metrics: Chosen
+    every: int | float | None = None
+    threads: int | None = 1
+
+
+def tasks(
+    make: Maker,
+    grid: Grid,
+    metrics: Chosen,
+    options: SweepOptions,
+    pending: np.ndarray,
+    workers: Workers,
+    made: dict[int, Member],
+) -> Iterator[Task]:
+    """The pending members in tasks of at most a batch, each of one shape and method.
+
+    With a metric that needs references, tasks have members of equal physics instead, because they share a reference.
+    """
+    compared = "error" in metrics
+    most = LARGEST_BATCH if compared else max(1, min(LARGEST_BATCH, len(pending) // (_TASKS * workers.count)))
+    apart = [name for name in grid.names if (name not in NUMERICS if compared else name in ("shape", "scene", *RUN))]
+
+    def kind(index: int) -> str:
+        values = grid.values(index)
+        return repr([values[name].cloth.shape if name == "scene" and not compared else values[name] for name in apart])
+
+    every = options.every if any(metrics.values()) else None  # what has a name needs no frames
+    chosen = pending.tolist()
+    for _, group in groupby(sorted(chosen, key=kind), kind) if apart else [("", chosen)]:
+        indices = list(group)
+        for first in range(0, len(indices), most):
+            part = indices[first : first + most]
+            members = [made.pop(index) if index in made else _made(make, grid, index) for index in part]
+            yield Task(members, metrics, every, workers.threads_of(len(pending)))
+
+
+# What a worker does
+
+
+class Stopped(Exception):
+    """The sweep must stop; members in progress are abandoned."""
+
+
+def run_task(task: Task, pause: Callable[[], None] | None = None) -> list[Record]:
+    """Run the members of a task. If `pause`, called from time to time, raises Stopped, the finished members come back."""
+    records: list[Record] = []
+    before = PAUSE.set(pause)
+    try:
+        with suppress(Stopped):
+            records.extend(_records(task))
+    finally:
+        PAUSE.reset(before)
+    return records
+
+
+def _records(task: Task) -> Iterator[Record]:
+    """Members run side by side where they share a call, else alone."""
+    batches = dict[Any, list[Member]]()
+    for member in task.members:
+        # with error control, or where it may diverge
+        alone = member.index if member.dt is None or member.dt > member.max_stable_dt else None
+        batches.setdefault((member.scene.cloth.shape, id(member.settings), member.dt, alone), []).append(member)
+    for members in batches.values():
+        try:
+            runs, errors = _runs(members, task)
+        except (ValueError, TypeError) as error:
+            yield from [Record(one.index, FAILED, message=f"{type(error).__name__}: {error}") for one in members]
+            continue
+        for k, (member, run) in enumerate(zip(members, runs, strict=True)):
+            yield _record(member, run, errors.get(k), task)
+
+
+def _runs(members: Sequence[Member], task: Task) -> tuple[Sequence[Run], Mapping[int, Failure]]:
+    """Runs of members of one batch, and errors of those that did not come to their end."""
+    settings, dt = members[0].settings, members[0].dt
+    if dt is None:  # with error control
+        try:
+            return [simulate(members[0].scene, **settings, every=task.every, threads=task.threads)], {}
+        except (UnstableError, ContactError) as error:
+            return [error.run], {0: error}
+    options = Options(settings["integrator"], settings["precision"], task.threads, settings["kernel"])
+    # The results have each member's limit, so nothing warns of it.
+    scenes = [one.scene for one in members]
+    return run_batch(Job(scenes, True, settings["duration"], options, frames=Frames(task.every), dt=dt, own_step=True))
+
+
+def _record(member: Member, run: Run, error: Failure | None, task: Task) -> Record:
+    record = Record(member.index, DONE, max_stable_dt=member.max_stable_dt)
+    if error is not None:
+        record.status, record.message = UNSTABLE, str(dataclasses.replace(error, member=None))  # as of the run alone
+        record.unstable_step, record.unstable_time = error.step, error.time
+        return record
+    if member.dt is None:
+        record.max_stable_dt = stable_dt(member.scene, run.report["integrator"])
+    reference = None
+    if "error" in task.metrics:
+        reference = reference_of(member.scene, member.settings["duration"], task.threads)
+        record.message = incomparable(run, reference)
+    for name, function in task.metrics.items():
+        try:
+            if function is None:
+                record.values.update(zip(METRICS[name].variables, METRICS[name].compute(run, reference)))
+            else:
+                record.values |= measured(name, function, run)
+        except Stopped:
+            raise
+        except Exception as failure:  # of a user's function: that member's loss alone
+            message = f"metric {name!r}: {type(failure).__name__}: {failure}"
+            return dataclasses.replace(record, status=FAILED, message=message, values={})
+    return record
+
+
+class Workers:
+    """The executor of tasks, and the number of its workers."""
+
+    def __init__(self, executor: Any, threads: int | None) -> None:
+        from concurrent.futures import Executor, ThreadPoolExecutor
+
+        if threads is not None:
+            threads = check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
+        self.threads, self.own = threads, executor is None
+        self._stop = threading.Event()
+        self.count = int(getattr(executor, "_max_workers", _WORKERS_UNKNOWN))
+        if executor is None:
+            self.count = threads or available_threads()
+            self.executor: Executor = ThreadPoolExecutor(self.count, "clothsim-sweep")
+        elif isinstance(executor, Executor):
+            self.executor = executor
+        elif callable(getattr(executor, "get_executor", None)):  # a distributed.Client
+            self.count = int(sum(executor.nthreads().values())) or _WORKERS_UNKNOWN
+            self.executor = executor.get_executor(pure=False)
+        else:
+            accepted = "None, a concurrent.futures.Executor or a dask.distributed Client"
+            raise TypeError(f"executor must be {accepted}, got {check.shown(executor)}")
+
+    def _pause(self) -> None:
+        """The pause of tasks on threads of this process."""
+        if self._stop.is_set():
+            raise Stopped
+
+    def threads_of(self, members: int) -> int | None:
+        """Threads of each task: one, or all threads (None) for a single member."""
+        return (self.threads if members <= 1 else 1) if self.own else self.threads or 1
+
+    def run_all(self, tasks: Iterator[Task], record: Callable[[list[Record]], None]) -> None:
+        """Execute all tasks, and call `record` in this thread with the results of each.
+
+        If Ctrl-C or a broken pool ends this early, waiting tasks are cancelled and finished tasks are recorded before the
+        error is raised.
+        """
+        from concurrent.futures import FIRST_COMPLETED, wait
+
+        run = partial(run_task, pause=self._pause) if self.own else run_task
+        waiting: set[Future[list[Record]]] = set()
+        try:
+            while True:
+                while len(waiting) < _WAITING and (task := next(tasks, None)) is not None:
+                    waiting.add(self.executor.submit(run, task))
+                if not waiting:
+                    return
+                for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                    waiting.remove(future)
+                    record(future.result())
+        except BaseException:
+            with Interrupts():
+                self._stop.set()
+                for future in [future for future in waiting if not future.cancel()]:
+                    # Threads of this process give up within a tenth of a second; others' are not waited for.
+                    if (self.own or future.done()) and future.exception() is None:
+                        record(future.result())
+                raise
+
+    def close(self) -> None:
+        if self.own:
+            self.executor.shutdown()
