@@ -5,7 +5,7 @@ import functools
 import clothsim as cs
 import numpy as np
 import pytest
-from variants import NAMED_KERNELS, PRECISIONS, cases, pairs
+from variants import INSTRUCTION_SETS, NAMED_KERNELS, PRECISIONS, cases, pairs
 
 BOUND = {"double": 1e-12, "single": 5e-5}
 
@@ -81,12 +81,20 @@ def test_points_in_halos_get_one_response(options, crumpled, relative, response)
         assert relative(end[:2], found[0][:2], x) < 10 * BOUND[options["precision"]]
 
 
-@pairs(precision=PRECISIONS, shape=[*SHAPES[:2], (400, 64), (330, 320)], threads=[1, 2, 3], kernel=NAMED_KERNELS)
-def test_one_number_that_is_not_finite_is_found_wherever_it_is(overflowing, precision, shape, threads, kernel):
+@pairs(
+    isa=INSTRUCTION_SETS,
+    precision=PRECISIONS,
+    shape=[(2, 2), (3, 33), (5, 16), (4, 100), *SHAPES[:2], (400, 64), (330, 320)],
+    threads=[1, 2, 3],
+    kernel=NAMED_KERNELS,
+)
+def test_one_number_that_is_not_finite_is_found(monkeypatch, overflowing, isa, precision, shape, threads, kernel):
     """Each thread looks at its rows when the last step of a call is done with them."""
+    monkeypatch.setenv("CLOTHSIM_ISA", isa)
     rows, columns = shape
-    middle = rows // 2  # where two threads share the rows
-    for point in [(0, columns - 1), (1, columns // 3), (middle - 1, 9), (middle, 9), (2 * rows // 3, 9), (rows - 1, 9)]:
+    middle, inner = rows // 2, min(9, columns - 1)  # two threads share the rows at the middle
+    inside = {(row, inner) for row in (middle - 1, middle, 2 * rows // 3, rows - 1)}
+    for point in inside | {(0, columns - 1), (1, columns // 3)}:
         scene, v = overflowing(shape, point, precision, mass=float(rows * columns))
         stepper = cs.Stepper(scene, scene.initial_position, v, kernel=kernel, precision=precision, threads=threads)
         with pytest.raises(cs.UnstableError) as raised:
