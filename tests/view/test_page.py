@@ -164,7 +164,7 @@ def test_runs_play_in_step_by_the_clock_and_end_on_their_last_frames(both, runs,
     wall1, t1 = page.tab.evaluate(read)
     assert wall1 - wall0 > 500
     assert t1 - t0 == pytest.approx((wall1 - wall0) / 64_000, abs=1e-4)
-    page.tab.click("#play")
+    page.tab.evaluate("page.pause()")
     paused = page.tab.evaluate("page.state.t")
     page.tab.wait_for_timeout(150)
     assert page.tab.evaluate("page.state.t") == paused
