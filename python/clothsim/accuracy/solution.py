@@ -137,7 +137,6 @@ def reference(scene: Scene, duration: float, every: float | None = None) -> Refe
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     frames = Frames(None if every is None else check.number("every", every, minimum=0, exclusive=True))
-    frames.check_count(duration, None)
     return _solved(scene, tuple(t for t, _ in frames.moments(0.0, 0.0, duration, None)[1:]))
 
 

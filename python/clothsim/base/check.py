@@ -112,12 +112,6 @@ def step_count(duration: float, dt: float) -> None:
         raise ValueError(f"duration / dt must be at most {INT64_MAX:.3g} steps, got {duration:g} s / {dt:g} s")
 
 
-def frame_count(name: str, value: float, frames: float) -> None:
-    """Refuse an argument that gives more frames than anybody looks at: their times alone take 1 GB."""
-    if not frames < 10_000_000:
-        raise ValueError(f"{name} must give fewer than 10,000,000 frames, got {value:g}")
-
-
 def choice(name: str, value: Any, options: Collection[T]) -> T:
     """`value` if it is one of the names in `options`; the error suggests the nearest."""
     if isinstance(value, str) and value in options:

@@ -165,7 +165,6 @@ def simulate(
             raise ValueError("integrator must be a name with dt, got 'auto': it chooses the step")
         dt = check.number("dt", dt, minimum=0, exclusive=True)
         check.step_count(duration, dt)
-    frames.check_count(duration, dt)
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
     _check_callables(callback=callback, force=force)
@@ -287,7 +286,6 @@ def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, force: A
     frames = before.frames
     if not (every is None and times is None and fps is None):
         frames = Frames.of(every, times, fps, before.start + before.seconds, duration)
-    frames.check_count(duration, before.dt)
     _check_callables(callback=callback, force=force)
     if before.forced and force is None:
         raise ValueError("force must be given: this run had one, and functions are not kept")

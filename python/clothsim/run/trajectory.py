@@ -42,6 +42,7 @@ PAUSE: ContextVar[Callable[[], None] | None] = ContextVar("PAUSE", default=None)
 
 # A remainder below this part of a step is rounding of the caller's numbers, not a step.
 NEGLIGIBLE = 1e-9
+_MOST_FRAMES = 10_000_000  # whose times alone take 1 GB
 _SECONDS_BETWEEN_SHOWS = 0.1  # of the progress bar, and between two pauses
 # Velocities are weighed against positions by a frequency above all of the cloth: this many times
 # the bound on its frequencies. Errors of x then decide, and those of v are held to the same scale.
@@ -81,30 +82,20 @@ class Frames:
         """Steps between frames; 0 where they are not counted in steps."""
         return self.every if isinstance(self.every, int) else 0
 
-    def _seconds(self, dt: float | None) -> float | None:
-        """Seconds between frames, for `every`; steps have none without `dt`."""
-        if self.steps:
-            return self.steps * dt if dt else None
-        return self.every
-
-    def check_count(self, duration: float, dt: float | None) -> None:
-        """Refuse more frames than a list can hold, of steps of `dt`."""
-        if self.fps:
-            check.frame_count("fps", self.fps, duration * self.fps)
-        if every := self._seconds(dt):
-            check.frame_count("every", every, duration / every)
-
     def moments(self, start: float, begin: float, end: float, dt: float | None) -> list[Moment]:
         """Moments from `begin` to `end`, both included, of steps of `dt`; without it frames in steps have no moments.
 
         `begin` and `end` are seconds since the run started, at the time `start`.
         """
-        every = self._seconds(dt)
+        every = self.steps * (dt or 0.0) if self.steps else self.every
         if self.times:
             near = NEGLIGIBLE * (end - begin)
             inner = [(t - start, t) for t in self.times if begin + near < t - start < end - near]
         else:
             first, last = (offset / every if every else offset * (self.fps or 0.0) for offset in (begin, end))
+            if not last - first < _MOST_FRAMES:
+                name = "fps" if self.fps else "every"
+                raise ValueError(f"{name} must give fewer than {_MOST_FRAMES:,} frames, got {self.fps or self.every:g}")
             numbers = range(math.floor(first + NEGLIGIBLE) + 1, math.ceil(last - NEGLIGIBLE))
             offsets = [k * every if every else k / (self.fps or 1.0) for k in numbers]
             inner = [(offset, start + offset) for offset in offsets]

@@ -16,7 +16,7 @@ from ..methods.integrators import integrator_name
 from ..model.fields import RUN, change_scene
 from ..model.scene import Scene
 from ..run.simulate import checked_tolerances
-from ..run.trajectory import Frames, checked_every
+from ..run.trajectory import checked_every
 
 _SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
 
@@ -99,7 +99,6 @@ class Maker:
         elif given["dt"] is not None:
             given["dt"] = check.number("dt", given["dt"], minimum=0, exclusive=True)
             check.step_count(duration, given["dt"])
-        Frames(self._options.every).check_count(duration, given["dt"])
         return given
 
 
