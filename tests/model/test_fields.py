@@ -1,13 +1,9 @@
 """What can be swept: every name changes what it says, and nothing else."""
 
-import itertools
-
 import clothsim as cs
-import numpy as np
 import pytest
 from clothsim.model import fields
 from clothsim.model.fields import change_scene
-from clothsim.sweeps.grid import make_grid, physics
 
 LINEAR = cs.Sphere((0, -1, 0), 0.3, cs.Linear((3.0, 0.0, 4.0)))
 AROUND = cs.Sphere((1, -1, 0), 0.2, cs.Reciprocate((1, 0, 0), distance=0.5, period=2.0))
@@ -78,23 +74,3 @@ def test_every_argument_of_the_model_has_a_name():
             assert prefix + field.name in fields.NAMES
     for name in ("dt", "duration", "integrator", "precision", "kernel", "gravity"):
         assert name in fields.NAMES
-
-
-def test_numerics_make_no_other_physics():
-    grid = make_grid(
-        {
-            ("stiffness", "dt"): [(1.0, 1e-3), (1.0, 1e-4), (2.0, 1e-4)],
-            "precision": ["single", "double"],
-            "gravity_x": [0.0, 1.0],
-        }
-    )
-    members = grid.members(range(grid.size))
-    texts = np.array([physics(one) for one in members.values()]).reshape(grid.shape)
-    assert np.array_equal(texts[0], texts[1])  # another dt, the same cloth
-    assert np.array_equal(texts[:, 0], texts[:, 1])  # another precision
-    assert len(np.unique(texts)) == 4
-    for a, b in itertools.combinations(members.values(), 2):
-        alike = (a["stiffness"], a["gravity_x"]) == (b["stiffness"], b["gravity_x"])
-        # They share a reference, which would be another one's otherwise.
-        assert (physics(a) == physics(b)) == alike
-    assert members[5] == {"stiffness": 1.0, "dt": 1e-4, "precision": "single", "gravity_x": 1.0}

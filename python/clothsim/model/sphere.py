@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -26,20 +26,12 @@ OFFSETS: tuple[Offset, ...] = get_args(Offset)
 class Obstacle(Record):
     """What a sphere and a plane have in common."""
 
-    if TYPE_CHECKING:
-
-        @property
-        def center(self) -> tuple[float, float, float]: ...
-        @property
-        def motion(self) -> Motion | None: ...
-        @property
-        def response(self) -> Response: ...
-        @property
-        def _has_own_restitution(self) -> bool: ...
-        @property
-        def radius(self) -> float: ...
-        @property
-        def offset(self) -> Offset | float: ...
+    center: tuple[float, float, float]
+    radius: float
+    motion: Motion | None
+    response: Response
+    offset: Offset | float
+    _has_own_restitution: bool
 
     def _set_response(self, motion: Any, response: Any, restitution: Any, friction: Any) -> None:
         self._set(
@@ -273,10 +265,8 @@ class Plane(Obstacle):
 
     Examples
     --------
-    >>> floor = cs.Plane((0, -1, 0), friction=0.3)
-    >>> scene = cs.Scene(cs.Cloth((8, 8), mass=1.0, stiffness=500.0, damping=1.0, pins=()), floor)
-    >>> run = cs.simulate(scene, 1.0)
-    >>> bool(run.x[-1][..., 1].min() >= -1)
+    >>> scene = cs.Scene(cs.Cloth((8, 8), mass=1.0, stiffness=500.0, damping=1.0, pins=()), cs.Plane((0, -1, 0)))
+    >>> bool(cs.simulate(scene, 1.0).x[-1][..., 1].min() >= -1)
     True
     """
 
@@ -287,10 +277,8 @@ class Plane(Obstacle):
     restitution: float
     friction: float
 
-    radius: ClassVar[float] = math.inf  # what a sphere has of its own
-    offset: ClassVar[Offset] = "none"
-    as_printed: ClassVar[bool] = False
-    push_out_speed: ClassVar[float] = 1.0
+    radius, as_printed, push_out_speed = math.inf, False, 1.0  # what a sphere has of its own
+    offset = "none"
 
     def __init__(
         self,
@@ -304,12 +292,8 @@ class Plane(Obstacle):
         self._set(point=check.vector("point", point), normal=check.vector("normal", normal))
         if not any(self.normal):
             raise ValueError(f"normal must not be the zero vector, got {normal!r}")
+        self._set(center=self.point)
         self._set_response(motion, response, restitution, friction)
-
-    @property
-    def center(self) -> tuple[float, float, float]:
-        """The `point`, as a sphere has a `center`."""
-        return self.point
 
     @property
     def unit_normal(self) -> npt.NDArray[np.float64]:
