@@ -8,6 +8,8 @@ from clothsim.typing import Family
 Floats = npt.NDArray[np.float64]
 State = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 
+# What is called once, with all arguments by name, takes **values here: the core checks the names.
+
 group_size: int
 contact_constants: dict[str, float]
 most_threads: int
@@ -16,20 +18,7 @@ neighbours: tuple[tuple[int, int, Family, int], ...]
 extents_that_are_far: float
 
 class Cloth:
-    def __init__(
-        self,
-        *,
-        rows: int,
-        columns: int,
-        row_spacing: float,
-        column_spacing: float,
-        stiffness: dict[str, float],
-        spring_damping: dict[str, float],
-        drag: float,
-        mass: Floats,
-        uniform_mass: bool,
-        pinned: npt.NDArray[np.bool_],
-    ) -> None: ...
+    def __init__(self, **values: Any) -> None: ...
     @property
     def mode_bounds(self) -> tuple[float, float]: ...
 
@@ -41,22 +30,7 @@ class Motion:
     def states(self, times: Floats) -> Floats: ...
 
 class Sphere:
-    def __init__(
-        self,
-        *,
-        center: npt.ArrayLike,
-        radius: float,
-        offset: float,
-        response: str,
-        as_printed: bool,
-        restitution: float,
-        friction: float,
-        motion: Motion,
-        cells: bool,
-        push_out_speed: float,
-        normal: npt.ArrayLike,
-        spread: float = 1.0,
-    ) -> None: ...
+    def __init__(self, **values: Any) -> None: ...
     @property
     def normal(self) -> Floats: ...
     @property
@@ -67,40 +41,13 @@ class Sphere:
 SAMPLES: int
 
 class View:
-    def __init__(
-        self, *, width: int, height: int, axes: Floats, target: tuple[float, float, float], scale: float, distance: float
-    ) -> None: ...
+    def __init__(self, **values: Any) -> None: ...
 
 class Shading:
-    def __init__(
-        self,
-        *,
-        colors: dict[str, Floats],
-        full_red_depth: float,
-        least_red: float,
-        key: Floats,
-        light: tuple[float, float, float, float],
-        grid_line: float,
-        grid_shade: float,
-        shadow: bool,
-        depth_colors: Any,
-        depth_range: tuple[float, float],
-    ) -> None: ...
+    def __init__(self, **values: Any) -> None: ...
 
 class Plan:
-    def __init__(
-        self,
-        *,
-        cloth: Cloth,
-        gravity: npt.ArrayLike,
-        force: Floats | None,
-        pin_motions: list[Motion],
-        driven_pins: list[tuple[int, Floats, int]],
-        spheres: list[Sphere],
-        precision: str,
-        kernel: str,
-        integrator: str,
-    ) -> None: ...
+    def __init__(self, **values: Any) -> None: ...
     def contact_table(self, times: list[float], origin: npt.ArrayLike, dt: float, single: bool) -> Floats: ...
     def runaway_speed(self, dt: float, stable_dt: float) -> float: ...
     @property
@@ -163,18 +110,7 @@ class Simulation:
 def build_facts() -> dict[str, Any]: ...
 def choose_instruction_set() -> str: ...
 def granted_threads(threads: int) -> int: ...
-def render(
-    *,
-    view: View,
-    shading: Shading,
-    points: Floats,
-    screen: Floats,
-    normals: Floats,
-    colors: Floats | None,
-    balls: Any,
-    planes: Any,
-    threads: int,
-) -> npt.NDArray[np.uint8]: ...
+def render(**values: Any) -> npt.NDArray[np.uint8]: ...
 def thread_ids(rows: int, columns: int) -> npt.NDArray[np.void]: ...
 def methods() -> dict[str, dict[str, Any]]: ...
 def edge_offset(radius: float, rest_length: float) -> float: ...

@@ -63,7 +63,7 @@ def test_the_environment_overrides_it(monkeypatch):
     for name in cs.build_config()["instruction_sets_supported"]:
         monkeypatch.setenv("CLOTHSIM_ISA", name)
         assert cs.build_config()["instruction_set"] == name
-        assert cs.Stepper(scene).instruction_set == name
+        assert cs.Stepper(scene)._state.instruction_set == name
         assert scene.explain()["instruction_set"] == name
 
 

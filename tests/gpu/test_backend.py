@@ -73,11 +73,7 @@ def test_a_frozen_member_rests_and_a_restored_snapshot_continues_with_the_same_b
     other = cs.Stepper.restore(pickle.loads(pickle.dumps(frozen.snapshot())))
     for stepper in (frozen, whole, other):
         stepper.advance(20, dt)
-    assert other.instruction_set == frozen.instruction_set and frozen.frozen.tolist() == other.frozen.tolist() == [
-        True,
-        False,
-        False,
-    ]
+    assert frozen.frozen.tolist() == other.frozen.tolist() == [True, False, False]
     assert frozen.time == whole.time == other.time
     for stepper in (frozen, other):
         for now, rest, all_go in zip(arrays(stepper), at_rest, arrays(whole)):

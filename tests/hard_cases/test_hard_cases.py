@@ -48,4 +48,4 @@ def _end(case, scene=None):
 
     stepper = cs.Stepper(scene or case.scene)
     stepper.advance(case.steps, case.dt)
-    return End(stepper.positions, stepper.velocities, None, "double", stepper)
+    return End(stepper.positions, stepper.velocities, None, "double", "auto")

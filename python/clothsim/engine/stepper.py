@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import NoReturn, cast
+from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -306,21 +306,6 @@ class Stepper:
         return self._scene
 
     @property
-    def threads(self) -> int:
-        """Threads used; 1 with the backend "gpu"."""
-        return self._state.threads
-
-    @property
-    def kernel(self) -> Kernel:
-        """Kernel used, "gather" or "edge"."""
-        return cast("Kernel", self._state.kernel)
-
-    @property
-    def instruction_set(self) -> str:
-        """Instruction set of the kernels used, or the graphics adapter."""
-        return str(self._state.instruction_set)
-
-    @property
     def impulses(self) -> npt.NDArray[np.float64]:
         """Impulse on each sphere since the stepper was made [N s], shape (spheres, 3).
 
@@ -351,10 +336,8 @@ class Stepper:
         return impulses
 
     def __repr__(self) -> str:
-        scenes, shape = self._state.scenes, self._state.shape
-        what = cloth_text(scenes[0])
-        what = f"a batch of {shape[0]}, each {what}" if len(shape) == 4 else f"{what}, {spheres_text(scenes[0])}"
-        how = f"{self._state.integrator} in {self._options.precision}, kernel {self.kernel}"
-        return (
-            f"<Stepper of {what}; t = {self.time:.6g} s; {how}, {counted(self.threads, 'thread')}, {self.instruction_set}>"
-        )
+        state, scene = self._state, self._state.scenes[0]
+        what = cloth_text(scene)
+        what = f"a batch of {state.shape[0]}, each {what}" if state.batched else f"{what}, {spheres_text(scene)}"
+        how = f"{state.integrator} in {self._options.precision}, kernel {state.kernel}, {counted(state.threads, 'thread')}"
+        return f"<Stepper of {what}; t = {self.time:.6g} s; {how}, {state.instruction_set}>"
