@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, get_args
 
 import numpy as np
@@ -224,6 +225,7 @@ def stiffness() -> dict[str, HardCase]:
     return cases
 
 
+@cache  # eigenvalues of a dense matrix take a second
 def time_steps() -> dict[str, HardCase]:
     """Right below and right above the limit, very small steps, very many steps."""
     cloth = sheet(stiffness=900.0)
