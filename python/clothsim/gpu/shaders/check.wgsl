@@ -5,7 +5,6 @@ fn check(@builtin(global_invocation_id) id: vec3<u32>) {
     let limit = parameters[id.z * constants.parameter_stride + 4u];
     for (var k = 0u; k < 6u; k++) {
         let value = state[place(id) + k * points()];
-        let good = is_finite(value) && (k < 3u || abs(value) <= limit);
-        if (!good) { note(0u, id); }
+        if (!is_finite(value) || (k >= 3u && abs(value) > limit)) { note(0u, id); }
     }
 }
