@@ -136,12 +136,7 @@ class ContactError(_StepError):
     step : int
         The failed step, counted from 1 at the start of the call.
     time, point, x, v, member
-        As for `UnstableError`, with the state before that step.
-
-    Attributes
-    ----------
-    run, runs
-        As for `UnstableError`.
+        As for `UnstableError`, with the state before that step; `run` and `runs` too.
 
     Examples
     --------

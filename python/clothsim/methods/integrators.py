@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Weights = tuple[float, list[float], list[float]]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class Integrator:
     """One time integration method.
 
@@ -47,12 +47,13 @@ class Integrator:
     adaptive: bool
     stages: int
     stages_damped: int
-    in_kernels: bool  # whether the kernels take whole steps
-    terms: tuple[float, ...]  # Runge-Kutta: factors of the powers of z, from 1 on, by which a step multiplies exp(z)
-    splitting: tuple[list[float], list[float]]  # as many drifts and kicks, in turn, as parts of the step
+    in_kernels: bool = field(repr=False)  # whether the kernels take whole steps
+    # Runge-Kutta: factors of the powers of z, from 1 on, by which a step multiplies exp(z).
+    terms: tuple[float, ...] = field(repr=False)
+    splitting: tuple[list[float], list[float]] = field(repr=False)  # as many drifts and kicks, in turn, as parts of the step
     # The explicit method that replaces a splitting where there is damping. For each stage and for the result: factors of
     # the velocity in x, and of the accelerations in x and in v.
-    weights_damped: tuple[Weights, ...]
+    weights_damped: tuple[Weights, ...] = field(repr=False)
 
     @property
     def explicit(self) -> bool:
@@ -88,10 +89,6 @@ class Integrator:
         [4, 1]
         """
         return self.order_damped if scene.cloth.damped else self.order
-
-    def __repr__(self) -> str:
-        stages, kind = self._traits
-        return f"<Integrator {self.name}: order {self.order}, stages {stages}, {kind}>"
 
     @property
     def _traits(self) -> tuple[str, str]:
