@@ -7,7 +7,7 @@ import ast
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import clothsim as cs
 from clothsim.gpu import adapters
@@ -216,17 +216,10 @@ def _lines(data: Mapping[str, Any], indent: str = "") -> Iterator[str]:
             yield f"{indent}{name}: {', '.join(map(str, value)) if isinstance(value, list) else value}"
 
 
-class Command(NamedTuple):
-    help: str
-    add_arguments: Callable[[argparse.ArgumentParser], None]
-    run: Callable[[argparse.Namespace], None]
-
-
+# The help of each command, what adds its arguments, and what runs it.
 COMMANDS = {
-    "run": Command("Simulate a scene, print its report, and write files of it.", _add_run, _run),
-    "live": Command("Write a page that simulates a scene in the browser, by WebGPU.", _add_live, _live),
-    "reproduce": Command("Run the experiments of Kim et al. and write a report.", _add_reproduce, _reproduce),
-    "info": Command(
-        "Print version, compiler, instruction sets, threads, libraries and graphics adapters.", lambda command: None, _info
-    ),
+    "run": ("Simulate a scene, print its report, and write files of it.", _add_run, _run),
+    "live": ("Write a page that simulates a scene in the browser, by WebGPU.", _add_live, _live),
+    "reproduce": ("Run the experiments of Kim et al. and write a report.", _add_reproduce, _reproduce),
+    "info": ("Print the build, instruction sets, threads, libraries and graphics adapters.", lambda command: None, _info),
 }
