@@ -78,12 +78,9 @@ def penetration(x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | Non
 
     Examples
     --------
-    The corners of a level square just touch a sphere; its middle dips in:
-
     >>> sphere = cs.Sphere(center=(0.5, -1.0, 0.5), radius=1.5 ** 0.5)
-    >>> depth = cs.penetration(cs.Cloth(shape=(2, 2)).rest_positions, sphere)
-    >>> depth["points"], round(depth["triangles"], 6)
-    (0.0, 0.224745)
+    >>> cs.penetration(cs.Cloth(shape=(2, 2)).rest_positions, sphere)["points"]  # its corners just touch
+    0.0
     """
     if not isinstance(sphere, Plane):
         check.instance("sphere", sphere, Sphere)
@@ -129,13 +126,10 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     Returns
     -------
     float or numpy.ndarray
-        Dimensionless, >= -1; negative where every spring is compressed, 0 for a scene without
-        springs. An array of shape (B,) for a batch.
+        Negative where every spring is compressed, 0 for a scene without springs. Of shape (B,) for a batch.
 
     Examples
     --------
-    A sheet pulled to 1.1 times its size:
-
     >>> scene = cs.scenes.paper_swing()
     >>> round(cs.largest_stretch(scene, 1.1 * scene.initial_position), 12)
     0.1

@@ -116,8 +116,6 @@ class Stepper:
         --------
         >>> stepper = cs.Stepper(cs.scenes.paper_swing())
         >>> stepper.advance(100, 1e-4)
-        >>> round(stepper.time, 6)
-        0.01
         """
         if centers is None:
             self._state.advance(steps, dt)
@@ -168,7 +166,6 @@ class Stepper:
         Examples
         --------
         >>> stepper = cs.Stepper(cs.scenes.paper_swing())
-        >>> stepper.advance(100, 1e-4)
         >>> stepper.set_state(v=0 * stepper.v)
         """
         self._state.replace_state(x, v, t)
@@ -188,7 +185,6 @@ class Stepper:
         --------
         >>> scene = cs.scenes.paper_swing()
         >>> stepper = cs.Stepper(scene)
-        >>> stepper.advance(100, 1e-4)
         >>> stepper.set_scene(scene.replace(cloth=scene.cloth.replace(stiffness=20_000.0)))
         """
         old = self._state

@@ -258,8 +258,8 @@ class Cloth(Record):
         Returns
         -------
         numpy.ndarray
-            Structured. Fields: ``i`` and ``j`` (indices of the two points, i < j), ``family``, ``rest_length`` [m],
-            ``stiffness`` [N/m] and ``damping`` [N s/m].
+            Structured: ``i``, ``j`` (indices of the points), ``family``, ``rest_length`` [m], ``stiffness`` [N/m] and
+            ``damping`` [N s/m].
 
         Examples
         --------

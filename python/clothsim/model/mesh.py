@@ -30,8 +30,7 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
         dispatch (x, y) = group (x, y) * 16 + thread (x, y)
         index           = dispatch y * width + dispatch x,    width = columns
 
-    The gather kernel of the core uses this mapping. If rows or columns are not a multiple of 16, the number of groups
-    is rounded up, and the surplus threads do nothing.
+    The number of groups is rounded up, and surplus threads do nothing.
 
     Parameters
     ----------
@@ -43,9 +42,8 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
     Returns
     -------
     numpy.ndarray
-        Structured, shape (rows, columns), the point (row, column) in its place, with the integer
-        fields ``group_x``, ``group_y``, ``thread_x``, ``thread_y``, ``dispatch_x``,
-        ``dispatch_y`` and ``index``.
+        Structured, shape (rows, columns), with the integer fields ``group_x``, ``group_y``, ``thread_x``, ``thread_y``,
+        ``dispatch_x``, ``dispatch_y`` and ``index``.
 
     Examples
     --------
