@@ -29,6 +29,8 @@ def folder_beside(path: Path) -> Iterator[Path]:
         raise FileNotFoundError(f"path must be in an existing folder, got {str(path)!r}")
     if path.exists() and not path.is_file():
         raise ValueError(f"path must be a file, or not exist yet, got {str(path)!r}, which is a folder or device")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(f"path must be a file that may be written, got {str(path)!r}, which is read-only")
     try:
         with TemporaryDirectory(prefix=".clothsim-", dir=path.parent) as folder:
             yield Path(folder)
