@@ -137,7 +137,7 @@ def test_unstable_run_is_code_1_and_one_line(capsys):
 
 
 def test_missing_extra_is_code_1_and_names_the_remedy(capsys, monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "PIL", None)
+    monkeypatch.setitem(sys.modules, "PIL.Image", None)  # which may be loaded by now
     code, out, err = run(capsys, "run", "oscillator", "--duration", "0.1", "--film", tmp_path / "a.gif")
     assert (code, out) == (1, "") and not list(tmp_path.iterdir())
     assert "pip install 'clothsim[plot]'" in err and err.count("\n") == 1
