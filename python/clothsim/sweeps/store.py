@@ -132,7 +132,7 @@ class Store:
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
         self.path, self.about, self._zarr = path, about, needed("zarr", "store=...")
-        self._next = 0.0  # time of the next write
+        self._next = time.monotonic() + _SECONDS_BETWEEN_WRITES  # time of the next write
         begun = (path / "zarr.json").exists()
         if not begun and path.exists() and any(path.iterdir()):
             raise ValueError(f"store {str(path)!r} is no store of a sweep")
