@@ -41,6 +41,7 @@ class Opened:
         self.said, self.asked = [], []
         self.context = browser.new_context(viewport={"width": 760, "height": 640}, **options)
         self.tab = self.context.new_page()
+        self.tab.set_default_timeout(300_000)  # ms; only a page that hangs takes so long, on a busy machine too
         self.tab.on("console", lambda message: self.said.append(message.text))
         self.tab.on("pageerror", lambda error: self.said.append(str(error)))
         self.tab.on("request", lambda request: self.asked.append(request.url))
@@ -48,7 +49,7 @@ class Opened:
 
     def ready(self):
         """Milliseconds from the start of loading to the first picture."""
-        self.tab.wait_for_selector("body[data-ready]", timeout=30_000)
+        self.tab.wait_for_selector("body[data-ready]")
         return int(self.tab.evaluate("document.body.dataset.ready"))
 
 

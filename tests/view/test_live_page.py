@@ -102,7 +102,7 @@ def test_view_is_a_cell_of_a_notebook(opened, monkeypatch, tmp_path):
     cell.write_text(cs.view(cs.scenes.paper_static())._repr_html_(), encoding="utf-8")
     page = opened(cell)
     frame = page.tab.frames[1]
-    frame.wait_for_selector("body[data-ready]", timeout=30_000)
+    frame.wait_for_selector("body[data-ready]")
     frame.wait_for_function("() => window.live.live.counted > 20")
     assert page.said == [] and page.asked[0] == cell.as_uri() and frame.is_hidden("#problem")
 
