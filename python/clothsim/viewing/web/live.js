@@ -184,7 +184,7 @@ function toTriangle(a, b, c) {
     return Math.hypot(...p.map((k, i) => k + part * way[i]));
   }));
 }
-// The guaranteed time step [s], as clothsim.max_stable_dt (cpp/measure/mode_bounds.hpp, methods/region.py).
+// The guaranteed time step [s], as clothsim.max_stable_dt (cpp/measure/diagnostics.cpp, methods/region.py).
 function guaranteed({ shape: [rows, columns], mass, pins, pairs, exits }, stiffness, damping, drag) {
   const held = new Set(pins), largest = (values) => values.reduce((a, b) => Math.max(a, b), 0), narrow = Math.min(rows, columns);
   const mobile = Array.from({ length: rows * columns }, (_, p) => (held.has(p) ? 0 : 1 / mass[mass.length > 1 ? p : 0]));
