@@ -93,7 +93,7 @@ def cheapest(case: Case, exact: np.ndarray, asked: list[float], most: float) -> 
     scene, best = case.scene, dict.fromkeys(asked, math.inf)
     state = scene.initial_position, scene.initial_velocity
     for name in NAMED:
-        cost = cs.integrators()[name].evaluations_per_step(scene.cloth.damped)
+        cost = scene.explain(integrator=name)["force_evaluations_per_step"]
         steps = max(2, int(0.5 * case.duration / cs.max_stable_dt(scene, name)))
         wanted = set(asked)
         while wanted and steps * cost < min(most, max(best[one] for one in wanted)):
