@@ -82,8 +82,8 @@ def penetration(x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | Non
     >>> cs.penetration(cs.Cloth(shape=(2, 2)).rest_positions, sphere)["points"]  # its corners just touch
     0.0
     """
-    if not isinstance(sphere, Plane):
-        check.instance("sphere", sphere, Sphere)
+    if not isinstance(sphere, (Sphere, Plane)):
+        raise TypeError(f"sphere must be a Sphere or a Plane, got {check.shown(sphere)}")
     accepted = "an array of shape (rows, columns, 3) or (B, rows, columns, 3) of finite numbers"
     x = check.as_array("x", x, accepted)
     if x.ndim not in (3, 4) or x.shape[-1] != 3 or 0 in x.shape:
