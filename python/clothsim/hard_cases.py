@@ -9,21 +9,17 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import clothsim as cs
 from clothsim.typing import Precision
 
-from .base import check
+from .base import Floats, check
+from .engine.options import PRECISIONS
 
 __all__ = ["Figure", "HardCase", "HardCaseResult", "hard_cases"]
-
-PRECISIONS: tuple[Precision, ...] = get_args(Precision)
-
-Floats = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +121,6 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
 
 def take(state: Any, scene: Scene | Sequence[Scene], options: Options, core: dict[str, Any] | None = None) -> Snapshot:
     """A snapshot of a state with these options, or of one of its members, whose fields are `core`."""
-    options = Options(*(getattr(options, field.name) for field in fields(Options)))
     shape = state.shape if core is None else state.shape[-3:]
     return Snapshot(scene, options, shape, state.dtype.str, state.core.snapshot() if core is None else core)
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..methods.bound import guaranteed_dt
-from ..methods.integrators import integrators, warn_of_order
+from ..methods.integrators import METHODS, warn_of_order
 from ..model.motion import Linear
 from ..model.scene import Scene
 from ..model.sphere import held
@@ -201,8 +201,7 @@ class State:
             self.threads = _core.granted_threads(options.threads_for(scenes[0].cloth.shape, len(scenes)))
             self.core = _core.Simulation(plans, t, self.threads)
         self.core.set_stable_dt(stable_dt)
-        method = integrators()[self.integrator]
-        self._may_lose_order = method.order_damped < method.order
+        self._may_lose_order = not METHODS[self.integrator].damped
         self._adopt(scenes, plans, stable_dt)
 
     @classmethod

@@ -24,7 +24,7 @@ from ..base.progress import ProgressBar
 from ..engine.options import Options
 from ..errors import ContactError, UnstableError, warn_caller
 from ..methods.bound import stable_dt
-from ..methods.integrators import integrators, warn_of_order
+from ..methods.integrators import warn_of_order
 from ..model.fields import NUMERICS, RUN
 from ..model.scene import Scene
 from ..run.result import Run
@@ -134,8 +134,6 @@ def sweep(
     ('N/m', 2)
     """
     needed("xarray", "sweep")  # so that an ImportError comes before the runs
-    if store is not None:
-        needed("zarr", "store=...")
     check.no_argument(unknown)
     if check.boolean("progress", progress):
         needed("tqdm", "progress=True")
@@ -218,9 +216,8 @@ def checked_members(make: Maker, grid: Grid) -> dict[int, Member]:
         along = [step * np.linspace(0, n - 1, min(n, most)).astype(int) for step, n in zip(steps, grid.shape, strict=True)]
         chosen = np.unique(np.concatenate([[0], *along]))
     made = {index: _made(make, grid, index) for index in chosen.tolist()}
-    lossy = {name for name, one in integrators().items() if one.order_damped < one.order}
     for member in made.values():
-        if (name := member.settings["integrator"]) in lossy and warn_of_order(name, member.scene):
+        if (name := member.settings["integrator"]) != "auto" and warn_of_order(name, member.scene):
             break
     return made
 
