@@ -57,7 +57,9 @@ def build(name: str) -> None:
     folder.mkdir(parents=True)
     zig = [sys.executable, "-m", "ziglang"]
     for tool, arguments in {"c++": f"c++ -target {triple}", "ar": "ar", "ranlib": "ranlib"}.items():
-        (folder / tool).write_text(f'#!/bin/sh\nexec {" ".join(zig)} {arguments} "$@"\n')
+        # Zig 0.17 crashes at -bundle.
+        shared = 'for word; do shift; [ "$word" != -bundle ] || word=-shared; set -- "$@" "$word"; done'
+        (folder / tool).write_text(f'#!/bin/sh\n{shared}\nexec {" ".join(zig)} {arguments} "$@"\n')
         (folder / tool).chmod(0o755)
     include = headers(name, folder / "include")
     options = {
@@ -78,6 +80,10 @@ def build(name: str) -> None:
     }
     if name == "windows":
         options["Python_LIBRARY"] = import_library(include, folder, zig)
+        (folder / "libdl.a").write_bytes(
+            b"!<arch>\n"
+        )  # CMake takes an import library for a static one, which needs -ldl here
+        options["CMAKE_MODULE_LINKER_FLAGS"] = f"-L{folder}"
     run("cmake", "-G", "Ninja", "-S", ROOT, "-B", folder, *(f"-D{key}={value}" for key, value in options.items()))
     run("cmake", "--build", folder)
     (module,) = (path for path in folder.glob("_core*") if path.suffix in (".so", ".pyd", ".dll"))
