@@ -82,7 +82,7 @@ def build(name: str) -> None:
         options["Python_LIBRARY"] = import_library(include, folder, zig)
         (folder / "libdl.a").write_bytes(
             b"!<arch>\n"
-        )  # CMake takes an import library for a static one, which needs -ldl here
+        )  # CMake asks for what a static library would need
         options["CMAKE_MODULE_LINKER_FLAGS"] = f"-L{folder}"
     run("cmake", "-G", "Ninja", "-S", ROOT, "-B", folder, *(f"-D{key}={value}" for key, value in options.items()))
     run("cmake", "--build", folder)
