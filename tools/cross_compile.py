@@ -80,9 +80,7 @@ def build(name: str) -> None:
     }
     if name == "windows":
         options["Python_LIBRARY"] = import_library(include, folder, zig)
-        (folder / "libdl.a").write_bytes(
-            b"!<arch>\n"
-        )  # CMake asks for what a static library would need
+        (folder / "libdl.a").write_bytes(b"!<arch>\n")  # CMake asks for what a static library would need
         options["CMAKE_MODULE_LINKER_FLAGS"] = f"-L{folder}"
     run("cmake", "-G", "Ninja", "-S", ROOT, "-B", folder, *(f"-D{key}={value}" for key, value in options.items()))
     run("cmake", "--build", folder)
