@@ -146,9 +146,8 @@ protected:
           layout_(layout),
           points_(layout_, plan.cloth.columns),
           memory_(std::size_t(size), Real(0)),
-          contact_pass_(plan_, layout_, impulses),
+          contact_pass_(plan_, layout_, impulses = Impulses(plan_)),
           planes_(kernels()) {
-        impulses = Impulses(plan_);
         auto driven = plan_.driven_pins.begin();
         for (int i = 0; i < plan_.cloth.points(); ++i)
             if (driven != plan_.driven_pins.end() && driven->point == i) ++driven;

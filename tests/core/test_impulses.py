@@ -116,3 +116,19 @@ def test_the_report_has_the_momentum_of_its_run(contact, options):
     impulse = np.array(run.report["impulse"])
     assert impulse.shape == (1, 3) and run.report["impulse_reason"] == ""
     assert off(impulse, momentum(CLOTH, run.v[0]) - momentum(CLOTH, run.v[-1])) < 1e-12
+
+
+# Threads
+
+
+def test_each_row_of_points_has_sums_of_its_own():
+    cloth = cs.Cloth((128, 128), mass=1.0, stiffness=60.0, damping=0.01, pins=())  # 8192 points for each of two threads
+    ball = cs.Sphere((0.5, -10.02, 0.5), 10.0, response="continuous", offset=0.01, restitution=0.0, friction=0.3)
+    scene = cs.Scene(cloth, ball, velocity=np.broadcast_to((0.1, -2.0, 0.0), (128, 128, 3)))
+    one, two = (cs.Stepper(scene, threads=threads) for threads in (1, 2))
+    for stepper in (one, two):
+        stepper.advance(60, 2e-4)
+    sums, others = (stepper.snapshot().core["impulses"] for stepper in (one, two))
+    of_rows = sums[0, :, :, 1].sum(axis=-1)
+    assert of_rows.min() > 0.05 * of_rows.sum()  # downwards
+    assert (sums == others).all()
