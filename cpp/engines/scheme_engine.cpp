@@ -165,7 +165,7 @@ public:
         });
         if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
         for (int i = 0; i < this->plan_.cloth.points(); ++i) {
-            Eigen::Map<Vec3>(x + 3 * std::ptrdiff_t(i)) = vector_in(result_, i, 0);
+            Eigen::Map<Vec3>(x + 3 * std::ptrdiff_t(i)) = vector_in(result_, i, 0) + this->origin_;
             Eigen::Map<Vec3>(v + 3 * std::ptrdiff_t(i)) = vector_in(result_, i, 3);
         }
     }
@@ -318,7 +318,8 @@ private:
         Points x(this->plan_.cloth.points(), 3), v(this->plan_.cloth.points(), 3);
         this->store(x.data(), v.data());
         this->evaluations += implicit_->step(x, v, t, h);
-        this->load(x.data(), v.data());
+        for (int i = 0; i < x.rows(); ++i)
+            this->points_.set(this->memory_, i, {x.row(i).transpose() - this->origin_, v.row(i)});
     }
 
     // Components from `first` on: 0, the position, or 3, the velocity.
