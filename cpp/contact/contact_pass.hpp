@@ -332,8 +332,10 @@ private:
             for (std::size_t r = 0; r < known_.size(); ++r) wanted_[r] = wanted_[r] && !known_[r];
             each_part([&](int begin, int end) { kernels_.radii(a_, a_.before, begin, end); });
         }
-        if (near) each_part([&](int begin, int end) { kernels_.respond(a_, begin, end); });
-        report_.changed |= any(ContactMarks::responded);
+        if (near) {  // else the marks are those of an earlier step
+            each_part([&](int begin, int end) { kernels_.respond(a_, begin, end); });
+            report_.changed |= any(ContactMarks::responded);
+        }
         for (int pass = 0; pass < 2 && any(ContactMarks::unresolved); ++pass) {
             bouncing_ = pass == 1;
             each_vector(0, a_.geometry.rows, [&](int r, int j) {
