@@ -5,7 +5,6 @@
 #include <xsimd/config/xsimd_config.hpp>
 
 #include "bindings/bindings.hpp"
-#include "bindings/unlocked.hpp"
 #include "contact/continuous.hpp"
 #include "driver/energy_watch.hpp"
 #include "driver/simulation.hpp"

@@ -1,7 +1,6 @@
 // Outcome of the contact passes of some steps.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
 
 namespace clothsim {

@@ -1,7 +1,6 @@
 // The engine of the "edge" kernel: lane-transposed rows, one band of them a thread.
 #pragma once
 
-#include <atomic>
 #include <map>
 #include <memory>
 

@@ -1,6 +1,8 @@
 // The engine of the "gather" kernel: padded structure of arrays, one tile a row of shader groups.
 #pragma once
 
+#include <array>
+
 #include "engines/state_engine.hpp"
 
 namespace clothsim {

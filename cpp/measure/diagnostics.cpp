@@ -1,7 +1,6 @@
 #include "measure/diagnostics.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <Eigen/Geometry>
 #include <limits>
 #include <vector>
