@@ -22,7 +22,7 @@ from ..engine.options import PRECISIONS
 from ..errors import OrderWarning, StabilityWarning, UnstableError
 from ..measure import energy
 from ..methods.bound import stable_dt
-from ..methods.integrators import integrator_name, integrators
+from ..methods.integrators import METHODS, integrator_name
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Integrator, Precision
@@ -272,7 +272,7 @@ def own_method(name: str, precision: Precision = "double", threads: int | None =
     control = "rtol" if name.endswith(" adaptive") else "dt"
     label = integrator = integrator_name(name.removesuffix(" adaptive"), argument="methods")
     if control == "rtol":
-        adaptive = [f"{one} adaptive" for one, about in integrators().items() if about.adaptive]
+        adaptive = [f"{one} adaptive" for one, about in METHODS.items() if about.adaptive]
         label = check.choice("methods", f"{integrator} adaptive", adaptive)
 
     def solve(scene: Scene, duration: float, setting: float) -> tuple[Floats, Floats, int, float]:
@@ -293,7 +293,7 @@ def _settings(method: Method, scene: Scene, duration: float, dts: Any, rtols: An
     if name == "rtols":
         return list(_RTOLS)
     integrator = method.name if method.library == OWN else "rk4"
-    explicit = integrators()[integrator].explicit
+    explicit = METHODS[integrator].explicit
     # A step that nothing limits: from well above what an explicit method could take.
     largest = (stable_dt(scene, integrator) if explicit else 0.0) or stable_dt(scene, "rk4")
     largest = min(_SAFETY * largest if explicit else 8 * largest, duration / 4)

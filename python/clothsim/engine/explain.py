@@ -7,7 +7,7 @@ from typing import Any
 
 from ..base.text import aligned
 from ..methods.bound import limiting_term
-from ..methods.integrators import integrators
+from ..methods.integrators import METHODS
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
 from ..model.sphere import Plane, Sphere
@@ -54,7 +54,7 @@ def explain(
     """See `Scene.explain`."""
     options = Options(integrator, precision, threads, kernel)
     integrator = options.integrator
-    cloth, method = scene.cloth, integrators()[integrator]
+    cloth, method = scene.cloth, METHODS[integrator]
     plan = core_plan(scene, options)
     stages = method.stages_damped if cloth.damped else method.stages
     everything = {

@@ -26,7 +26,7 @@ from ..base import Floats
 from ..engine.options import Options
 from ..errors import UnstableError
 from ..methods.bound import usable_dt
-from ..methods.integrators import integrators
+from ..methods.integrators import METHODS
 from ..model.scene import Scene, stops_of
 from .trajectory import Frames, Job, Recorder, Trajectory, Watch
 
@@ -323,7 +323,7 @@ class _Finer:
 
 def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
     """The run of the method whose error is at most `asked` [m], rms, or the best one found."""
-    size, method = size_of(job.scene), integrators()[job.options.integrator]
+    size, method = size_of(job.scene), METHODS[job.options.integrator]
     if method.adaptive:
         least, order = _smallest(job), 1.0
         setting = first = max(asked, least)

@@ -242,7 +242,7 @@ def _constant(values: Floats) -> Floats:
     return np.frombuffer(values.tobytes()).reshape(values.shape)
 
 
-class _Frames:
+class _Stack:
     """Frames of a cloth, stacked as they come: to stack thousands of them at the end would hold back Ctrl-C."""
 
     def __init__(self, shape: tuple[int, ...], count: int) -> None:
@@ -284,7 +284,7 @@ class Recorder:
         self.moments = job.frames.moments(job.start, begin, begin + job.duration, job.dt)
         self.steps = 0
         self._wall_time = 0.0  # of stepping and dense output [s]; of a batch, the share of a member
-        self._frames = [_Frames(shape, len(self.moments)) for shape in [self.state.shape[-3:]] * len(job.scenes)]
+        self._frames = [_Stack(shape, len(self.moments)) for shape in [self.state.shape[-3:]] * len(job.scenes)]
         self.live = list(range(len(job.scenes)))
         self.failed: dict[int, tuple[Failure, Trajectory]] = {}
         self._ahead = False  # the present state comes after the last frame

@@ -36,7 +36,7 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..engine.state import scenes_of
 from ..methods.bound import stable_dt
-from ..methods.integrators import METHODS, integrator_name, integrators
+from ..methods.integrators import METHODS, integrator_name
 from ..methods.region import mode_limit, notched, splitting_step
 from ..model.scene import Scene
 from ..typing import Integrator
@@ -354,7 +354,7 @@ def faulty(integrator: str, k: Floats, c: Floats, flow: npt.NDArray[Any], h: flo
         w = vectors[len(k) :, grown].real.T
         size = np.maximum((w**2).sum(axis=1), 1e-300)
         along_k, along_c = (((w @ part.T) * w).sum(axis=1) / size for part in (k, c))
-        buckles = (along_k < 0) & (h * along_c < integrators()[integrator].real_limit)
+        buckles = (along_k < 0) & (h * along_c < METHODS[integrator].real_limit)
         if not buckles.all():
             return True
     flow = flow[np.abs(flow.imag) > 1e-9 * np.abs(flow)]

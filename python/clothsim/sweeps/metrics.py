@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..accuracy.solution import solve_in_double
+from ..accuracy.solution import distances, solve_in_double
 from ..base import Floats, check
 from ..model.scene import Scene
 from ..run.result import Run
@@ -55,8 +55,8 @@ def incomparable(run: Run, reference: Reference) -> str:
 def _error(run: Run, reference: Reference) -> tuple[float, ...]:
     if incomparable(run, reference):
         return math.nan, math.nan, math.nan
-    distance = np.linalg.norm(run.x[-1] - reference.x, axis=-1)
-    return float(distance.max()), float(np.sqrt((distance**2).mean())), reference.error
+    found = distances(run.x[-1], reference.x)
+    return float(found["max"]), float(found["rms"]), reference.error
 
 
 def _sag(run: Run, _: Any) -> tuple[float]:

@@ -150,7 +150,7 @@ def sweep(
         "version": build_config()["version"],
         "scene": scene.to_dict(),
         "over": grid.describe(),
-        "settings": {name: plain(value) for name, value in settings.items()},
+        "settings": plain(settings),
     }
     about = {"schema": SCHEMA, "identity": identity, **provenance()}
     kept = None

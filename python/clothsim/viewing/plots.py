@@ -17,7 +17,7 @@ from ..accuracy.work import OWN, Convergence
 from ..base import Floats, check
 from ..base.extras import needed
 from ..base.files import replacing
-from ..methods.integrators import integrators
+from ..methods.integrators import METHODS
 from ..model.scene import Scene
 from ..sweeps.member import STATUS
 from ..sweeps.metrics import RESERVED
@@ -185,7 +185,7 @@ KINDS = ("convergence", "stability", "heatmap")
 UNSTABLE = STATUS.index("unstable")
 TELLING = ("error", "sag", "penetration", "largest_stretch")  # metrics that a heat map shows first
 UNSURE = "below the\nreference's own"  # label of errors that the reference does not tell
-HOLLOW = {"ms": 4, "mec": GREY, "mfc": "white", "ls": "none", "zorder": 3, "label": UNSURE}
+HOLLOW = {**_HOLLOW, "ms": 4, "mec": GREY, "label": UNSURE}
 
 
 def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
@@ -232,7 +232,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
         label = None if along is None else _tick(line[along])
         error, unsure = line["error"].values, _unsure(line)
         ax.loglog(x, np.where(error > 0, error, np.nan), label=label, **look)
-        ax.loglog(x[unsure], error[unsure], look["marker"], ms=4, mec=look["color"], mfc="white", zorder=3)
+        ax.loglog(x[unsure], error[unsure], **{**look, **_HOLLOW})
         diverged = line["status"].values == UNSTABLE
         height = 0.97 - 0.03 * crosses[diverged]
         ax.plot(x[diverged], height, "x", ms=5, color=look["color"], transform=ax.get_xaxis_transform())
@@ -415,7 +415,7 @@ def _tick(value: Any) -> str:
 
 def look_of(method: str, others: Sequence[str] = ()) -> dict[str, Any]:
     """Colour and marker of a method, the same in every plot; methods of others follow those of this package."""
-    names = [*integrators(), *others, method]
+    names = [*METHODS, *others, method]
     return {**style(names.index(method)), "ls": "-", "lw": 1.2}
 
 
@@ -427,9 +427,9 @@ def draw_work_precision(data: Any, ax: Any = None) -> Any:
     of the reference are hollow.
     """
     panels = shown_axes(ax, 1 if np.size(ax) == 1 and ax is not None else 2, 13.0, 6.4, sharey=True)
-    own, precisions = integrators(), set(data["precision"].values[data["library"].values == OWN])
+    precisions = set(data["precision"].values[data["library"].values == OWN])
     methods = [str(name).removesuffix(" adaptive") for name in data["integrator"].values]
-    others = list(dict.fromkeys(name for name in methods if name not in own))
+    others = list(dict.fromkeys(name for name in methods if name not in METHODS))
     floor = data.attrs["reference_error_estimate_rms"]
     for m, label in enumerate(map(str, data["solver"].values)):
         one, look = data.isel(solver=m), look_of(methods[m], others)
