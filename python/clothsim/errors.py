@@ -162,7 +162,7 @@ class UnstableError(_StepError):
     Parameters
     ----------
     step : int
-        The step, counted from 0 at the start of the call, after which it was found. A runaway energy may be found up to 128
+        The step after which it was found, counted from 1 at the start of the call. A runaway energy may be found up to 128
         steps late in short calls and, above 16,384 mass points, in continuous contact.
     time : float
         Time of the scene at the end of that step [s].

@@ -1,9 +1,10 @@
-"""The bench: every section's rows, and the error beside a time."""
+"""The bench: every section's rows, and the error beside a time; throughput of a batch and of a sweep."""
 
 import csv
 
 import bench
 import pytest
+import throughput
 
 
 def test_rows_have_times_and_errors_of_rounding(monkeypatch, tmp_path, capsys):
@@ -44,3 +45,14 @@ def test_peers_that_cannot_run_are_left_out(capsys):
 @pytest.mark.peers
 def test_numba_computes_the_motion():
     assert bench.time_group([*bench.numba(bench.grid(8), (1,))][:1], 1, 1e-4, 20)[0]["error_m"] < 1e-12
+
+
+def test_throughput_has_rows_of_batch_and_sweep():
+    pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
+    rows = throughput.measure(2, 20, 5e-4, 1, {"precision": "double", "threads": 1})
+    assert [row[:5] for row in rows] == [("double", by, "2", "1024", "0.0005") for by in ("batch", "sweep")]
+    assert 0 < float(rows[0][5]) < 1e-6 and rows[0][5] == rows[1][5]  # of RK4, over 0.01 s
+    rate = float(rows[0][6].replace(",", ""))
+    assert float(rows[0][8].replace(",", "")) == pytest.approx(5e-4 * rate, rel=1e-2) and rows[0][9] == "1.00"
+    assert len(rows[0]) == len(throughput.HEAD)

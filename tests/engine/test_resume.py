@@ -200,3 +200,11 @@ def test_set_scene_can_pin_and_let_go():
     stepper.advance(200, 1e-3)
     assert stepper.positions[3, 3, 1] < before[3, 3, 1]
     assert stepper.positions[-1, 0, 1] < -0.01 and not stepper.positions[0, 0].any()
+
+
+def test_pickles_of_a_stepper_are_refused_and_those_of_a_snapshot_pass():
+    stepper = cs.Stepper(cs.scenes.oscillator())
+    for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
+        with pytest.raises(TypeError, match=r"pickle stepper\.snapshot\(\)"):
+            pickle.dumps(stepper, protocol)
+        assert cs.Stepper.restore(pickle.loads(pickle.dumps(stepper.snapshot(), protocol))).time == 0.0

@@ -65,3 +65,20 @@ def test_a_callback_that_stops_between_two_steps_leaves_the_next_state_last(same
     rest = run.resume(DURATION - run.t[-1])
     whole = cs.simulate(SWING, DURATION, dt=2e-3)
     assert same_bits([rest.x[-1]], [whole.x[-1]])
+
+
+def test_arrays_of_a_callback_cannot_be_made_writeable():
+    seen = []
+
+    def callback(t, x, v):
+        seen.append((x, x.copy()))
+        for array in (x, v):
+            assert array.shape == (32, 32, 3) and array.dtype == np.float64
+            while isinstance(array, np.ndarray):
+                with pytest.raises(ValueError, match="WRITEABLE"):
+                    array.flags.writeable = True
+                array = array.base
+
+    run = cs.simulate(cs.scenes.paper_moving(), 0.01, dt=1e-3, every=2, callback=callback)
+    assert all(np.array_equal(x, before) for x, before in seen)
+    assert np.array_equal(run.x, [x for x, _ in seen])
