@@ -6,7 +6,6 @@ import pytest
 
 SINGLE = {"precision": "single", "kernel": "gather"}
 
-
 pytestmark = pytest.mark.usefixtures("narrow")
 
 
