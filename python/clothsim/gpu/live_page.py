@@ -30,6 +30,7 @@ from ..methods.region import border_of_region
 from ..model.mesh import GROUP
 from ..model.scene import Scene, core_sphere
 from ..model.scene_files import text_of
+from ..model.sphere import lengths_of_offsets
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
@@ -194,7 +195,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "size": list(cloth.size),
         "offsets": {
             name: {"side": side, "cells": name == "cell", "offset": 0}
-            for name, side in (("none", 0), ("edge", max(cloth.spacing)), ("cell", math.hypot(*cloth.spacing)))
+            for name, side in {"none": 0, **lengths_of_offsets(cloth)}.items()
         },
         "group": GROUP[0],
         "dt": dt,
@@ -232,8 +233,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
 
 def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
     core = core_sphere(sphere, scene)
-    # Length of the cloth in eq 13; 0: the offset is a number.
-    side = {"edge": max(scene.cloth.spacing), "cell": math.hypot(*scene.cloth.spacing)}.get(sphere.offset, 0.0)
+    side = lengths_of_offsets(scene.cloth).get(sphere.offset, 0.0)  # 0: the offset is a number
     return {
         "center": list(sphere.center),
         "radius": sphere.radius if math.isfinite(sphere.radius) else None,  # None: a plane

@@ -23,6 +23,11 @@ _RESTITUTION = {"continuous": 0.0, "ray": 1.0, "reflect": 1.0}  # where none is 
 OFFSETS: tuple[Offset, ...] = get_args(Offset)
 
 
+def lengths_of_offsets(cloth: Cloth) -> dict[str, float]:
+    """The length of the cloth in eq 13 [m] by the name of an offset."""
+    return {"edge": max(cloth.spacing), "cell": math.hypot(*cloth.spacing)}
+
+
 class Obstacle(Record):
     """What a sphere and a plane have in common."""
 
@@ -112,8 +117,8 @@ class Obstacle(Record):
             return self.offset
         if self.offset == "none":  # a plane has no offset
             return 0.0
-        widest = max(cloth.spacing) if self.offset == "edge" else min(math.hypot(*cloth.spacing), 2 * self.radius)
-        return _core.edge_offset(self.radius, widest)
+        length = lengths_of_offsets(cloth)[self.offset]
+        return _core.edge_offset(self.radius, min(length, 2 * self.radius) if self.offset == "cell" else length)
 
     def height(self, x: npt.ArrayLike, t: float = 0.0) -> npt.NDArray[np.float64]:
         """Height of places over the surface at the time `t` [m]; below it negative.

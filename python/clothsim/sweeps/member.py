@@ -108,7 +108,7 @@ def controlled(settings: Mapping[str, Any]) -> bool:
 
 
 @dataclass
-class Record:
+class MemberRecord:
     """Record of a member: plain values, small enough to travel between machines."""
 
     index: int

@@ -24,7 +24,7 @@ except ImportError:  # as on Windows
 from ..base import check
 from ..base.extras import needed
 from .grid import Grid
-from .member import DONE, FAILED, PENDING, STATUS, Record
+from .member import DONE, FAILED, PENDING, STATUS, MemberRecord
 from .metrics import METRICS, Chosen
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class Results:
         """Indices of the members to run: pending members and failed members."""
         return np.flatnonzero((self["status"] == PENDING) | (self["status"] == FAILED))
 
-    def record(self, records: Sequence[Record]) -> None:
+    def record(self, records: Sequence[MemberRecord]) -> None:
         """Take the results of members; their status comes last, so that a member that is marked as done is complete."""
         found: dict[str, dict[int, Any]] = {}
         for one in records:

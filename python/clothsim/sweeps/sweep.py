@@ -32,7 +32,7 @@ from ..run.simulate import run_batch, simulate
 from ..run.trajectory import PAUSE, Failure, Frames, Job
 from ..typing import Integrator, Kernel, Precision
 from .grid import Grid, make_grid, plain
-from .member import DONE, FAILED, PENDING, UNSTABLE, Maker, Member, Record, SweepOptions
+from .member import DONE, FAILED, PENDING, UNSTABLE, Maker, Member, MemberRecord, SweepOptions
 from .metrics import DEFAULT_METRICS, METRICS, Chosen, choose_metrics, describe, incomparable, measured, reference_of
 from .store import SCHEMA, Results, Store
 
@@ -181,7 +181,7 @@ def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bo
     members = results.grid.size
     bar = ProgressBar(progress, total=members, initial=members - len(results.pending), unit="member", desc="sweep")
 
-    def record(records: Sequence[Record]) -> None:
+    def record(records: Sequence[MemberRecord]) -> None:
         results.record(records)
         results.flush()
         bar.advance(len(records))
@@ -282,9 +282,9 @@ class Stopped(Exception):
     """The sweep must stop; members in progress are abandoned."""
 
 
-def run_task(task: Task, pause: Callable[[], None] | None = None) -> list[Record]:
+def run_task(task: Task, pause: Callable[[], None] | None = None) -> list[MemberRecord]:
     """Run the members of a task. If `pause`, called from time to time, raises Stopped, the finished members come back."""
-    records: list[Record] = []
+    records: list[MemberRecord] = []
     before = PAUSE.set(pause)
     try:
         with suppress(Stopped):
@@ -294,7 +294,7 @@ def run_task(task: Task, pause: Callable[[], None] | None = None) -> list[Record
     return records
 
 
-def _records(task: Task) -> Iterator[Record]:
+def _records(task: Task) -> Iterator[MemberRecord]:
     """Members run side by side where they share a call, else alone."""
     batches = dict[Any, list[Member]]()
     for member in task.members:
@@ -305,7 +305,7 @@ def _records(task: Task) -> Iterator[Record]:
         try:
             runs, errors = _runs(members, task)
         except (ValueError, TypeError) as error:
-            yield from [Record(one.index, FAILED, message=f"{type(error).__name__}: {error}") for one in members]
+            yield from [MemberRecord(one.index, FAILED, message=f"{type(error).__name__}: {error}") for one in members]
             continue
         for k, (member, run) in enumerate(zip(members, runs, strict=True)):
             yield _record(member, run, errors.get(k), task)
@@ -325,8 +325,8 @@ def _runs(members: Sequence[Member], task: Task) -> tuple[Sequence[Run], Mapping
     return run_batch(Job(scenes, True, settings["duration"], options, frames=Frames(task.every), dt=dt, own_step=True))
 
 
-def _record(member: Member, run: Run, error: Failure | None, task: Task) -> Record:
-    record = Record(member.index, DONE, max_stable_dt=member.max_stable_dt)
+def _record(member: Member, run: Run, error: Failure | None, task: Task) -> MemberRecord:
+    record = MemberRecord(member.index, DONE, max_stable_dt=member.max_stable_dt)
     if error is not None:
         record.status, record.message = UNSTABLE, str(dataclasses.replace(error, member=None))  # as of the run alone
         record.unstable_step, record.unstable_time = error.step, error.time
@@ -383,7 +383,7 @@ class Workers:
         """Threads of each task: one, or all threads (None) for a single member."""
         return (self.threads if members <= 1 else 1) if self.own else self.threads or 1
 
-    def run_all(self, tasks: Iterator[Task], record: Callable[[list[Record]], None]) -> None:
+    def run_all(self, tasks: Iterator[Task], record: Callable[[list[MemberRecord]], None]) -> None:
         """Execute all tasks, and call `record` in this thread with the results of each.
 
         If Ctrl-C or a broken pool ends this early, waiting tasks are cancelled and finished tasks are recorded before the
@@ -392,7 +392,7 @@ class Workers:
         from concurrent.futures import FIRST_COMPLETED, wait
 
         run = partial(run_task, pause=self._pause) if self.own else run_task
-        waiting: set[Future[list[Record]]] = set()
+        waiting: set[Future[list[MemberRecord]]] = set()
         try:
             while True:
                 while len(waiting) < _WAITING and (task := next(tasks, None)) is not None:
