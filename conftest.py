@@ -1,4 +1,6 @@
-"""What pytest leaves alone where an optional package is missing, and the name that examples of docstrings use."""
+"""What pytest leaves alone where an optional package is missing, and the name that examples of
+docstrings use.
+"""
 
 from importlib.util import find_spec
 

@@ -1,4 +1,5 @@
-"""Time per step of the kernels and of other programs, with the error beside it; docs/benchmarks.md explains the figures.
+"""Time per step of the kernels and of other programs, with the error beside it; docs/benchmarks.md
+explains the figures.
 
 python benchmarks/bench.py                       # all sections, a few minutes; prints a table
 python benchmarks/bench.py --quick steps calls   # some sections, coarse figures
@@ -35,7 +36,9 @@ LARGEST_WITH_ERROR = 65_536  # points, which the scalar reference steps too
 
 @dataclass(frozen=True)
 class Start:
-    """A scene, or a batch of them, in a state; `exact`: the error beside a time is taken against the reference."""
+    """A scene, or a batch of them, in a state; `exact`: the error beside a time is taken against
+    the reference.
+    """
 
     name: str
     scene: Any
@@ -51,7 +54,14 @@ class Start:
 
 @lru_cache
 def after(scene: cs.Scene, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    return cs.step(scene, scene.initial_position, scene.initial_velocity, STATE_DT, round(seconds / STATE_DT), t=0.0)
+    return cs.step(
+        scene,
+        scene.initial_position,
+        scene.initial_velocity,
+        STATE_DT,
+        round(seconds / STATE_DT),
+        t=0.0,
+    )
 
 
 def swing(bend: bool = True) -> Start:
@@ -64,7 +74,9 @@ def contact(**sphere: Any) -> Start:
     """The paper's cloth where it lies on its sphere."""
     scene = cs.scenes.paper_static(bend=True)
     scene = scene.replace(spheres=tuple(one.replace(**sphere) for one in scene.spheres))
-    label = "{response}, {offset}".format(**{k: getattr(scene.spheres[0], k) for k in ("response", "offset")})
+    label = "{response}, {offset}".format(
+        **{k: getattr(scene.spheres[0], k) for k in ("response", "offset")}
+    )
     return Start(f"on a sphere, {label}", scene, *after(scene, 0.6), 0.6)
 
 
@@ -72,8 +84,17 @@ def batch(members: int) -> Start:
     """Cloths that differ in stiffness, in free fall."""
     start = swing()
     cloth = start.scene.cloth
-    scenes = [start.scene.replace(cloth=cloth.replace(stiffness=float(k))) for k in np.linspace(3e4, 3.5e4, members)]
-    return Start(f"batch of {members}", scenes, np.stack([start.x] * members), np.stack([start.v] * members), start.t)
+    scenes = [
+        start.scene.replace(cloth=cloth.replace(stiffness=float(k)))
+        for k in np.linspace(3e4, 3.5e4, members)
+    ]
+    return Start(
+        f"batch of {members}",
+        scenes,
+        np.stack([start.x] * members),
+        np.stack([start.v] * members),
+        start.t,
+    )
 
 
 def grid(rows: int) -> Start:
@@ -88,9 +109,17 @@ def grid(rows: int) -> Start:
 
 
 class Core(Work):
-    """A `Stepper`; `call` is "advance" (a call of many steps), "advance(1)" or "step" (`clothsim.step` of one step)."""
+    """A `Stepper`; `call` is "advance" (a call of many steps), "advance(1)" or "step"
+    (`clothsim.step` of one step).
+    """
 
-    def __init__(self, start: Start, call: str = "advance", instruction_set: str | None = None, **options: Any) -> None:
+    def __init__(
+        self,
+        start: Start,
+        call: str = "advance",
+        instruction_set: str | None = None,
+        **options: Any,
+    ) -> None:
         self.start, self.call, self.set, self.options = start, call, instruction_set, options
         self._rewind()
 
@@ -115,7 +144,9 @@ class Core(Work):
                 self.stepper.advance(1, PAPER_DT)
         else:
             for _ in range(steps):
-                cs.step(start.scene, start.x, start.v, PAPER_DT, t=start.t, out=self.out, **self.options)
+                cs.step(
+                    start.scene, start.x, start.v, PAPER_DT, t=start.t, out=self.out, **self.options
+                )
 
     @property
     def positions(self) -> np.ndarray:
@@ -133,7 +164,9 @@ class Reference(Work):
         self.positions, _ = cs.reference_step(start.one, start.x, start.v, PAPER_DT, steps, start.t)
 
 
-Candidate = tuple[Start, dict[str, Any], Callable[[], Any]]  # labels of a row, and how its work is made
+Candidate = tuple[
+    Start, dict[str, Any], Callable[[], Any]
+]  # labels of a row, and how its work is made
 
 
 def core(start: Start, call: str = "advance", **options: Any) -> Candidate:
@@ -141,7 +174,9 @@ def core(start: Start, call: str = "advance", **options: Any) -> Candidate:
     return start, labels, partial(Core, start, call, **options)
 
 
-def cores(start: Start, threads: tuple[int, ...] = (1,), kernels: tuple[str, ...] = KERNELS) -> Iterator[Candidate]:
+def cores(
+    start: Start, threads: tuple[int, ...] = (1,), kernels: tuple[str, ...] = KERNELS
+) -> Iterator[Candidate]:
     for kernel in kernels:
         for precision in DTYPES:
             for count in threads:
@@ -156,17 +191,31 @@ def numba(start: Start, threads: tuple[int, ...]) -> Iterator[Candidate]:
 
 
 def steps(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """The paper's cloth by every kernel, precision, thread count, instruction set and peer; contact."""
+    """The paper's cloth by kernel, precision, thread count, instruction set and peer; contact."""
     for start in (swing(bend=False), swing()):
         group = [*cores(start, threads)]
         for name in cs.build_config()["instruction_sets_supported"][1:]:
-            group += [core(start, kernel=k, precision=p, threads=1, instruction_set=name) for k in KERNELS for p in DTYPES]
-        group.append((start, {"by": "reference", "precision": "double", "threads": 1}, partial(Reference, start)))
+            group += [
+                core(start, kernel=k, precision=p, threads=1, instruction_set=name)
+                for k in KERNELS
+                for p in DTYPES
+            ]
+        group.append(
+            (
+                start,
+                {"by": "reference", "precision": "double", "threads": 1},
+                partial(Reference, start),
+            )
+        )
         for precision, dtype in DTYPES.items():
             make = partial(NumpyPeer, start.one, start.x, start.v, PAPER_DT, dtype)
             group.append((start, {"by": "numpy", "precision": precision, "threads": 1}, make))
         yield group + [*([] if quick else numba(start, threads))]
-    on = [contact(), contact(response="reflect"), *(contact(response="continuous", offset=o) for o in ("none", "cell"))]
+    on = [
+        contact(),
+        contact(response="reflect"),
+        *(contact(response="continuous", offset=o) for o in ("none", "cell")),
+    ]
     yield [one for start in on for one in cores(start)]
 
 
@@ -177,15 +226,25 @@ def features(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]
     far = cs.Sphere((0.5, -9.0, 0.5))
     changes: dict[str, dict[str, Any]] = {
         "all springs, damped": {},
-        **{f"no {f}": {"cloth": cloth.replace(springs=[g for g in cloth.springs if g != f])} for f in cloth.springs},
+        **{
+            f"no {f}": {"cloth": cloth.replace(springs=[g for g in cloth.springs if g != f])}
+            for f in cloth.springs
+        },
         "no damping": {"cloth": cloth.replace(damping=0.0)},
         "drag in place of damping": {"cloth": cloth.replace(damping=0.0, drag=0.5)},
-        "mass per point": {"cloth": cloth.replace(mass=np.random.default_rng(0).uniform(0.4, 0.6, cloth.shape))},
+        "mass per point": {
+            "cloth": cloth.replace(mass=np.random.default_rng(0).uniform(0.4, 0.6, cloth.shape))
+        },
         "1 sphere, far": {"spheres": (far,)},
-        "4 spheres, far": {"spheres": tuple(far.replace(center=(0.5, -9.0 - k, 0.5)) for k in range(4))},
+        "4 spheres, far": {
+            "spheres": tuple(far.replace(center=(0.5, -9.0 - k, 0.5)) for k in range(4))
+        },
         "1 printed method 2, far": {"spheres": (far.replace(response="ray", as_printed=True),)},
     }
-    starts = [Start(name, base.one.replace(**changed), base.x, base.v, base.t) for name, changed in changes.items()]
+    starts = [
+        Start(name, base.one.replace(**changed), base.x, base.v, base.t)
+        for name, changed in changes.items()
+    ]
     yield [one for start in starts for one in cores(start)]
 
 
@@ -204,17 +263,23 @@ def grids(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
 
 
 def calls(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """A step of many in a call, a step a call, and `clothsim.step`, which takes and gives arrays."""
+    """A step of many in a call, a step a call, and `clothsim.step`, on arrays."""
     for start in (swing(), contact(response="continuous")):
         options = [{"kernel": "edge", "precision": p, "threads": 1} for p in DTYPES]
-        yield [core(start, call, **one) for one in options for call in ("advance", "advance(1)", "step")]
+        yield [
+            core(start, call, **one)
+            for one in options
+            for call in ("advance", "advance(1)", "step")
+        ]
 
 
 SECTIONS = {one.__name__: one for one in (steps, features, batches, grids, calls)}
 
 
-def time_group(group: list[Candidate], windows: int, seconds: float, error_steps: int) -> list[dict[str, Any]]:
-    """A row for each candidate; one of another program that cannot run here is left out with a message."""
+def time_group(
+    group: list[Candidate], windows: int, seconds: float, error_steps: int
+) -> list[dict[str, Any]]:
+    """A row for each candidate; another program that cannot run here is left out with a message."""
     kept, works = [], []
     for candidate in group:
         try:
@@ -230,7 +295,11 @@ def time_group(group: list[Candidate], windows: int, seconds: float, error_steps
     for (start, labels, make), timing in zip(kept, measure(works, windows, seconds), strict=True):
         cloth, members = start.one.cloth, start.x[..., 0, 0, 0].size
         errors = []
-        if start.exact and labels.get("call", "advance") == "advance" and labels["by"] != "reference":
+        if (
+            start.exact
+            and labels.get("call", "advance") == "advance"
+            and labels["by"] != "reference"
+        ):
             if start.name not in expected:
                 expected[start.name] = _frames(start, error_steps)
             work = make()
@@ -239,7 +308,11 @@ def time_group(group: list[Candidate], windows: int, seconds: float, error_steps
                 work.run(error_steps // FRAMES)
                 errors.append(float(np.linalg.norm(work.positions - exact, axis=-1).max()))
         rows.append(
-            {"work": start.name, **{key: labels.get(key) for key in LABELS}, "points": cloth.rows * cloth.columns}
+            {
+                "work": start.name,
+                **{key: labels.get(key) for key in LABELS},
+                "points": cloth.rows * cloth.columns,
+            }
             | {"springs": cloth.spring_count(), "least_us": 1e6 * timing.minimum / members}
             | {"median_us": 1e6 * timing.median / members, "spread_%": 100 * timing.spread}
             | ({"error_m": errors[-1], "frames_error_m": max(errors)} if errors else {})
@@ -258,7 +331,17 @@ def _frames(start: Start, steps: int) -> list[np.ndarray]:
 
 
 LABELS = ("by", "precision", "threads", "instruction_set", "call")
-COLUMNS = ("work", *LABELS, "points", "springs", "least_us", "median_us", "spread_%", "error_m", "frames_error_m")
+COLUMNS = (
+    "work",
+    *LABELS,
+    "points",
+    "springs",
+    "least_us",
+    "median_us",
+    "spread_%",
+    "error_m",
+    "frames_error_m",
+)
 
 
 def cell(value: Any) -> str:
@@ -266,10 +349,16 @@ def cell(value: Any) -> str:
 
 
 def main(argv: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sections", nargs="*", choices=[[], *SECTIONS], metavar="SECTION", help=", ".join(SECTIONS))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "sections", nargs="*", choices=[[], *SECTIONS], metavar="SECTION", help=", ".join(SECTIONS)
+    )
     parser.add_argument("--quick", action="store_true", help="fewer and shorter windows")
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="also write the figures to a CSV file")
+    parser.add_argument(
+        "--csv", type=Path, metavar="FILE", help="also write the figures to a CSV file"
+    )
     args = parser.parse_args(argv)
     threads = tuple(sorted({1, min(2, os.cpu_count() or 1), os.cpu_count() or 1}))
     rows = []

@@ -28,15 +28,21 @@ class Stopwatch:
 
 
 def aligned(
-    head: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[int] = (0,), indent: str = "", rule: bool = True
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    left: Collection[int] = (0,),
+    indent: str = "",
+    rule: bool = True,
 ) -> str:
-    """A table whose columns are as wide as their widest cell; the columns of `left` are aligned left."""
+    """A table of columns as wide as their widest cell; those of `left` are aligned left."""
     body = [*([head] if head else []), *rows]
     widths = [max(map(len, column)) for column in zip(*body, strict=True)]
     if head and rule:
         body.insert(1, ["-" * width for width in widths])
     sides = ["<" if k in left else ">" for k in range(len(widths))]
-    cells = ([f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths)] for row in body)
+    cells = (
+        [f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths)] for row in body
+    )
     return "\n".join(indent + "  ".join(row).rstrip() for row in cells)
 
 
@@ -54,9 +60,17 @@ def conditions(packages: Sequence[str] = ()) -> str:
     named = re.search(r"model name\s*: (.*)", cpuinfo.read_text() if cpuinfo.exists() else "")
     load = f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
     versions = [f"{name} {config[name]}" for name in ("python", "numpy")]
-    versions += [f"{one.metadata['Name']} {one.version}" for one in map(_distribution, packages) if one]
-    machine = f"{named.group(1) if named else platform.machine()}, {os.cpu_count()} cores, {platform.system()}, {load}"
-    return f"{machine}; clothsim {config['version']} ({config['instruction_set']}), {', '.join(versions)}"
+    versions += [
+        f"{one.metadata['Name']} {one.version}" for one in map(_distribution, packages) if one
+    ]
+    machine = (
+        f"{named.group(1) if named else platform.machine()}, {os.cpu_count()} cores, "
+        f"{platform.system()}, {load}"
+    )
+    return (
+        f"{machine}; clothsim {config['version']} ({config['instruction_set']}), "
+        f"{', '.join(versions)}"
+    )
 
 
 def _distribution(name: str) -> metadata.Distribution | None:

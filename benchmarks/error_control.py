@@ -4,10 +4,11 @@
     python benchmarks/error_control.py --stream tune    # the scenes that constants were found on
     python benchmarks/error_control.py --scenes 350     # about 2,000 runs
 
-Errors are against another model and method (random_cloths.py), kept in --folder. A request is judged
-where that solution is ten times more accurate than it; an estimate where it is ten times more
-accurate than the error. Costs are force evaluations of everything over the cheapest fixed choice of
-method and step that reaches what was asked, found by search, for runs of 100 steps or more.
+Errors are against another model and method (random_cloths.py), kept in --folder. A request is
+judged where that solution is ten times more accurate than it; an estimate where it is ten times
+more accurate than the error. Costs are force evaluations of everything over the cheapest fixed
+choice of method and step that reaches what was asked, found by search, for runs of 100 steps or
+more.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ from random_cloths import Case, draw, rms, truth
 STREAMS = {"tune": 1, "judge": 2, "judge2": 3, "judge3": 4, "judge4": 5}
 RATIO = 1.08  # between the steps that are searched
 # Explicit Euler has no stable step without damping.
-NAMED = [name for name, one in cs.integrators().items() if one.explicit and name != "explicit_euler"]
+NAMED = [
+    name for name, one in cs.integrators().items() if one.explicit and name != "explicit_euler"
+]
 AUTO, BY_NAME = 4, 2  # requests of a scene, beside the default call
 LOOSEST, TIGHTEST = 3, 10  # exponents of what is asked
 SURE = 10.0  # times more accurate than what is judged is the true solution
@@ -98,7 +101,9 @@ def cheapest(case: Case, exact: np.ndarray, asked: list[float], most: float) -> 
         wanted = set(asked)
         while wanted and steps * cost < min(most, max(best[one] for one in wanted)):
             try:
-                x = cs.step(scene, *state, case.duration / steps, steps, integrator=name, threads=1)[0]
+                x = cs.step(
+                    scene, *state, case.duration / steps, steps, integrator=name, threads=1
+                )[0]
                 error = rms(x - exact)
             except cs.UnstableError:
                 error = math.inf
@@ -139,7 +144,8 @@ def quantile(values: list[float], q: float) -> float:
 
 def table(found: list[Judged]) -> str:
     lines = [
-        "| runs of | judged | error / asked <= 1 | <= 1.5 | worst | no estimate | estimates judged | "
+        "| runs of | judged | error / asked <= 1 | <= 1.5 | worst | no estimate | estimates "
+        "judged | "
         "within 3 times | least estimate / error | median asked / error |",
         "|" + " --- |" * 10,
     ]
@@ -171,15 +177,24 @@ def table(found: list[Judged]) -> str:
 def main() -> None:
     warnings.simplefilter("ignore", cs.StabilityWarning)
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--stream", choices=STREAMS, default="judge4", help="judge to judge3 have served choices already")
+    parser.add_argument(
+        "--stream",
+        choices=STREAMS,
+        default="judge4",
+        help="judge to judge3 have served choices already",
+    )
     parser.add_argument("--scenes", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, help="number of the first scene")
     parser.add_argument("--no-cost", action="store_true", help="leave the search out")
     parser.add_argument("--bad", action="store_true", help="list the runs that miss a figure")
-    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()) / "clothsim-error-control")
+    parser.add_argument(
+        "--folder", type=Path, default=Path(tempfile.gettempdir()) / "clothsim-error-control"
+    )
     chosen = parser.parse_args()
     chosen.folder.mkdir(parents=True, exist_ok=True)
-    found = judged_runs(chosen.stream, chosen.first, chosen.scenes, chosen.folder, not chosen.no_cost)
+    found = judged_runs(
+        chosen.stream, chosen.first, chosen.scenes, chosen.folder, not chosen.no_cost
+    )
     print(table(found))
     for one in found if chosen.bad else []:
         ratio = one.estimate / max(one.error, 1e-300)

@@ -1,9 +1,11 @@
-"""Whether `cs.fit` is off by what it says: random cloths with noise, and starts that are off by a factor of ten.
+"""Whether `cs.fit` is off by what it says: random cloths with noise, and starts that are off by a
+factor of ten.
 
 Usage: python benchmarks/fit.py [--scenes 40] [--draws 20] [--starts 3] [--seed 0]
 
-The first table has the scatter of (fitted - true) / (stated sigma) for each kind of parameter, which should be 1. The second
-has how many starts, with each positive parameter off by a factor of ten, reach the minimum that the true values reach.
+The first table has the scatter of (fitted - true) / (stated sigma) for each kind of parameter,
+which should be 1. The second has how many starts, with each positive parameter off by a factor of
+ten, reach the minimum that the true values reach.
 """
 
 import argparse
@@ -13,7 +15,16 @@ from collections import defaultdict
 import clothsim as cs
 import numpy as np
 
-KINDS = ("stiffness_structural", "stiffness_shear", "stiffness_bend", "damping", "drag", "mass", "gravity_y", "pin0_x")
+KINDS = (
+    "stiffness_structural",
+    "stiffness_shear",
+    "stiffness_bend",
+    "damping",
+    "drag",
+    "mass",
+    "gravity_y",
+    "pin0_x",
+)
 TIMES = np.linspace(0.05, 1.0, 20)
 
 
@@ -22,11 +33,21 @@ def draw(rng):
     shape = tuple(int(n) for n in rng.integers(3, 7, 2))
     mass = 10 ** rng.uniform(-1, 1)
     omega, count = rng.uniform(20, 60), shape[0] * shape[1]  # 1/s, of a spring
-    stiffness = {f: mass / count * omega**2 * part for f, part in zip(("structural", "shear", "bend"), (1, 0.5, 0.3))}
-    cloth = cs.Cloth(shape, (0.5, 0.5), mass, stiffness, damping=0.02 * mass * omega / count, drag=mass / count)
-    scene = cs.Scene(cloth, position=cloth.rest_positions + rng.normal(0, 0.002, (*shape, 3)) * ~cloth.pinned[..., None])
+    stiffness = {
+        f: mass / count * omega**2 * part
+        for f, part in zip(("structural", "shear", "bend"), (1, 0.5, 0.3))
+    }
+    cloth = cs.Cloth(
+        shape, (0.5, 0.5), mass, stiffness, damping=0.02 * mass * omega / count, drag=mass / count
+    )
+    scene = cs.Scene(
+        cloth,
+        position=cloth.rest_positions
+        + rng.normal(0, 0.002, (*shape, 3)) * ~cloth.pinned[..., None],
+    )
     names = [name for name in KINDS[:5] if rng.random() < 0.6] or ["drag"]
-    if "stiffness_shear" not in names and rng.random() < 0.7:  # the scale of mass and forces is then known
+    # the scale of mass and forces is then known
+    if "stiffness_shear" not in names and rng.random() < 0.7:
         names.append("mass")
     return scene, [*names, *(name for name in KINDS[6:] if rng.random() < 0.4)]
 
@@ -39,12 +60,16 @@ def changed(scene, values):
     """The scene with other values of positive parameters."""
     cloth = scene.cloth
     whole = {name: value for name, value in values.items() if name in ("mass", "damping", "drag")}
-    parts = {name.removeprefix("stiffness_"): value for name, value in values.items() if name.startswith("stiffness_")}
+    parts = {
+        name.removeprefix("stiffness_"): value
+        for name, value in values.items()
+        if name.startswith("stiffness_")
+    }
     return scene.replace(cloth=cloth.replace(stiffness={**cloth.stiffness, **parts}, **whole))
 
 
 def judge(scenes, draws, starts, seed):
-    """By kind: deviations in stated sigmas; and starts off by ten: (reached, told that it was not, all)."""
+    """By kind: deviations in stated sigmas; starts off by ten: (reached, told that not, all)."""
     scatter, reached = defaultdict(list), np.zeros(3, int)
     for number in range(scenes):
         rng = np.random.default_rng([seed, number])
@@ -60,7 +85,11 @@ def judge(scenes, draws, starts, seed):
             if k:
                 continue
             for _ in range(starts):
-                off = {name: one * 10.0 ** rng.choice([-1, 1]) for name, one in true.items() if name in KINDS[:6]}
+                off = {
+                    name: one * 10.0 ** rng.choice([-1, 1])
+                    for name, one in true.items()
+                    if name in KINDS[:6]
+                }
                 far = cs.fit(changed(truth, off), TIMES, data, over=names, sigma=5e-4)
                 same = abs(far.report["chi_square"] / found.report["chi_square"] - 1) < 1e-6
                 reached += same, not same and bool(far.report["reason"]), 1
@@ -68,15 +97,26 @@ def judge(scenes, draws, starts, seed):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     for name, default in (("scenes", 40), ("draws", 20), ("starts", 3), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=default)
     args, begin = parser.parse_args(), time.perf_counter()
     scatter, (reached, told, starts) = judge(args.scenes, args.draws, args.starts, args.seed)
-    print("| parameter | fits | scatter / stated sigma | mean / stated sigma |\n| --- | --- | --- | --- |")
+    print(
+        "| parameter | fits | scatter / stated sigma | mean / stated sigma |\n| --- | --- | "
+        "--- | --- |"
+    )
     for name in filter(scatter.get, KINDS):
-        print(f"| {name} | {len(scatter[name])} | {np.std(scatter[name]):.2f} | {np.mean(scatter[name]):+.2f} |")
-    print(f"\nstarts off by ten: {reached} of {starts} reached the minimum, {told} of the others said so")
+        print(
+            f"| {name} | {len(scatter[name])} | {np.std(scatter[name]):.2f} | "
+            f"{np.mean(scatter[name]):+.2f} |"
+        )
+    print(
+        f"\nstarts off by ten: {reached} of {starts} reached the minimum, {told} of the "
+        "others said so"
+    )
     print(f"{time.perf_counter() - begin:.0f} s")
 
 

@@ -1,4 +1,5 @@
-"""Random scenes without contact, and their true solution by a model that shares no code with clothsim.
+"""Random scenes without contact, and their true solution by a model that shares no code with
+clothsim.
 
 The right-hand side is NumPy over the spring list that this file makes for itself; SciPy's DOP853
 integrates it twice, at two tolerances. Their distance bounds the error of the finer solution.
@@ -54,9 +55,10 @@ def draw(seed: int, number: int) -> Case:
         damping = 10 ** rng.uniform(-3, -0.5) * 2 * point_mass * omega / 8
     if model in ("point", "both"):
         drag = point_mass * 10 ** rng.uniform(-1, 1)
-    pins = [(int(r), int(c)) for r, c in zip(rng.integers(0, rows, 4), rng.integers(0, columns, 4), strict=True)][
-        : int(rng.integers(0, 5))
-    ]
+    pins = [
+        (int(r), int(c))
+        for r, c in zip(rng.integers(0, rows, 4), rng.integers(0, columns, 4), strict=True)
+    ][: int(rng.integers(0, 5))]
     size = tuple(float(s) for s in rng.uniform(0.5, 1.5, 2))
     cloth = cs.Cloth(
         shape=(rows, columns),
@@ -107,13 +109,19 @@ class Model:
         n, count = rows * columns, len(ends)
         springs = np.arange(count)
         self.incidence = csr_matrix(
-            (np.r_[np.ones(count), -np.ones(count)], (np.r_[self.a, self.b], np.r_[springs, springs])), shape=(n, count)
+            (
+                np.r_[np.ones(count), -np.ones(count)],
+                (np.r_[self.a, self.b], np.r_[springs, springs]),
+            ),
+            shape=(n, count),
         )
         self.rest, self.stiffness, self.damping = map(np.array, (rest, stiffness, damping))
         self.inverse_mass = np.where(cloth.pinned, 0.0, 1 / cloth.mass_per_point).reshape(-1, 1)
         self.gravity = np.array(scene.gravity) * ~cloth.pinned.reshape(-1, 1)
         self.drag, self.n = cloth.drag, n
-        self.start = np.concatenate([scene.initial_position.ravel(), scene.initial_velocity.ravel()])
+        self.start = np.concatenate(
+            [scene.initial_position.ravel(), scene.initial_velocity.ravel()]
+        )
 
     def __call__(self, t: float, y: np.ndarray) -> np.ndarray:
         x, v = y.reshape(2, self.n, 3)
@@ -142,11 +150,21 @@ def truth(case: Case, folder: Path) -> tuple[np.ndarray, float]:
             return data["x"], float(data["bound"])
     model, ends = Model(case.scene), []
     size = max(case.scene.cloth.size)
-    omega = np.sqrt(8 * model.stiffness.max() * model.inverse_mass.max()) or 1.0  # 0 where all points are pinned
+    omega = (
+        np.sqrt(8 * model.stiffness.max() * model.inverse_mass.max()) or 1.0
+    )  # 0 where all points are pinned
     n = 3 * model.n
     for tolerance in TOLERANCES:
         scale = np.r_[np.full(n, size), np.full(n, size * omega)] * tolerance
-        found = solve_ivp(model, (0, case.duration), model.start, "DOP853", t_eval=[case.duration], rtol=3e-14, atol=scale)
+        found = solve_ivp(
+            model,
+            (0, case.duration),
+            model.start,
+            "DOP853",
+            t_eval=[case.duration],
+            rtol=3e-14,
+            atol=scale,
+        )
         ends.append(found.y[:n, -1].reshape(*case.scene.cloth.shape, 3))
     bound = rms(ends[1] - ends[0])
     folder.mkdir(parents=True, exist_ok=True)

@@ -2,8 +2,9 @@
 
 Usage: python benchmarks/settle.py [--tolerance 1e-6] [--most 400] [SCENE ...]
 
-The damped motion is that of the scene itself, by RK4 at nine tenths of its guaranteed time step. The unbalanced force is
-measured every half second of the scene, until it is below the tolerance or --most seconds have passed.
+The damped motion is that of the scene itself, by RK4 at nine tenths of its guaranteed time step.
+The unbalanced force is measured every half second of the scene, until it is below the tolerance or
+--most seconds have passed.
 """
 
 import argparse
@@ -22,17 +23,26 @@ def curtain():
 def drape():
     """A light sheet that friction holds on a sphere."""
     cloth = cs.Cloth((24, 24), mass=0.3, stiffness=100.0, damping=0.05, pins=())
-    return cs.Scene(cloth, cs.Sphere((0.5, -0.3, 0.5), 0.25, friction=0.5, response="continuous", restitution=0.0))
+    return cs.Scene(
+        cloth,
+        cs.Sphere((0.5, -0.3, 0.5), 0.25, friction=0.5, response="continuous", restitution=0.0),
+    )
 
 
-SCENES = {"paper_swing": cs.scenes.paper_swing, "curtain of 7 pins": curtain, "drape with friction": drape}
+SCENES = {
+    "paper_swing": cs.scenes.paper_swing,
+    "curtain of 7 pins": curtain,
+    "drape with friction": drape,
+}
 
 
 def unbalanced(scene, x, dt):
-    """Largest unbalanced force over the largest weight: what a step from rest leaves of the momentum."""
+    """Largest unbalanced force over the largest weight: momentum that a step from rest leaves."""
     x, v = cs.step(scene, x, np.zeros_like(x), 0.01 * dt, t=0.0, integrator="semi_implicit_euler")
     force = scene.cloth.mass_per_point * np.linalg.norm(v, axis=-1) / (0.01 * dt)
-    return force[~scene.cloth.pinned].max() / (scene.cloth.mass_per_point.max() * np.linalg.norm(scene.gravity))
+    return force[~scene.cloth.pinned].max() / (
+        scene.cloth.mass_per_point.max() * np.linalg.norm(scene.gravity)
+    )
 
 
 def damped_motion(scene, tolerance, most):
@@ -48,22 +58,35 @@ def damped_motion(scene, tolerance, most):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", choices=[[], *SCENES], metavar="SCENE", help=f"of {', '.join(SCENES)}")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "scenes", nargs="*", choices=[[], *SCENES], metavar="SCENE", help=f"of {', '.join(SCENES)}"
+    )
     parser.add_argument("--tolerance", type=float, default=1e-6)
-    parser.add_argument("--most", type=float, default=400.0, help="seconds of damped motion, at most")
+    parser.add_argument(
+        "--most", type=float, default=400.0, help="seconds of damped motion, at most"
+    )
     args = parser.parse_args()
     warnings.simplefilter("ignore")
-    print("| scene | evaluations | s | residual | damped motion: evaluations | s | residual | ratio |\n|" + " --- |" * 8)
+    print(
+        "| scene | evaluations | s | residual | damped motion: evaluations | s | residual | "
+        "ratio |\n|" + " --- |" * 8
+    )
     for name in args.scenes or SCENES:
         scene = SCENES[name]()
         begin = time.perf_counter()
         report = cs.settle(scene, args.tolerance).report
         seconds = time.perf_counter() - begin
         count, waited, residual = damped_motion(scene, args.tolerance, args.most)
-        ratio = f"{'' if residual < args.tolerance else '> '}{count / report['force_evaluations']:.0f}"
+        ratio = (
+            f"{'' if residual < args.tolerance else '> '}{count / report['force_evaluations']:.0f}"
+        )
         ours = f"{report['force_evaluations']:,} | {seconds:.2f} | {report['residual']:.1e}"
-        print(f"| {name} | {ours} | {count:,} | {waited:.1f} | {residual:.1e} | {ratio} |", flush=True)
+        print(
+            f"| {name} | {ours} | {count:,} | {waited:.1f} | {residual:.1e} | {ratio} |", flush=True
+        )
 
 
 if __name__ == "__main__":

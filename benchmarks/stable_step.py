@@ -2,11 +2,12 @@
 
     python benchmarks/stable_step.py --seed 1 --cases 150       # judge; --seed 0 is for tuning
 
-The true limit comes from dense step matrices. Their tangent matrices are assembled here, spring by spring, from the
-derivative of the force, and the step matrices from products of blocks: nothing is shared with the package but the
-spring table. Up to the limit no eigenvalue is larger than 1, but for growth that the equation has as well:
-of Runge-Kutta methods R(h mu) with Re mu > 0, of the others real eigenvalues above 1 along whose velocity K is
-negative (buckling) while damping alone is within the method's limit.
+The true limit comes from dense step matrices. Their tangent matrices are assembled here, spring by
+spring, from the derivative of the force, and the step matrices from products of blocks: nothing is
+shared with the package but the spring table. Up to the limit no eigenvalue is larger than 1, but
+for growth that the equation has as well: of Runge-Kutta methods R(h mu) with Re mu > 0, of the
+others real eigenvalues above 1 along whose velocity K is negative (buckling) while damping alone is
+within the method's limit.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ FAMILIES = ("structural", "shear", "bend")
 
 GROWTH = 1e-7  # rounding of the dense eigenvalues, of Runge-Kutta methods
 ALTERNATING, STEADY = 1e-3, 1e-2  # growth per step that counts, of the other methods
-METHODS = tuple(name for name, one in cs.integrators().items() if one.explicit and one.imaginary_limit > 0)
+METHODS = tuple(
+    name for name, one in cs.integrators().items() if one.explicit and one.imaginary_limit > 0
+)
 
 
 def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndarray, str]:
@@ -35,7 +38,9 @@ def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndar
     mass = 10 ** rng.uniform(-2, 0.5) * shape[0] * shape[1]
     if rng.random() < 0.4:
         mass = 10 ** rng.uniform(-2, 0.5, size=shape)
-    typical = math.sqrt(max(stiffness.values()) * np.mean(mass) / (1 if np.ndim(mass) else shape[0] * shape[1]))
+    typical = math.sqrt(
+        max(stiffness.values()) * np.mean(mass) / (1 if np.ndim(mass) else shape[0] * shape[1])
+    )
     size = float(typical * 10 ** rng.uniform(-3, 1))
     kind = str(rng.choice(["none", "spring", "families", "points", "both"]))
     damping = {
@@ -118,7 +123,12 @@ def polynomial(method: str) -> list[float]:
     further = {
         "rk4": [],
         "dopri5": [1 / 600],
-        "dop853": [2.6916922001690827e-06, 2.3413451082097813e-07, 1.494736485459155e-08, 3.6133245781282443e-10],
+        "dop853": [
+            2.6916922001690827e-06,
+            2.3413451082097813e-07,
+            1.494736485459155e-08,
+            3.6133245781282443e-10,
+        ],
     }[method]
     return [1 / math.factorial(n) for n in range(known + 1)] + further
 
@@ -151,7 +161,7 @@ class Truth:
         return np.sum(steady & ~real) <= np.sum((flow.real >= 0) & (np.abs(flow) > 1 + STEADY / 2))
 
     def limit(self, method: str, near: float) -> float:
-        """The first unstable step above `near` / 4, to 0.1 %; infinite if there is none to 4 `near`."""
+        """The first unstable step above `near` / 4, to 0.1 %; infinite with none to 4 `near`."""
         low = near / 4
         if not self.stable(method, low):
             return low

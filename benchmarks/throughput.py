@@ -1,9 +1,9 @@
 """Many cloths at once, by the bare batch and by a sweep: `python benchmarks/throughput.py`.
 
-The cloths have 32 x 32 mass points and differ in stiffness. The batch is one call of a `Stepper`. The sweep runs equal
-steps from an equal state, with the default metrics and a store. Both take turns; the least time counts, with the
-interquartile range beside it. The error is the largest distance of a mass point from dop853 in double at half the step,
-at the end.
+The cloths have 32 x 32 mass points and differ in stiffness. The batch is one call of a `Stepper`.
+The sweep runs equal steps from an equal state, with the default metrics and a store. Both take
+turns; the least time counts, with the interquartile range beside it. The error is the largest
+distance of a mass point from dop853 in double at half the step, at the end.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ HEAD = (
 )
 
 
-def measure(members: int, steps: int, dt: float, windows: int, options: dict[str, Any]) -> list[tuple[str, ...]]:
+def measure(
+    members: int, steps: int, dt: float, windows: int, options: dict[str, Any]
+) -> list[tuple[str, ...]]:
     """A row for the batch and one for the sweep."""
     start = batch(members)
     x, v = start.x[0], np.where(start.one.cloth.pinned[..., None], 0.0, start.v[0])
@@ -53,31 +55,68 @@ def measure(members: int, steps: int, dt: float, windows: int, options: dict[str
                 stepper.advance(steps, dt)
                 ends["batch"] = stepper.positions
             seconds["batch"].append(watch.seconds)
-            keep = {"store": Path(folder) / f"{window}.zarr"} if window else {"metrics": {"last": lambda run: run.x[-1]}}
+            keep = (
+                {"store": Path(folder) / f"{window}.zarr"}
+                if window
+                else {"metrics": {"last": lambda run: run.x[-1]}}
+            )
             with Stopwatch() as watch:
-                found = cs.sweep(scene, over, dt=dt, duration=steps * dt, progress=False, **keep, **options)
+                found = cs.sweep(
+                    scene, over, dt=dt, duration=steps * dt, progress=False, **keep, **options
+                )
             seconds["sweep"].append(watch.seconds)
             if not window:
                 ends["sweep"] = found["last"].values
-    exact, _ = cs.step(scenes, np.stack([x] * members), np.stack([v] * members), dt / 2, 2 * steps, integrator="dop853")
+    exact, _ = cs.step(
+        scenes,
+        np.stack([x] * members),
+        np.stack([v] * members),
+        dt / 2,
+        2 * steps,
+        integrator="dop853",
+    )
     rows, least = [], min(seconds["batch"][1:])
     for name, taken in seconds.items():
         timing = timing_of(taken[1:])
-        rate, error = members * steps / timing.minimum, np.linalg.norm(ends[name] - exact, axis=-1).max()
-        figures = f"{members}", f"{x[..., 0].size}", f"{dt:g}", f"{error:.1e}", f"{rate:,.0f}", f"{timing.spread:.0%}"
-        rows.append((options["precision"], name, *figures, f"{rate * dt:,.3g}", f"{least / timing.minimum:.2f}"))
+        rate, error = (
+            members * steps / timing.minimum,
+            np.linalg.norm(ends[name] - exact, axis=-1).max(),
+        )
+        figures = (
+            f"{members}",
+            f"{x[..., 0].size}",
+            f"{dt:g}",
+            f"{error:.1e}",
+            f"{rate:,.0f}",
+            f"{timing.spread:.0%}",
+        )
+        rows.append(
+            (
+                options["precision"],
+                name,
+                *figures,
+                f"{rate * dt:,.3g}",
+                f"{least / timing.minimum:.2f}",
+            )
+        )
     return rows
 
 
 def main(argv: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--members", type=int, default=64, help="default 64")
     parser.add_argument("--steps", type=int, default=2000, help="of a member (default 2000)")
-    parser.add_argument("--dt", type=float, default=PAPER_DT, help="time step [s] (default: the paper's)")
+    parser.add_argument(
+        "--dt", type=float, default=PAPER_DT, help="time step [s] (default: the paper's)"
+    )
     parser.add_argument("--windows", type=int, default=10, help="of each (default 10)")
     parser.add_argument("--threads", type=int, help="default: all")
     args = parser.parse_args(argv)
-    warnings.simplefilter("ignore", cs.StabilityWarning)  # the error tells whether the step was stable
+    warnings.simplefilter(
+        "ignore", cs.StabilityWarning
+    )  # the error tells whether the step was stable
     rows = []
     for precision in ("double", "single"):
         options = {"precision": precision, "threads": args.threads}

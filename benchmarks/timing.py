@@ -16,7 +16,9 @@ class Work:
     """Something whose steps can be timed."""
 
     window_steps: int | None = None
-    """Steps of a window that begins right after `prepare`. None: as many as fill it, after a quarter of them untimed."""
+    """Steps of a window that begins right after `prepare`. None: as many as fill it, after a
+    quarter of them untimed.
+    """
 
     def prepare(self) -> None:
         """Called before each window, untimed."""
@@ -26,9 +28,13 @@ class Work:
 
 
 class Steps(Work):
-    """Windows of `steps` steps of `dt` [s], of a stepper that goes on, or of those that the callable `stepper` makes."""
+    """Windows of `steps` steps of `dt` [s], of a stepper that goes on, or of those that the
+    callable `stepper` makes.
+    """
 
-    def __init__(self, stepper: cs.Stepper | Callable[[], cs.Stepper], dt: float, steps: int) -> None:
+    def __init__(
+        self, stepper: cs.Stepper | Callable[[], cs.Stepper], dt: float, steps: int
+    ) -> None:
         self._make, self._dt, self.window_steps = stepper, dt, steps
 
     def prepare(self) -> None:
@@ -66,8 +72,8 @@ def _seconds(work: Work, steps: int) -> float:
 def measure(works: Sequence[Work], windows: int, seconds: float = 0.0) -> list[Timing]:
     """Time each work in `windows` windows of about `seconds`, in turns.
 
-    Each round has another order, so that a slow spell of the machine meets all works. An untimed quarter of a window
-    precedes it, which wakes threads and fills caches.
+    Each round has another order, so that a slow spell of the machine meets all works. An untimed
+    quarter of a window precedes it, which wakes threads and fills caches.
     """
     steps = []
     for work in works:

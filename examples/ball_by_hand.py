@@ -1,9 +1,11 @@
-"""Move a sphere by hand: give its centre at the end of each call, here along a circle under the cloth."""
+"""Move a sphere by hand: give its centre at each call's end, here on a circle under the cloth."""
 
 import clothsim as cs
 import numpy as np
 
-cloth = cs.Cloth((20, 20), mass=0.2, stiffness=100.0, damping=0.02, pins=[(0, 0), (-1, 0), (0, -1), (-1, -1)])
+cloth = cs.Cloth(
+    (20, 20), mass=0.2, stiffness=100.0, damping=0.02, pins=[(0, 0), (-1, 0), (0, -1), (-1, -1)]
+)
 ball = cs.Sphere((0.7, -0.35, 0.5), 0.15)
 scene = cs.Scene(cloth, ball)
 stepper = cs.Stepper(scene)

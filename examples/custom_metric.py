@@ -12,7 +12,11 @@ def largest_speed(run: cs.Run) -> float:
 
 scene = cs.scenes.hanging(shape=(12, 12))
 table = cs.sweep(
-    scene, over={"stiffness": [1e3, 1e4, 1e5]}, duration=0.1, metrics={"largest_speed": largest_speed}, progress=False
+    scene,
+    over={"stiffness": [1e3, 1e4, 1e5]},
+    duration=0.1,
+    metrics={"largest_speed": largest_speed},
+    progress=False,
 )
 print(table["largest_speed"].to_pandas())
 table.clothsim.plot("heatmap", variable="largest_speed")

@@ -3,7 +3,13 @@
 import clothsim as cs
 
 cloth = cs.Cloth(
-    shape=(16, 16), size=(1.0, 1.0), mass=0.3, stiffness=200.0, damping=0.02, pins=(), springs=("structural", "shear")
+    shape=(16, 16),
+    size=(1.0, 1.0),
+    mass=0.3,
+    stiffness=200.0,
+    damping=0.02,
+    pins=(),
+    springs=("structural", "shear"),
 )
 ball = cs.Sphere(center=(0.5, -0.31, 0.5), radius=0.3, friction=0.5)
 scene = cs.Scene(cloth, ball)

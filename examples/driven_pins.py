@@ -4,7 +4,9 @@ import clothsim as cs
 import numpy as np
 
 shake = cs.Sinusoid((0.15, 0, 0), frequency=1.0)  # m along x, Hz
-cloth = cs.Cloth((20, 20), mass=0.2, stiffness=60.0, damping=0.02, pins={(0, 0): shake, (-1, 0): shake})
+cloth = cs.Cloth(
+    (20, 20), mass=0.2, stiffness=60.0, damping=0.02, pins={(0, 0): shake, (-1, 0): shake}
+)
 hanging = cloth.rest_positions[..., [1, 0, 2]] * (1, -1, 1)  # upright, in the plane x = 0
 scene = cs.Scene(cloth, position=hanging)
 

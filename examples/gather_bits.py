@@ -1,4 +1,4 @@
-"""The gather kernel gives one set of bits, whatever the instruction set and the number of threads."""
+"""The gather kernel gives one set of bits, whatever the instruction set and number of threads."""
 
 import hashlib
 import os
@@ -17,6 +17,10 @@ else:
         for threads in "12":
             command = [sys.executable, sys.argv[0], threads]
             environment = {**os.environ, "CLOTHSIM_ISA": isa}
-            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+            done = subprocess.run(
+                command, env=environment, capture_output=True, text=True, check=True
+            )
             print(f"{isa:7} {threads} threads {done.stdout.strip()}")
-    cs.simulate(cs.scenes.paper_static(bend=True), 0.6, dt=1e-4, kernel="gather").picture(path="gather_bits.png")
+    cs.simulate(cs.scenes.paper_static(bend=True), 0.6, dt=1e-4, kernel="gather").picture(
+        path="gather_bits.png"
+    )

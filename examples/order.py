@@ -1,4 +1,5 @@
-"""The order of RK4 and of explicit Euler by their errors, and a test with pytest: `pytest examples/order.py`.
+"""The order of RK4 and of explicit Euler by their errors, and a test with pytest: `pytest
+examples/order.py`.
 
 Explicit Euler amplifies undamped motion at every time step: the last run diverges.
 """

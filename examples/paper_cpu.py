@@ -1,4 +1,6 @@
-"""The paper's fourth experiment in small: the scalar reference, the core, and a graphics card where one is."""
+"""The paper's fourth experiment in small: the scalar reference, the core, and a graphics card where
+one is.
+"""
 
 import time
 from contextlib import suppress
@@ -20,7 +22,10 @@ def rate(steps, call, **options):
     return steps / (time.perf_counter() - start)
 
 
-rates = {"scalar reference": rate(100, cs.reference_step), "core": rate(2000, cs.step, precision="single")}
+rates = {
+    "scalar reference": rate(100, cs.reference_step),
+    "core": rate(2000, cs.step, precision="single"),
+}
 with suppress(ImportError):  # without wgpu there is no graphics card
     if cards := [adapter for adapter in gpu.adapters() if adapter.kind != "CPU"]:
         rates[cards[0].name] = rate(2000, cs.step, precision="single", backend="gpu")

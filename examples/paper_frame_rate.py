@@ -1,4 +1,4 @@
-"""The paper's third experiment in small: steps a second with method 1 and with method 2, in windows."""
+"""The paper's third experiment in small: steps a second with methods 1 and 2, in windows."""
 
 import clothsim as cs
 import matplotlib.pyplot as plt
@@ -6,7 +6,10 @@ import matplotlib.pyplot as plt
 WINDOW = 0.02  # s of simulated time
 
 figure, axes = plt.subplots(figsize=(6, 4))
-for name, scene in (("method 1", cs.scenes.paper_static("reflect")), ("method 2", cs.scenes.paper_static("ray"))):
+for name, scene in (
+    ("method 1", cs.scenes.paper_static("reflect")),
+    ("method 2", cs.scenes.paper_static("ray")),
+):
     run = cs.simulate(scene, WINDOW, dt=1e-4, threads=1)
     rates = []
     for _ in range(20):

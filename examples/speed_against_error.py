@@ -1,4 +1,4 @@
-"""Wall time and error of three integrators: which one is the fastest for the error that you need?"""
+"""Wall time and error of three integrators: which is the fastest for the error that you need?"""
 
 import clothsim as cs
 

@@ -1,4 +1,5 @@
-"""Run the notebooks and keep their outputs; start.ipynb is written from docs/start.md first. Run this after each change.
+"""Run the notebooks and keep their outputs; start.ipynb is written from docs/start.md first. Run
+this after each change.
 
     python notebooks/make.py [NAME ...]
 """

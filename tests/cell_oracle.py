@@ -1,10 +1,10 @@
-"""Offset "cell" in NumPy, written from its law: radii of cells, and a step of contact with one sphere."""
+"""Offset "cell" in NumPy, from its law: radii of cells, and a step of contact with one sphere."""
 
 import numpy as np
 
 
 def circle_radius(a, b, c):
-    """Radius of the smallest circle around each triangle: the circle on two corners, or on all three."""
+    """Radius of the smallest circle around each triangle: that on two corners, or on all three."""
     best = np.full(a.shape[:-1], np.inf)
     for p, q, r in ((a, b, c), (b, c, a), (c, a, b)):
         middle = (p + q) / 2
@@ -20,10 +20,12 @@ def circle_radius(a, b, c):
 
 
 def point_radii(x):
-    """rho of each mass point: the largest circle of the triangles of its cells, over both diagonals [m]."""
+    """rho of each point: the largest circle of its cells' triangles, over both diagonals [m]."""
     rows, columns = x.shape[:2]
     a, b, c, d = x[:-1, :-1], x[:-1, 1:], x[1:, :-1], x[1:, 1:]
-    cells = np.max([circle_radius(*t) for t in ((a, b, c), (b, d, c), (a, b, d), (a, d, c))], axis=0)
+    cells = np.max(
+        [circle_radius(*t) for t in ((a, b, c), (b, d, c), (a, b, d), (a, d, c))], axis=0
+    )
     rho = np.zeros((rows, columns))
     for i in (0, 1):
         for j in (0, 1):
@@ -33,7 +35,9 @@ def point_radii(x):
 
 
 def respond(sphere, x0, v0, x1, v1, dt, t0, free):
-    """The state after contact of a step from (x0, v0) at t0 whose free end is (x1, v1), with restitution 0."""
+    """The state after contact of a step from (x0, v0) at t0 whose free end is (x1, v1), with
+    restitution 0.
+    """
     x, v = x1.copy(), v1.copy()
     start, end = sphere.center_at(t0), sphere.center_at(t0 + dt)
     speed = (end - start) / dt
@@ -59,7 +63,9 @@ def respond(sphere, x0, v0, x1, v1, dt, t0, free):
         x[i] = end + p * max(1.0, least[i] / np.linalg.norm(p))
         v[i] = speed + keep * tangential + max(normal, 0.0) * n
     for _ in range(100):
-        needed = np.sqrt(sphere.radius**2 + np.minimum(np.maximum(before, point_radii(x)), sphere.radius) ** 2)
+        needed = np.sqrt(
+            sphere.radius**2 + np.minimum(np.maximum(before, point_radii(x)), sphere.radius) ** 2
+        )
         p = x - end
         distance = np.linalg.norm(p, axis=-1)
         low = free & (distance < needed * (1 - 1e-13))

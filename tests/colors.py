@@ -1,8 +1,10 @@
-"""Readers of any colour vision: simulated colours, their distances, and lines of figures that must differ.
+"""Readers of any colour vision: simulated colours, their distances, and lines of figures that must
+differ.
 
-The deficiencies are simulated by the matrices of severity 1.0 of Machado, Oliveira and Fernandes, "A physiologically-based
-model for simulation of color vision deficiency", IEEE Transactions on Visualization and Computer Graphics 15 (6), 2009, for
-linear RGB. Distances are Euclidean in CIELAB (D65).
+The deficiencies are simulated by the matrices of severity 1.0 of Machado, Oliveira and Fernandes,
+"A physiologically-based model for simulation of color vision deficiency", IEEE Transactions on
+Visualization and Computer Graphics 15 (6), 2009, for linear RGB. Distances are Euclidean in CIELAB
+(D65).
 """
 
 from itertools import combinations
@@ -13,11 +15,29 @@ from matplotlib.colors import to_rgb
 LEAST = 15.0
 SEEN_BY = {
     "full colour vision": np.eye(3),
-    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
-    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
-    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+    "protanopia": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deuteranopia": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritanopia": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
 }
-TO_XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
+TO_XYZ = np.array(
+    [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
+)
 WHITE = TO_XYZ.sum(axis=1)
 
 
@@ -31,7 +51,10 @@ def distance(a, b):
     """The least distance of two colours over all readers."""
     rgb = np.array([to_rgb(color) for color in (a, b)])
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    seen = [[lab(np.clip(np.array(matrix) @ one, 0, 1)) for one in linear] for matrix in SEEN_BY.values()]
+    seen = [
+        [lab(np.clip(np.array(matrix) @ one, 0, 1)) for one in linear]
+        for matrix in SEEN_BY.values()
+    ]
     return min(np.linalg.norm(one - other) for one, other in seen)
 
 
@@ -41,7 +64,11 @@ def look(line):
 
 
 def check_lines(axes):
-    lines = [line for line in axes.get_lines() if not line.get_label().startswith("_") and len(line.get_xdata())]
+    lines = [
+        line
+        for line in axes.get_lines()
+        if not line.get_label().startswith("_") and len(line.get_xdata())
+    ]
     for a, b in combinations(lines, 2):
         names = a.get_label(), b.get_label()
         if a.get_color() == b.get_color():

@@ -1,4 +1,4 @@
-"""Commands as a user runs them, in the process of the test, and code in an interpreter of its own."""
+"""Commands as a user runs them, in the test's process, and code in an interpreter of its own."""
 
 import os
 import subprocess
@@ -19,6 +19,8 @@ def run(capsys, *arguments):
 
 
 def python(code, *arguments, timeout=120, **environment):
-    """The exit code and both streams of a new interpreter with further variables in its environment."""
+    """Exit code and both streams of a new interpreter with further variables in its environment."""
     command = [sys.executable, "-c", code, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, env={**os.environ, **environment})
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=timeout, env={**os.environ, **environment}
+    )

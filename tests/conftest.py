@@ -1,5 +1,6 @@
 """Fixtures of all tests: each kernel this processor runs, scenes that use every feature, and an
-oracle in NumPy that shares no code with the core."""
+oracle in NumPy that shares no code with the core.
+"""
 
 import os
 import signal
@@ -20,7 +21,11 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(config, items):
     """Deselect tests that cannot run under the present sanitizer, as their marks say."""
     sanitizer = os.environ.get("CLOTHSIM_TEST_SANITIZER")
-    left = [item for item in items if any(sanitizer in mark.args for mark in item.iter_markers("unsanitized"))]
+    left = [
+        item
+        for item in items
+        if any(sanitizer in mark.args for mark in item.iter_markers("unsanitized"))
+    ]
     if left:
         config.hook.pytest_deselected(items=left)
         items[:] = [item for item in items if item not in left]
@@ -75,7 +80,13 @@ class State:
 
 
 def _state(
-    shape=(9, 20), springs=("structural", "shear", "bend"), damped_by="springs", mass="per point", pins=None, seed=1, **scene
+    shape=(9, 20),
+    springs=("structural", "shear", "bend"),
+    damped_by="springs",
+    mass="per point",
+    pins=None,
+    seed=1,
+    **scene,
 ):
     """A crumpled, moving sheet that is nowhere symmetric and has another coefficient everywhere."""
     rng = np.random.default_rng(seed)
@@ -88,7 +99,9 @@ def _state(
         size=(0.9, 1.3),
         mass=rng.uniform(0.05, 0.15, shape) if mass == "per point" else 0.1 * shape[0] * shape[1],
         stiffness={f: stiffness.get(f, 220.0) for f in springs},
-        damping={f: damping.get(f, 0.1) for f in springs} if damped_by in ("springs", "both") else 0.0,
+        damping={f: damping.get(f, 0.1) for f in springs}
+        if damped_by in ("springs", "both")
+        else 0.0,
         drag=0.4 if damped_by in ("points", "both") else 0.0,
         springs=springs,
         pins=pins,
@@ -186,17 +199,22 @@ def _overflowing(shape, point, precision, **cloth):
 
 @pytest.fixture
 def overflowing():
-    """A scene of which one mass point only can move, and velocities with which it overflows within 5 steps of 0.9 s."""
+    """A scene of which one mass point only can move, and velocities with which it overflows within
+    5 steps of 0.9 s.
+    """
     return _overflowing
 
 
 @pytest.fixture
 def trap():
-    """`trap(speed)`: a mass point on which six large spheres close from all sides, and another far away."""
+    """`trap(speed)`: a mass point on which six large spheres close in, and another far away."""
 
     def scene(speed=1.0):
         sides = np.vstack([np.eye(3), -np.eye(3)])
-        spheres = [cs.Sphere(4.1 * n, 4.0, cs.Linear(-speed * n), "continuous", "none", restitution=1.0) for n in sides]
+        spheres = [
+            cs.Sphere(4.1 * n, 4.0, cs.Linear(-speed * n), "continuous", "none", restitution=1.0)
+            for n in sides
+        ]
         position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
         cloth = cs.Cloth((1, 2), springs=(), pins=(), mass=2.0, damping=0.0)
         return cs.Scene(cloth, spheres, gravity=(0, 0, 0), position=position)

@@ -1,4 +1,4 @@
-"""Measurements of an adapter: the mass point of each invocation, and the rounding of its arithmetic."""
+"""Measurements of an adapter: the mass point of each invocation, and rounding of its arithmetic."""
 
 from __future__ import annotations
 
@@ -31,9 +31,15 @@ _OPERATIONS: dict[str, tuple[str, Callable[..., Any]]] = {
 
 
 def _run(
-    device: Device, code: str, entry_point: str, data: list[np.ndarray], size: int, groups: tuple[int, ...], out_binding: int
+    device: Device,
+    code: str,
+    entry_point: str,
+    data: list[np.ndarray],
+    size: int,
+    groups: tuple[int, ...],
+    out_binding: int,
 ) -> bytes:
-    """Run one dispatch with `data` bound from 0 on, the first as a uniform; return the written array."""
+    """Run one dispatch with `data` bound from 0, the first as uniform; return the written array."""
     handle = device.handle
     with translated(device.adapter):
         out = device.create_buffer(size, "STORAGE", "COPY_SRC")
@@ -43,7 +49,9 @@ def _run(
             handle.queue.write_buffer(buffer, 0, values)
             buffers.append(buffer)
         module = handle.create_shader_module(code=code)
-        pipeline = handle.create_compute_pipeline(layout="auto", compute={"module": module, "entry_point": entry_point})
+        pipeline = handle.create_compute_pipeline(
+            layout="auto", compute={"module": module, "entry_point": entry_point}
+        )
         bound = [*enumerate(buffers), (out_binding, out)]
         entries = [{"binding": k, "resource": {"buffer": buffer}} for k, buffer in bound]
         layout = pipeline.get_bind_group_layout(0)
@@ -83,7 +91,15 @@ def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
     constants = np.array([*[0] * 4, rows, columns, *[0] * 10], np.uint32)
     names = ("group_x", "group_y", "thread_x", "thread_y", "dispatch_x", "dispatch_y", "index")
     size = 4 * len(names) * rows * columns
-    raw = _run(device, code, "thread_ids", [constants], size, (-(-columns // 16), -(-rows // 16), 1), _RESULTS)
+    raw = _run(
+        device,
+        code,
+        "thread_ids",
+        [constants],
+        size,
+        (-(-columns // 16), -(-rows // 16), 1),
+        _RESULTS,
+    )
     written = np.frombuffer(raw, np.uint32).reshape(rows, columns, len(names))
     ids = np.empty((rows, columns), dtype)
     for k, name in enumerate(names):
@@ -92,10 +108,11 @@ def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
 
 
 def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
-    """The adapter's rounding of each operation, by type: the largest difference from the correctly rounded result, in units
-    in the last place, of numbers over 40 powers of two.
+    """The adapter's rounding of each operation, by type: the largest difference from the correctly
+    rounded result, in units in the last place, of numbers over 40 powers of two.
 
-    WGSL lets a compiler fuse products with sums and replace (a + b) - a by b; the shader passes such values through `keep`.
+    WGSL lets a compiler fuse products with sums and replace (a + b) - a by b; the shader passes
+    such values through `keep`.
     """
     device = device or opened()
     types = {"float32": "f32", **({"float64": "f64"} if device.float64 else {})}

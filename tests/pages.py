@@ -14,7 +14,8 @@ def pixels(page, canvas=0):
       c.drawImage(from, 0, 0);
       const data = c.getImageData(0, 0, to.width, to.height).data;
       let text = "";
-      for (let k = 0; k < data.length; k += 4096) text += String.fromCharCode(...data.subarray(k, k + 4096));
+      for (let k = 0; k < data.length; k += 4096)
+        text += String.fromCharCode(...data.subarray(k, k + 4096));
       return [to.height, to.width, btoa(text)];
     }"""
     height, width, text = page.tab.evaluate(script, f"canvas-{canvas}")
@@ -23,7 +24,12 @@ def pixels(page, canvas=0):
 
 def seek(page, index):
     page.tab.evaluate(
-        "(k) => { const s = document.getElementById('time'); s.value = k; s.dispatchEvent(new Event('input')); }", index
+        """(k) => {
+          const s = document.getElementById("time");
+          s.value = k;
+          s.dispatchEvent(new Event("input"));
+        }""",
+        index,
     )
 
 

@@ -1,4 +1,4 @@
-"""Mass points without springs around one sphere: a step moves each by v dt, and then responds to contact."""
+"""Points without springs around one sphere: a step moves each by v dt, then responds to contact."""
 
 import clothsim as cs
 import numpy as np
@@ -14,7 +14,9 @@ def drifting(x, spheres, pins=(), gravity=(0, 0, 0)):
 
 
 def one_point(position, velocity, sphere, dt=1e-9, **options):
-    """Where a free point at `position` (from CENTER) is after a step, which by default is too short to move it."""
+    """Where a free point at `position` (from CENTER) is after a step, which by default is too short
+    to move it.
+    """
     x, v = np.full((2, 2, 3), 50.0), np.zeros((2, 2, 3))
     x[0, 0], v[0, 0] = CENTER + position, velocity
     xt, vt = cs.step(drifting(x, sphere), x, v, dt, t=0.0, **options)

@@ -12,7 +12,8 @@ def each(names, rows):
     """Run the test for every row of values of the arguments `names`, and name every row that fails.
 
     As `pytest.mark.parametrize`, but as one case: for tables of which a row takes next to no time.
-    Fixtures are made once for all rows. Under ``-k`` each row is a case of its own, so that ``-k`` can choose a row.
+    Fixtures are made once for all rows. Under ``-k`` each row is a case of its own, so that ``-k``
+    can choose a row.
     """
     names = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
     if alone:
@@ -34,7 +35,9 @@ def each(names, rows):
                 raise AssertionError("\n".join(lines)) from failed[0][1]
 
         signature = inspect.signature(test)
-        others = [parameter for name, parameter in signature.parameters.items() if name not in names]
+        others = [
+            parameter for name, parameter in signature.parameters.items() if name not in names
+        ]
         whole.__signature__ = signature.replace(parameters=others)
         return whole
 

@@ -34,12 +34,16 @@ class Variant:
         return {"kernel": self.kernel, "precision": self.precision, "threads": 1}
 
 
-NATIVE_VARIANTS = [Variant(NATIVE, kernel, precision) for kernel in NAMED_KERNELS for precision in PRECISIONS]
+NATIVE_VARIANTS = [
+    Variant(NATIVE, kernel, precision) for kernel in NAMED_KERNELS for precision in PRECISIONS
+]
 
 
 def _parametrize(names, rows):
     values = rows if len(names) > 1 else [value for (value,) in rows]
-    return pytest.mark.parametrize(",".join(names), values, indirect=["variant"] if "variant" in names else False, ids=str)
+    return pytest.mark.parametrize(
+        ",".join(names), values, indirect=["variant"] if "variant" in names else False, ids=str
+    )
 
 
 def cases(precision=PRECISIONS, **parameters):
@@ -50,7 +54,9 @@ def cases(precision=PRECISIONS, **parameters):
     columns = [list(values) for values in parameters.values()]
     wanted = [v for v in NATIVE_VARIANTS if v.precision in precision]
     rows = list(itertools.product(wanted, *columns))
-    for name, kernel, of, *values in pairwise(OTHERS, NAMED_KERNELS, precision, *columns) if OTHERS else ():
+    for name, kernel, of, *values in (
+        pairwise(OTHERS, NAMED_KERNELS, precision, *columns) if OTHERS else ()
+    ):
         rows.append((Variant(name, kernel, of), *values))
     return _parametrize(["variant", *parameters], rows)
 

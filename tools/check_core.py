@@ -19,7 +19,8 @@ for room, *others in (
     ("engines", "integrators", "contact", "measure", "memory", "kernels", "model"),
     ("driver", "engines", "integrators", "contact", "measure", "memory", "kernels", "model"),
     ("picture", "memory"),
-    ("reference", "memory", "model"),  # of memory the threads alone: it shares no arithmetic with what it judges
+    # Of memory the threads alone: it shares no arithmetic with what it judges.
+    ("reference", "memory", "model"),
 ):
     BELOW[room] = set(others)
 BELOW["bindings"] = set(BELOW)
@@ -33,13 +34,21 @@ def upward(core: Path) -> list[str]:
         for number, line in enumerate(path.read_text().splitlines(), 1):
             match = re.match(r'\s*#\s*include\s+"(\w+)/', line)
             if match and match[1] != room and match[1] not in BELOW[room]:
-                found.append(f"cpp/{path.relative_to(core)}:{number}: {room} may not include {match[1]}: {line.strip()}")
+                found.append(
+                    f"cpp/{path.relative_to(core)}:{number}: {room} may not include "
+                    f"{match[1]}: {line.strip()}"
+                )
             if room != "bindings" and re.match(r"\s*#\s*include\s+<(pybind11/|Python\.h)", line):
-                found.append(f"cpp/{path.relative_to(core)}:{number}: only bindings may include Python: {line.strip()}")
+                found.append(
+                    f"cpp/{path.relative_to(core)}:{number}: only bindings may include "
+                    f"Python: {line.strip()}"
+                )
     return found
 
 
 if __name__ == "__main__":
     problems = upward(CORE)
-    print("\n".join(problems) or f"{len(list(CORE.rglob('*.[ch]pp')))} files of cpp/ include one way")
+    print(
+        "\n".join(problems) or f"{len(list(CORE.rglob('*.[ch]pp')))} files of cpp/ include one way"
+    )
     sys.exit(bool(problems))

@@ -2,8 +2,8 @@
 
 Usage: python tools/check_examples.py
 
-The blocks of a page are one program, as a reader types them; names that a page takes for granted are in
-given.pyi. Each page and each script of examples/ goes through mypy and pyright.
+The blocks of a page are one program, as a reader types them; names that a page takes for granted
+are in given.pyi. Each page and each script of examples/ goes through mypy and pyright.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "python"
 # docs/howto shows parts of the package's own files, which are no programs.
-PAGES = [ROOT / "README.md", *sorted(page for page in (ROOT / "docs").rglob("*.md") if page.parent.name != "howto")]
+PAGES = [
+    ROOT / "README.md",
+    *sorted(page for page in (ROOT / "docs").rglob("*.md") if page.parent.name != "howto"),
+]
 BLOCK = re.compile(r"^```(?:python|pycon)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 PROMPT = re.compile(r"(?:>>>|\.\.\.) ?")
 REFUSED = 'import clothsim as cs\n\ncs.Sphere(response="rey")\n'
@@ -92,7 +95,9 @@ def main() -> int:
                 failed += 1
             refused = checker(folder, "refused.py")
             if refused.returncode != 1 or "rey" not in refused.stdout:
-                print(f"{checker.__name__} must refuse {REFUSED!r}:\n{refused.stdout}{refused.stderr}")
+                print(
+                    f"{checker.__name__} must refuse {REFUSED!r}:\n{refused.stdout}{refused.stderr}"
+                )
                 failed += 1
         print(f"mypy and pyright have read the examples of {len(files)} files")
     return failed

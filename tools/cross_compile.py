@@ -2,8 +2,9 @@
 
 Usage: python tools/cross_compile.py [macos] [windows]
 
-The compiler is that of the package ziglang, which brings headers and libraries of both systems. This Python needs ziglang,
-cmake, ninja and the build requirements of pyproject.toml. Its own headers serve, with a pyconfig.h for the other system.
+The compiler is that of the package ziglang, which brings headers and libraries of both systems.
+This Python needs ziglang, cmake, ninja and the build requirements of pyproject.toml. Its own
+headers serve, with a pyconfig.h for the other system.
 """
 
 import re
@@ -18,8 +19,26 @@ TARGETS = {  # triple, system and processor of CMake, the first bytes of an exte
     "macos": ("aarch64-macos", "Darwin", "arm64", b"\xcf\xfa\xed\xfe\x0c\x00\x00\x01"),
     "windows": ("x86_64-windows-gnu", "Windows", "AMD64", b"MZ"),
 }
-SIZES = {"SHORT": 2, "INT": 4, "LONG": 4, "LONG_LONG": 8, "VOID_P": 8, "SIZE_T": 8, "WCHAR_T": 2, "TIME_T": 8, "PID_T": 4}
-WINDOWS = ["MS_WINDOWS", "MS_WIN32", "MS_WIN64", "NT_THREADS", "WITH_THREAD", "HAVE_DECLSPEC_DLL", "Py_ENABLE_SHARED"]
+SIZES = {
+    "SHORT": 2,
+    "INT": 4,
+    "LONG": 4,
+    "LONG_LONG": 8,
+    "VOID_P": 8,
+    "SIZE_T": 8,
+    "WCHAR_T": 2,
+    "TIME_T": 8,
+    "PID_T": 4,
+}
+WINDOWS = [
+    "MS_WINDOWS",
+    "MS_WIN32",
+    "MS_WIN64",
+    "NT_THREADS",
+    "WITH_THREAD",
+    "HAVE_DECLSPEC_DLL",
+    "Py_ENABLE_SHARED",
+]
 
 
 def run(*command: str | Path) -> None:
@@ -32,7 +51,9 @@ def headers(name: str, folder: Path) -> Path:
     shutil.copytree(sysconfig.get_path("include"), folder, dirs_exist_ok=True)
     config = folder / "pyconfig.h"
     if name == "windows":
-        lines = [f"#define {word} 1" for word in WINDOWS] + [f"#define SIZEOF_{word} {size}" for word, size in SIZES.items()]
+        lines = [f"#define {word} 1" for word in WINDOWS] + [
+            f"#define SIZEOF_{word} {size}" for word, size in SIZES.items()
+        ]
         config.write_text("\n".join([*lines, ""]))
     else:
         config.write_text(config.read_text() + "\n#define _DARWIN_C_SOURCE 1\n")
@@ -40,7 +61,9 @@ def headers(name: str, folder: Path) -> Path:
 
 
 def import_library(include: Path, folder: Path, zig: list[str]) -> Path:
-    """An import library of every name that the headers could mean: the linker takes those that exist from Python's DLL."""
+    """An import library of every name that the headers could mean: the linker takes those that
+    exist from Python's DLL.
+    """
     text = "".join(path.read_text(errors="replace") for path in include.rglob("*.h"))
     version = f"python{sys.version_info.major}{sys.version_info.minor}"
     definition, library = folder / f"{version}.def", folder / f"lib{version}.a"
@@ -58,7 +81,9 @@ def build(name: str) -> None:
     zig = [sys.executable, "-m", "ziglang"]
     for tool, arguments in {"c++": f"c++ -target {triple}", "ar": "ar", "ranlib": "ranlib"}.items():
         # Zig 0.17 crashes at -bundle.
-        shared = 'for word; do shift; [ "$word" != -bundle ] || word=-shared; set -- "$@" "$word"; done'
+        shared = (
+            'for word; do shift; [ "$word" != -bundle ] || word=-shared; set -- "$@" "$word"; done'
+        )
         (folder / tool).write_text(f'#!/bin/sh\n{shared}\nexec {" ".join(zig)} {arguments} "$@"\n')
         (folder / tool).chmod(0o755)
     include = headers(name, folder / "include")
@@ -76,19 +101,35 @@ def build(name: str) -> None:
         "SKBUILD_PROJECT_VERSION_FULL": "0",
         "Python_EXECUTABLE": sys.executable,
         "Python_INCLUDE_DIR": include,
-        "pybind11_DIR": subprocess.check_output([sys.executable, "-m", "pybind11", "--cmakedir"], text=True).strip(),
+        "pybind11_DIR": subprocess.check_output(
+            [sys.executable, "-m", "pybind11", "--cmakedir"], text=True
+        ).strip(),
     }
     if name == "windows":
         options["Python_LIBRARY"] = import_library(include, folder, zig)
-        (folder / "libdl.a").write_bytes(b"!<arch>\n")  # CMake asks for what a static library would need
+        (folder / "libdl.a").write_bytes(
+            b"!<arch>\n"
+        )  # CMake asks for what a static library would need
         options["CMAKE_MODULE_LINKER_FLAGS"] = f"-L{folder}"
-    run("cmake", "-G", "Ninja", "-S", ROOT, "-B", folder, *(f"-D{key}={value}" for key, value in options.items()))
+    run(
+        "cmake",
+        "-G",
+        "Ninja",
+        "-S",
+        ROOT,
+        "-B",
+        folder,
+        *(f"-D{key}={value}" for key, value in options.items()),
+    )
     run("cmake", "--build", folder)
     (module,) = (path for path in folder.glob("_core*") if path.suffix in (".so", ".pyd", ".dll"))
     content = module.read_bytes()
     if not content.startswith(magic) or b"PyInit__core" not in content:
         raise SystemExit(f"{module} is no extension module for {name}")
-    print(f"{name}: compiled and linked {module.relative_to(ROOT)}, {len(content):,} bytes", flush=True)
+    print(
+        f"{name}: compiled and linked {module.relative_to(ROOT)}, {len(content):,} bytes",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Draw docs/images/offsets.png: a cut along the diagonals of cells that lie on a sphere, for each offset.
+"""Draw docs/images/offsets.png: a cut along the diagonals of cells that lie on a sphere, for each
+offset.
 
 python tools/draw_offsets.py
 """

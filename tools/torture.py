@@ -2,8 +2,9 @@
 
     python tools/torture.py --minutes 20 --seed 7
 
-A seed at random is printed; the same seed repeats the same rounds. The parts share the time: each has the same part of the
-time that is left. A part that does not end in its time is stopped and named, which is no failure.
+A seed at random is printed; the same seed repeats the same rounds. The parts share the time: each
+has the same part of the time that is left. A part that does not end in its time is stopped and
+named, which is no failure.
 """
 
 from __future__ import annotations
@@ -52,7 +53,15 @@ def main() -> None:
 
 def _run(part: str, seconds: float, environment: dict[str, str]) -> int | None:
     """The exit code of a part; None: stopped, with the processes that it has started."""
-    command = [sys.executable, "-m", "pytest", "-q", "-m", "torture or not torture", *shlex.split(part)]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-m",
+        "torture or not torture",
+        *shlex.split(part),
+    ]
     process = subprocess.Popen(command, env={**os.environ, **environment}, start_new_session=True)
     try:
         return process.wait(seconds)

@@ -24,9 +24,22 @@ import contact
 
 SLOPE = math.tan(0.35)
 
-_LENGTHS = "points_so_far", "triangles_so_far", "depth", "jitter", "normal_jitter", "slip", "expected", "spread"
+_LENGTHS = (
+    "points_so_far",
+    "triangles_so_far",
+    "depth",
+    "jitter",
+    "normal_jitter",
+    "slip",
+    "expected",
+    "spread",
+)
 _ENERGIES = "made", "kinetic_at_impact", "elastic_afterwards", "energy_gained"
-UNITS = dict.fromkeys(_LENGTHS, "m") | dict.fromkeys(("dt", "time"), "s") | dict.fromkeys(_ENERGIES, "J")
+UNITS = (
+    dict.fromkeys(_LENGTHS, "m")
+    | dict.fromkeys(("dt", "time"), "s")
+    | dict.fromkeys(_ENERGIES, "J")
+)
 
 # Figure: what it shows, and its arguments in short and in full.
 FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
@@ -41,16 +54,21 @@ FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
 }
 
 
-def _by_offset(figure: Callable[..., dict[str, Any]], other: Offset) -> Callable[..., list[dict[str, Any]]]:
+def _by_offset(
+    figure: Callable[..., dict[str, Any]], other: Offset
+) -> Callable[..., list[dict[str, Any]]]:
     """The figure for points with another offset, and for "cell"."""
     offsets: tuple[Offset, ...] = (other, "cell")
-    return lambda **sizes: [{"offset": offset, **figure(**sizes, offset=offset)} for offset in offsets]
+    return lambda **sizes: [
+        {"offset": offset, **figure(**sizes, offset=offset)} for offset in offsets
+    ]
 
 
 def _functions() -> dict[str, Callable[..., Any]]:
     return {
         "faces": lambda every: comparison(
-            responses=("method 1, corrected", "method 2, corrected", "continuous, cell"), every=every
+            responses=("method 1, corrected", "method 2, corrected", "continuous, cell"),
+            every=every,
         ),
         "drop": _by_offset(contact.drop, "edge"),
         "under": _by_offset(contact.under_whole_cloth, "none"),
@@ -68,10 +86,16 @@ def _functions() -> dict[str, Callable[..., Any]]:
 
 def main(argv: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
-        prog="python benchmarks/contact", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="python benchmarks/contact",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("figures", nargs="*", metavar="FIGURE", help=f"some of {', '.join(FIGURES)} (default: all)")
-    parser.add_argument("--full", action="store_true", help="the sizes that are claimed; many minutes")
+    parser.add_argument(
+        "figures", nargs="*", metavar="FIGURE", help=f"some of {', '.join(FIGURES)} (default: all)"
+    )
+    parser.add_argument(
+        "--full", action="store_true", help="the sizes that are claimed; many minutes"
+    )
     args = parser.parse_args(argv)
     for name in args.figures:
         if name not in FIGURES:
@@ -85,9 +109,14 @@ def main(argv: list[str] | None = None) -> None:
 
 def _text(result: Any) -> str:
     if isinstance(result, dict):
-        lines = [(key.replace("_", " "), short(value, UNITS.get(key, ""))) for key, value in result.items()]
+        lines = [
+            (key.replace("_", " "), short(value, UNITS.get(key, "")))
+            for key, value in result.items()
+        ]
         return aligned((), lines, left=(0, 1), indent="  ")
-    titles = [key.replace("_", " ") + (f" [{UNITS[key]}]" if key in UNITS else "") for key in result[0]]
+    titles = [
+        key.replace("_", " ") + (f" [{UNITS[key]}]" if key in UNITS else "") for key in result[0]
+    ]
     cells = [[short(row.get(key)) for key in result[0]] for row in result]
     return aligned(titles, cells, left=range(len(titles)), indent="  ", rule=False)
 

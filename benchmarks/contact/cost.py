@@ -17,7 +17,9 @@ _WITHOUT = {"continuous, the paper's sphere in contact": "the paper's cloth, no 
 def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
     cloth = cs.Cloth(pins=())
     # Under the whole cloth, all 1,024 points on it.
-    under = cs.Sphere((0.5, -5.0, 0.5), 5.0, response="continuous", offset="none", restitution=0.0, friction=0.2)
+    under = cs.Sphere(
+        (0.5, -5.0, 0.5), 5.0, response="continuous", offset="none", restitution=0.0, friction=0.2
+    )
     far = cs.Sphere((0.5, -9.0, 0.5), 0.25, response="continuous", offset="edge", restitution=1.0)
     settled = cs.Stepper(cs.Scene(cloth, under), threads=1)
     settled.advance(6000, 5e-5)
@@ -39,8 +41,12 @@ def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
         "continuous, all points in contact": stepper(under, settled),
         "continuous, all points sliding": stepper(under.replace(friction=0.0), settled),
         "continuous, all points, restitution 0.5": stepper(under.replace(restitution=0.5), settled),
-        "the paper's cloth, no sphere": cs.Stepper(paper.replace(spheres=()), lying, folded, threads=1, precision=precision),
-        "continuous, the paper's sphere in contact": cs.Stepper(paper, lying, folded, threads=1, precision=precision),
+        "the paper's cloth, no sphere": cs.Stepper(
+            paper.replace(spheres=()), lying, folded, threads=1, precision=precision
+        ),
+        "continuous, the paper's sphere in contact": cs.Stepper(
+            paper, lying, folded, threads=1, precision=precision
+        ),
         "cell, touching nothing": stepper(far.replace(offset="cell"), settled),
         "cell, all points in contact": stepper(under.replace(offset="cell"), on_cells),
         "cell, all points sliding": stepper(under.replace(offset="cell", friction=0.0), on_cells),
@@ -69,16 +75,21 @@ def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str,
     return rows
 
 
-def offsets(windows: int = 60, steps: int = 40, dt: float = 5e-6, scenes: int = len(SCENES)) -> list[dict[str, Any]]:
-    """Cost of every offset over a step without spheres, one thread: least times of many short windows.
+def offsets(
+    windows: int = 60, steps: int = 40, dt: float = 5e-6, scenes: int = len(SCENES)
+) -> list[dict[str, Any]]:
+    """Cost of every offset over a step without spheres, one thread: least times of many short
+    windows.
 
-    Nothing touches the sphere, or all points of the paper's cloth lie on it. The last figures are for
-    the light drapes of `drape_cost`, in double: least and largest mean, and the worst window of 50 steps.
+    Nothing touches the sphere, or all points of the paper's cloth lie on it. The last figures are
+    for the light drapes of `drape_cost`, in double: least and largest mean, and the worst window of
+    50 steps.
 
     Returns
     -------
     list of dict
-        "offset", "untouched", "touched" and "touched_in_single", "drape_least", "drape_mean", "drape_worst".
+        "offset", "untouched", "touched" and "touched_in_single", "drape_least", "drape_mean",
+        "drape_worst".
     """
     cloth, rows = cs.Cloth(pins=()), []
     for offset in get_args(Offset):
@@ -88,8 +99,17 @@ def offsets(windows: int = 60, steps: int = 40, dt: float = 5e-6, scenes: int = 
         ratios = {}
         for precision in ("double", "single"):
             works = [
-                Steps(cs.Stepper(scene, settled.positions, settled.velocities, threads=1, precision=precision), dt, steps)
-                for scene in (cs.Scene(cloth, s) for s in ((), under.replace(center=(0.5, -9.0, 0.5), radius=0.25), under))
+                Steps(
+                    cs.Stepper(
+                        scene, settled.positions, settled.velocities, threads=1, precision=precision
+                    ),
+                    dt,
+                    steps,
+                )
+                for scene in (
+                    cs.Scene(cloth, s)
+                    for s in ((), under.replace(center=(0.5, -9.0, 0.5), radius=0.25), under)
+                )
             ]
             least = [timing.minimum for timing in measure(works, windows)]
             ratios[precision] = [time / least[0] for time in least]

@@ -27,12 +27,14 @@ def _bounce(scene: cs.Scene, before: float, after: float, dt: float) -> dict[str
     }
 
 
-def drop(dt: float = 5e-6, height: float = 0.2, after: float = 0.2, offset: Offset = "edge") -> dict[str, Any]:
+def drop(
+    dt: float = 5e-6, height: float = 0.2, after: float = 0.2, offset: Offset = "edge"
+) -> dict[str, Any]:
     """Energy that contact makes when an undamped cloth falls on an elastic sphere.
 
-    The paper's cloth falls from the height `height` on its sphere, without pins. It bounces and crumples for `after`
-    seconds, without friction and with restitution 1. The exact total energy is constant, so any change comes from the
-    contact or the integrator.
+    The paper's cloth falls from the height `height` on its sphere, without pins. It bounces and
+    crumples for `after` seconds, without friction and with restitution 1. The exact total energy is
+    constant, so any change comes from the contact or the integrator.
 
     Parameters
     ----------
@@ -56,7 +58,9 @@ def drop(dt: float = 5e-6, height: float = 0.2, after: float = 0.2, offset: Offs
     return result
 
 
-def under_whole_cloth(dt: float = 1e-4, height: float = 0.2, after: float = 0.2, offset: Offset = "none") -> dict[str, Any]:
+def under_whole_cloth(
+    dt: float = 1e-4, height: float = 0.2, after: float = 0.2, offset: Offset = "none"
+) -> dict[str, Any]:
     """As `drop`, on a sphere of 5 m that the whole cloth meets, at a coarse step.
 
     Returns
@@ -85,7 +89,11 @@ def on_sphere(cloth: cs.Cloth, center: Any, radius: float, slope: float) -> np.n
 
 
 def cone(
-    friction: float, slope: float = 0.35, duration: float = 0.2, dt: float = 1e-4, offset: Offset = "none"
+    friction: float,
+    slope: float = 0.35,
+    duration: float = 0.2,
+    dt: float = 1e-4,
+    offset: Offset = "none",
 ) -> dict[str, Any]:
     """A block of cloth at rest on a slope that travels: does it slide?
 
@@ -111,7 +119,9 @@ def cone(
         formula [m]; "spread": difference between its points [m].
     """
     motion = cs.Linear((3.0, 0.4, -1.0))
-    sphere = cs.Sphere((0.0, -50.0, 0.0), 50.0, motion, "continuous", offset, restitution=0.0, friction=friction)
+    sphere = cs.Sphere(
+        (0.0, -50.0, 0.0), 50.0, motion, "continuous", offset, restitution=0.0, friction=friction
+    )
     cloth = cs.Cloth((6, 6), (0.1, 0.1), 0.36, 100.0, 0.05, pins=())
     higher = 1e-11 if offset == "cell" else 0.0  # for what the core adds to rho^2
     x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth) * (1 + higher), slope)
@@ -145,7 +155,9 @@ def resting(
         "touching" mass points, "depth" [m], the deepest that any was inside, "normal_jitter" and
         "jitter" [m], how far any moved along the normal and in all.
     """
-    sphere = cs.Sphere((0.5, -0.5, 0.5), 0.25, response="continuous", offset=offset, restitution=0.0, friction=0.7)
+    sphere = cs.Sphere(
+        (0.5, -0.5, 0.5), 0.25, response="continuous", offset=offset, restitution=0.0, friction=0.7
+    )
     cloth = cs.Cloth((8, 8), (0.1, 0.1), 0.64, 500.0, 0.5, pins=())
     x = on_sphere(cloth, sphere.center, sphere.contact_radius(cloth), 0.0)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x), threads=1, precision=precision)

@@ -22,9 +22,13 @@ FUZZERS = {"crossings": (crossings, 10**6, 10**8), "cells": (cells, 100, 10_000)
 def main() -> None:
     parser = argparse.ArgumentParser(prog="contact_fuzz", description=__doc__.splitlines()[0])
     parser.add_argument("fuzzer", choices=FUZZERS)
-    parser.add_argument("--count", type=int, help="points times steps, or shots (default: seconds of work)")
+    parser.add_argument(
+        "--count", type=int, help="points times steps, or shots (default: seconds of work)"
+    )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--full", action="store_true", help="the count that is claimed; many minutes")
+    parser.add_argument(
+        "--full", action="store_true", help="the count that is claimed; many minutes"
+    )
     args = parser.parse_args()
     run, short, full = FUZZERS[args.fuzzer]
     print(json.dumps(run(args.count or (full if args.full else short), seed=args.seed)))

@@ -1,4 +1,4 @@
-"""Spheres shot at sheets with offset "cell": every step is judged by the exact depth of triangles."""
+"""Spheres shot at sheets with offset "cell": every step is judged by exact depths of triangles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _STEPS = 30  # of a shot
 
 
 def _shot(rng: np.random.Generator) -> tuple[cs.Scene, float, dict[str, Any]]:
-    """A sheet without pins, a sphere of 1.5 to 30 cell radii just above it, a time step and options."""
+    """A sheet without pins, a sphere of 1.5 to 30 cell radii just above, a time step, options."""
     points = int(rng.integers(2, 14))
     cloth = cs.Cloth(
         (points, points),
@@ -23,17 +23,28 @@ def _shot(rng: np.random.Generator) -> tuple[cs.Scene, float, dict[str, Any]]:
     )
     integrator = str(rng.choice(list(cs.integrators())))
     free = cs.Scene(cloth)
-    limit = cs.max_stable_dt(free, integrator) or 0.02 * cs.max_stable_dt(free)  # "explicit_euler" may have none
+    limit = cs.max_stable_dt(free, integrator) or 0.02 * cs.max_stable_dt(
+        free
+    )  # "explicit_euler" may have none
     dt = min(10 ** rng.uniform(-5, -3), 0.4 * limit)
     radius = float(np.hypot(*cloth.spacing) / 2 * 1.5 * 10 ** rng.uniform(0, 1.3))
     speed = 10 ** rng.uniform(0, 2)
     way = rng.normal(size=3) * (0.4, 0, 0.4) + (0, -1, 0)
     way /= np.linalg.norm(way)
     aim = rng.uniform(0, 1, 3) * (1, 0, 1)
-    sphere = cs.Sphere(aim, radius, restitution=float(rng.choice((0.0, 0.5, 1.0))), friction=float(rng.choice((0.0, 0.4))))
+    sphere = cs.Sphere(
+        aim,
+        radius,
+        restitution=float(rng.choice((0.0, 0.5, 1.0))),
+        friction=float(rng.choice((0.0, 0.4))),
+    )
     back = 1.01 * sphere.contact_radius(cloth) / -way[1] + rng.uniform(0, 1) * speed * dt
     sphere = sphere.replace(center=tuple(aim - way * back), motion=cs.Linear(way * speed))
-    options = {"integrator": integrator, "precision": str(rng.choice(("single", "double"))), "threads": 1}
+    options = {
+        "integrator": integrator,
+        "precision": str(rng.choice(("single", "double"))),
+        "threads": 1,
+    }
     return cs.Scene(cloth, sphere), dt, options
 
 
@@ -56,12 +67,21 @@ def cells(count: int = 300, seed: int = 1) -> dict[str, Any]:
     Returns
     -------
     dict
-        "shots"; "hits": shots that moved the sheet; "too_large": with a cell that grew larger than the sphere, which
-        are judged until then; "unstable": ended with an `UnstableError` of "explicit_euler"; "inside": with a triangle
-        inside; "deepest" [m]; "far": with a point farther off than the ways of sheet and sphere allow.
+        "shots"; "hits": shots that moved the sheet; "too_large": with a cell that grew larger than
+        the sphere, which are judged until then; "unstable": ended with an `UnstableError` of
+        "explicit_euler"; "inside": with a triangle inside; "deepest" [m]; "far": with a point
+        farther off than the ways of sheet and sphere allow.
     """
     rng = np.random.default_rng(seed)
-    total: dict[str, Any] = {"shots": 0, "hits": 0, "too_large": 0, "unstable": 0, "inside": 0, "deepest": 0.0, "far": 0}
+    total: dict[str, Any] = {
+        "shots": 0,
+        "hits": 0,
+        "too_large": 0,
+        "unstable": 0,
+        "inside": 0,
+        "deepest": 0.0,
+        "far": 0,
+    }
     while total["shots"] < count:
         scene, dt, options = _shot(rng)
         sphere = scene.spheres[0]
@@ -77,13 +97,19 @@ def cells(count: int = 300, seed: int = 1) -> dict[str, Any]:
                     if _half_diagonal(stepper.positions) > sphere.radius:
                         total["too_large"] += 1
                         break
-                    deepest = max(deepest, cs.penetration(stepper.positions, sphere, stepper.time)["triangles"])
+                    deepest = max(
+                        deepest,
+                        cs.penetration(stepper.positions, sphere, stepper.time)["triangles"],
+                    )
             except cs.ContactWarning:
                 total["too_large"] += 1
             except cs.UnstableError:
                 total["unstable"] += 1
         speed = np.linalg.norm(sphere.velocity_at(0))
-        far = np.abs(stepper.positions - scene.cloth.rest_positions).max() > 2 * sphere.radius + 4 * speed * stepper.time
+        far = (
+            np.abs(stepper.positions - scene.cloth.rest_positions).max()
+            > 2 * sphere.radius + 4 * speed * stepper.time
+        )
         total["inside"] += deepest > 0
         total["deepest"] = max(total["deepest"], deepest)
         total["far"] += bool(far)

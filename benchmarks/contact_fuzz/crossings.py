@@ -19,9 +19,11 @@ def _directions(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _aimed(rng: np.random.Generator, p0: np.ndarray, radius: float) -> np.ndarray:
-    """Random paths q from `p0` in the sphere's frame: past the centre at a chosen distance, or anywhere.
+    """Random paths q from `p0` in the sphere's frame: past the centre at a chosen distance, or
+    anywhere.
 
-    Half of the paths come close to grazing, some to within 1e-12 radii. Their lengths go from 1e-6 to 1e5 radii.
+    Half of the paths come close to grazing, some to within 1e-12 radii. Their lengths go from 1e-6
+    to 1e5 radii.
     """
     count = len(p0)
     distance = np.linalg.norm(p0, axis=1, keepdims=True)
@@ -46,7 +48,10 @@ def _closest(p0: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def crossings(
-    point_steps: int = 10**8, seed: int = 1, response: Response = "continuous", precision: Precision = "double"
+    point_steps: int = 10**8,
+    seed: int = 1,
+    response: Response = "continuous",
+    precision: Precision = "double",
 ) -> dict[str, Any]:
     """Fire free mass points at spheres that jump; count those that end inside or pass through.
 
@@ -89,7 +94,9 @@ def crossings(
             jump = _directions(rng, 1)[0] * radius * 10 ** rng.uniform(-6, 5)
             jump *= rng.random() < 0.8
             end = center + jump
-            sphere = cs.Sphere(center, radius, cs.Keyframes((0.0, dt), (center, end)), response, "none", **material)
+            sphere = cs.Sphere(
+                center, radius, cs.Keyframes((0.0, dt), (center, end)), response, "none", **material
+            )
             q = _aimed(rng, x - center, radius)
             v = (q + jump) / dt
             with_cloth = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
@@ -102,7 +109,9 @@ def crossings(
             way = (x.astype(wide) + dt * v.astype(wide) - end) - p0
             p1 = x1.astype(wide) - end
             # What the rounding of x, of dt v and of the sums may move the way by.
-            rounding = slack * (np.abs(x).max(axis=1) + np.abs(dt * v).max(axis=1) + np.abs(end).max())
+            rounding = slack * (
+                np.abs(x).max(axis=1) + np.abs(dt * v).max(axis=1) + np.abs(end).max()
+            )
             meets = _closest(p0, way) < radius - rounding
             distance = np.sqrt((p1**2).sum(axis=1))
             inside = distance < radius
@@ -117,12 +126,16 @@ def crossings(
             # Who is far away, or inside by a response that lets it, is fired from somewhere new.
             gone = (distance > 1e3 * radius) | inside
             center = end
-            fresh = center + radius * (1 + 10 ** rng.uniform(-9, 3, (count, 1))) * _directions(rng, count)
+            fresh = center + radius * (1 + 10 ** rng.uniform(-9, 3, (count, 1))) * _directions(
+                rng, count
+            )
             x = np.where(gone[:, None], fresh, x1)
     return total
 
 
-def _after(p0: np.ndarray, way: np.ndarray, p1: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def _after(
+    p0: np.ndarray, way: np.ndarray, p1: np.ndarray, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Start and direction of the path after the first contact, which leads straight to p1."""
     a, b = (way * way).sum(axis=1), (p0 * way).sum(axis=1)
     nearest = p0 + (-b / np.where(a > 0, a, 1))[:, None] * way

@@ -1,11 +1,15 @@
-"""`cs.work_precision` with other programs beside it: numba, SciPy and diffrax, where they are installed.
+"""`cs.work_precision` with other programs beside it: numba, SciPy and diffrax, where they are
+installed.
 
-    python benchmarks/peers --threads 2                                          # three scenes, the fastest at each error
-    python benchmarks/peers paper_swing --bend --threads 2 --errors 1e-3,1e-9    # one scene, these errors
-    python benchmarks/peers paper_swing --bend --threads 2 --out speed.png       # also a figure of speed against error
+    # three scenes, the fastest at each error
+    python benchmarks/peers --threads 2
+    # one scene, these errors
+    python benchmarks/peers paper_swing --bend --threads 2 --errors 1e-3,1e-9
+    # also a figure of speed against error
+    python benchmarks/peers paper_swing --bend --threads 2 --out speed.png
 
-docs/accuracy.md explains the figures. A peer that its experts would write faster: please send us the code, in
-benchmarks/peers/solvers.py, as an issue or a pull request.
+docs/accuracy.md explains the figures. A peer that its experts would write faster: please send us
+the code, in benchmarks/peers/solvers.py, as an issue or a pull request.
 """
 
 from __future__ import annotations
@@ -48,21 +52,55 @@ HEAD = (
 
 def main(argv: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
-        prog="python benchmarks/peers", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="python benchmarks/peers",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("scenes", nargs="*", choices=[[], *SCENES], metavar="SCENE", help=f"default: {', '.join(SCENES)}")
+    parser.add_argument(
+        "scenes",
+        nargs="*",
+        choices=[[], *SCENES],
+        metavar="SCENE",
+        help=f"default: {', '.join(SCENES)}",
+    )
     parser.add_argument("--bend", action="store_true", help="paper_swing with bend springs")
-    parser.add_argument("--duration", type=float, default=0.5, metavar="S", help="seconds to simulate (default 0.5)")
-    parser.add_argument("--method", action="append", metavar="NAME", help="of clothsim, only this one (default: all)")
-    parser.add_argument("--precision", action="append", choices=("double", "single"), help="default: both")
-    parser.add_argument("--threads", type=int, metavar="N", help="threads (default: automatic, one for the peers)")
-    parser.add_argument("--windows", type=int, default=5, metavar="N", help="timed runs of each (default 5)")
+    parser.add_argument(
+        "--duration", type=float, default=0.5, metavar="S", help="seconds to simulate (default 0.5)"
+    )
+    parser.add_argument(
+        "--method",
+        action="append",
+        metavar="NAME",
+        help="of clothsim, only this one (default: all)",
+    )
+    parser.add_argument(
+        "--precision", action="append", choices=("double", "single"), help="default: both"
+    )
+    parser.add_argument(
+        "--threads", type=int, metavar="N", help="threads (default: automatic, one for the peers)"
+    )
+    parser.add_argument(
+        "--windows", type=int, default=5, metavar="N", help="timed runs of each (default 5)"
+    )
     errors = {"type": _numbers, "default": [1e-3, 1e-6, 1e-9, 1e-12], "metavar": "E,E,..."}
     parser.add_argument("--errors", **errors, help="rms errors [m] (default 1e-3,1e-6,1e-9,1e-12)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="also draw speed against error, a panel for each scene")
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="also write every run to a CSV file, one for each scene")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="also draw speed against error, a panel for each scene",
+    )
+    parser.add_argument(
+        "--csv",
+        type=Path,
+        metavar="FILE",
+        help="also write every run to a CSV file, one for each scene",
+    )
     args = parser.parse_args(argv)
-    names = args.method or [*cs.integrators(), *(f"{n} adaptive" for n, one in cs.integrators().items() if one.adaptive)]
+    names = args.method or [
+        *cs.integrators(),
+        *(f"{n} adaptive" for n, one in cs.integrators().items() if one.adaptive),
+    ]
     found = {}
     bend = "_bend" if args.bend else ""
     for name in [f"{name}{bend * (name == 'paper_swing')}" for name in args.scenes] or SCENES:
@@ -78,11 +116,16 @@ def main(argv: list[str] | None = None) -> None:
             reference=cs.reference(scene, args.duration, args.duration / FRAMES),
             progress=sys.stderr.isatty(),
         )
-        print(f"{name}, {args.duration:g} s\n{aligned(HEAD, fastest(data, args.errors), left=(0, 1, 2))}")
+        print(
+            f"{name}, {args.duration:g} "
+            f"s\n{aligned(HEAD, fastest(data, args.errors), left=(0, 1, 2))}"
+        )
         print(f"{conditions(PACKAGES)}\n", flush=True)
         if args.csv:
             table = data.to_dataframe().dropna(subset=["setting"])
-            table.to_csv(args.csv if len(args.scenes) == 1 else args.csv.with_stem(f"{args.csv.stem}_{name}"))
+            table.to_csv(
+                args.csv if len(args.scenes) == 1 else args.csv.with_stem(f"{args.csv.stem}_{name}")
+            )
     if args.out:
         draw(found, args.out)
     for reason in missing:
@@ -97,32 +140,66 @@ def fastest(data: Any, errors: list[float]) -> Iterator[tuple[str, ...]]:
     for error in errors:
         ours = np.nan
         for own in (True, False):
-            able = (data.rms_error <= error) & ((data.library == "clothsim") == own) & np.isfinite(data.wall_time)
+            able = (
+                (data.rms_error <= error)
+                & ((data.library == "clothsim") == own)
+                & np.isfinite(data.wall_time)
+            )
             if not able.any():
                 continue
             one = data.isel(data.wall_time.where(able).argmin(...))
             time, spread = float(one.wall_time), float(one.wall_time_spread / one.wall_time)
             ours = time if own else ours
             reached = (f"{float(one[k]):.1e}" for k in ("rms_error", "frames_rms_error"))
-            what = f"{error:g}", str(one.library.item()), str(one.solver.item()), f"{float(one.setting):.3g}"
+            what = (
+                f"{error:g}",
+                str(one.library.item()),
+                str(one.solver.item()),
+                f"{float(one.setting):.3g}",
+            )
             ratio = "" if own else f"{time / ours:.1f}"
-            yield *what, f"{time:.3g}", f"{spread:.0%}", *reached, f"{float(one.force_evaluations):.0f}", ratio
+            yield (
+                *what,
+                f"{time:.3g}",
+                f"{spread:.0%}",
+                *reached,
+                f"{float(one.force_evaluations):.0f}",
+                ratio,
+            )
 
 
 def best(data: Any) -> Any:
-    """The front of clothsim's runs as one solver, and the fronts of other solvers that have a run on the front of theirs."""
+    """The front of clothsim's runs as one solver, and the fronts of other solvers that have a run
+    on the front of theirs.
+    """
     import xarray as xr
 
     own = (data.library == "clothsim").values
     good = front(data.isel(solver=~own)).any(axis=1)
     lines = []
-    for m, runs in enumerate([data.isel(solver=own), *(data.isel(solver=[k]) for k in np.flatnonzero(~own)[good])]):
+    for m, runs in enumerate(
+        [data.isel(solver=own), *(data.isel(solver=[k]) for k in np.flatnonzero(~own)[good])]
+    ):
         kept = front(runs)
         order = np.argsort(runs.wall_time.values[kept])
         names = "wall_time", "rms_error", "force_evaluations"
-        columns = {name: (("solver", "level"), runs[name].values[kept][order][None]) for name in names}
-        of_solver = {name: runs[name].values[0] for name in ("solver", "integrator", "library", "precision", "control")}
-        of_solver |= {} if m else {"solver": "clothsim", "integrator": "clothsim", "precision": "double", "control": "dt"}
+        columns = {
+            name: (("solver", "level"), runs[name].values[kept][order][None]) for name in names
+        }
+        of_solver = {
+            name: runs[name].values[0]
+            for name in ("solver", "integrator", "library", "precision", "control")
+        }
+        of_solver |= (
+            {}
+            if m
+            else {
+                "solver": "clothsim",
+                "integrator": "clothsim",
+                "precision": "double",
+                "control": "dt",
+            }
+        )
         labels = {name: ("solver", [value]) for name, value in of_solver.items()}
         lines.append(xr.Dataset(columns, {**labels, "level": np.arange(len(order))}))
     both = xr.concat(lines, "solver", join="outer")
@@ -133,7 +210,10 @@ def front(data: Any) -> np.ndarray:
     """Runs that no other run of `data` beats in both time and error."""
     time, error = data.wall_time.values, data.rms_error.values
     known = np.isfinite(time) & np.isfinite(error)
-    beaten = [(known & (time <= t) & (error <= e) & ((time < t) | (error < e))).any() for t, e in zip(time.flat, error.flat)]
+    beaten = [
+        (known & (time <= t) & (error <= e) & ((time < t) | (error < e))).any()
+        for t, e in zip(time.flat, error.flat)
+    ]
     return known & ~np.array(beaten, bool).reshape(time.shape)
 
 
@@ -142,10 +222,14 @@ def draw(found: dict[str, Any], path: Path) -> None:
     from matplotlib import pyplot
 
     pyplot.rcParams.update({"font.size": 11})
-    figure, axes = pyplot.subplots(len(found), figsize=(7, 4.4 * len(found)), squeeze=False, layout="constrained")
+    figure, axes = pyplot.subplots(
+        len(found), figsize=(7, 4.4 * len(found)), squeeze=False, layout="constrained"
+    )
     for ax, (name, data) in zip(axes.ravel(), found.items(), strict=True):
         best(data).clothsim.plot(ax=[ax])
-        ax.set_title(f"{name.replace('_', ' ')}: lower left is better", loc="left", fontsize="medium")
+        ax.set_title(
+            f"{name.replace('_', ' ')}: lower left is better", loc="left", fontsize="medium"
+        )
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=200)
     print(f"Written: {path}")

@@ -51,7 +51,14 @@ class Places(NamedTuple):
         rows, columns = shape
         plane = (rows + 2 * BORDER) * (columns + 2 * BORDER)
         planes = tuple(np.uintp(p * plane) for p in range(6))
-        return cls(rows, columns, np.uintp(columns), np.uintp(columns + 2 * BORDER), np.uintp(rows * columns), planes)
+        return cls(
+            rows,
+            columns,
+            np.uintp(columns),
+            np.uintp(columns + 2 * BORDER),
+            np.uintp(rows * columns),
+            planes,
+        )
 
 
 # Numbers that a kernel takes from around it are constants of the compiled code.
@@ -97,12 +104,50 @@ def _force_of_rows(places):
             ea = pull(s, q + down + down, x, y, z, u, w, t, spring, 5, down2, unit)
             eb = pull(s, q - down - down, x, y, z, u, w, t, spring, 5, up2, unit)
             m = free[o]
-            f[o] = m * (e0[0] + e1[0] + e2[0] + e3[0] + e4[0] + e5[0] + e6[0] + e7[0] + e8[0] + e9[0] + ea[0] + eb[0] + g0)
+            f[o] = m * (
+                e0[0]
+                + e1[0]
+                + e2[0]
+                + e3[0]
+                + e4[0]
+                + e5[0]
+                + e6[0]
+                + e7[0]
+                + e8[0]
+                + e9[0]
+                + ea[0]
+                + eb[0]
+                + g0
+            )
             f[o + size] = m * (
-                e0[1] + e1[1] + e2[1] + e3[1] + e4[1] + e5[1] + e6[1] + e7[1] + e8[1] + e9[1] + ea[1] + eb[1] + g1
+                e0[1]
+                + e1[1]
+                + e2[1]
+                + e3[1]
+                + e4[1]
+                + e5[1]
+                + e6[1]
+                + e7[1]
+                + e8[1]
+                + e9[1]
+                + ea[1]
+                + eb[1]
+                + g1
             )
             f[o + size2] = m * (
-                e0[2] + e1[2] + e2[2] + e3[2] + e4[2] + e5[2] + e6[2] + e7[2] + e8[2] + e9[2] + ea[2] + eb[2] + g2
+                e0[2]
+                + e1[2]
+                + e2[2]
+                + e3[2]
+                + e4[2]
+                + e5[2]
+                + e6[2]
+                + e7[2]
+                + e8[2]
+                + e9[2]
+                + ea[2]
+                + eb[2]
+                + g2
             )
 
     return row_force
@@ -219,7 +264,9 @@ def _right_side(places, row_force):
                 here, at = np.uintp(r + BORDER) * down + two, np.uintp(r) * n
                 for p in range(6):
                     for c in range(columns):
-                        s[np.uintp(p) * p1 + here + np.uintp(c)] = y[np.uintp(p) * size + at + np.uintp(c)]
+                        s[np.uintp(p) * p1 + here + np.uintp(c)] = y[
+                            np.uintp(p) * size + at + np.uintp(c)
+                        ]
         for i in prange(bands):
             for r in range(i * rows // bands, (i + 1) * rows // bands):
                 at = np.uintp(r) * n

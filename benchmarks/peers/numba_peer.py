@@ -18,7 +18,7 @@ _FAR = 1e3  # m; where border points are, out of reach and finite when squared
 
 
 def import_kernels() -> Any:
-    """The module of the kernel; an ImportError without numba, or with one that cannot be imported."""
+    """The kernel's module; an ImportError without numba, or with one that cannot be imported."""
     if find_spec("numba") is None:
         raise ImportError("numba is not installed: run pip install numba")
     try:
@@ -39,7 +39,13 @@ class NumbaPeer(Work):
     """RK4 by numba: planes, branch-free unrolled neighbours, fastmath; a scene or a batch."""
 
     def __init__(
-        self, scene: cs.Scene | Sequence[cs.Scene], x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any], threads: int
+        self,
+        scene: cs.Scene | Sequence[cs.Scene],
+        x: np.ndarray,
+        v: np.ndarray,
+        dt: float,
+        dtype: type[Any],
+        threads: int,
     ) -> None:
         self.kernels = kernels = import_kernels()
         self.threads = threads
@@ -131,4 +137,6 @@ def _strided_springs(scene: cs.Scene, dtype: type[Any]) -> np.ndarray:
     present = {(r, c): (k, k * rest, damping) for r, c, k, rest, damping in spring_kinds(scene)}
     if unknown := sorted(set(present) - set(_KINDS)):
         raise ValueError(f"the numba kernel has no springs with the offsets {unknown}")
-    return np.asarray(np.array([present.get(offset, (0, 0, 0)) for offset in _KINDS], dtype) / dtype(mass))
+    return np.asarray(
+        np.array([present.get(offset, (0, 0, 0)) for offset in _KINDS], dtype) / dtype(mass)
+    )

@@ -17,15 +17,20 @@ _CORNER = 8  # points along a side; a spring of any family is shorter
 def spring_kinds(scene: cs.Scene) -> list[tuple[int, int, float, float, float]]:
     """(row offset, column offset, stiffness, rest length, damping) of each kind of spring.
 
-    The spring table of a corner of the cloth has every kind; that of a large cloth needs 80 bytes a spring.
+    The spring table of a corner of the cloth has every kind; that of a large cloth needs 80 bytes a
+    spring.
     """
     cloth = scene.cloth
     shape = (min(cloth.rows, _CORNER), min(cloth.columns, _CORNER))
-    size = tuple(max(n - 1, 1) * (spacing or 1.0) for n, spacing in zip(shape, cloth.spacing, strict=True))
+    size = tuple(
+        max(n - 1, 1) * (spacing or 1.0) for n, spacing in zip(shape, cloth.spacing, strict=True)
+    )
     kinds: dict[tuple[int, int], tuple[int, int, float, float, float]] = {}
     for spring in cloth.replace(shape=shape, size=size, mass=1.0, pins=()).spring_table():
         (r, c), (far_r, far_c) = (divmod(int(spring[end]), shape[1]) for end in ("i", "j"))
-        stiffness, rest, damping = (float(spring[name]) for name in ("stiffness", "rest_length", "damping"))
+        stiffness, rest, damping = (
+            float(spring[name]) for name in ("stiffness", "rest_length", "damping")
+        )
         kinds.setdefault((far_r - r, far_c - c), (far_r - r, far_c - c, stiffness, rest, damping))
     return list(kinds.values())
 
@@ -42,7 +47,9 @@ def spring_ends(r: int, c: int) -> tuple[Slices, Slices]:
 class NumpyPeer(Work):
     """A scene without spheres, of uniform mass; RK4 on (x, v), each (3, rows, columns)."""
 
-    def __init__(self, scene: cs.Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any]) -> None:
+    def __init__(
+        self, scene: cs.Scene, x: np.ndarray, v: np.ndarray, dt: float, dtype: type[Any]
+    ) -> None:
         self.x: npt.NDArray[Any] = np.ascontiguousarray(np.moveaxis(x, -1, 0), dtype)
         self.v: npt.NDArray[Any] = np.ascontiguousarray(np.moveaxis(v, -1, 0), dtype)
         self.dt = dtype(dt)
@@ -51,7 +58,8 @@ class NumpyPeer(Work):
         self.inverse_mass = dtype(1 / scene.cloth.mass_per_point[0, 0])
         self.free: npt.NDArray[Any] = (~scene.cloth.pinned).astype(dtype)
         self.kinds = [
-            (*spring_ends(r, c), dtype(k), dtype(rest), dtype(damping)) for r, c, k, rest, damping in spring_kinds(scene)
+            (*spring_ends(r, c), dtype(k), dtype(rest), dtype(damping))
+            for r, c, k, rest, damping in spring_kinds(scene)
         ]
 
     def _acceleration(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -60,7 +68,9 @@ class NumpyPeer(Work):
             d = x[far] - x[near]
             w = v[far] - v[near]
             length = np.sqrt((d * d).sum(axis=0))
-            scale = stiffness * (1 - rest / length) + damping * (w * d).sum(axis=0) / (length * length)
+            scale = stiffness * (1 - rest / length) + damping * (w * d).sum(axis=0) / (
+                length * length
+            )
             d *= scale
             force[near] += d
             force[far] -= d

@@ -37,7 +37,11 @@ def numba_rk4(precision: Precision = "double", threads: int = 1) -> Method:
         peer.run(0)  # compiles
         with Stopwatch() as watch:
             peer.run(steps)
-        return *(a.astype(np.float64) for a in (peer.positions, peer.velocities)), 4 * steps, watch.seconds
+        return (
+            *(a.astype(np.float64) for a in (peer.positions, peer.velocities)),
+            4 * steps,
+            watch.seconds,
+        )
 
     return Method("rk4 (numba)", solve, "dt", "numba", precision, threads)
 
@@ -73,7 +77,11 @@ def diffrax(solver: str, stages: int) -> Method:
             jax.block_until_ready(run(*arguments))  # compiled at the first call
             with Stopwatch() as watch:
                 end, steps = jax.block_until_ready(run(*arguments))
-            return *(np.moveaxis(np.asarray(a), 0, -1) for a in end), stages * int(steps), watch.seconds
+            return (
+                *(np.moveaxis(np.asarray(a), 0, -1) for a in end),
+                stages * int(steps),
+                watch.seconds,
+            )
 
     return Method(f"{solver} (diffrax)", solve, "rtol", "diffrax")
 
@@ -129,16 +137,23 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
         )
         return tuple(a[-1] for a in found.ys), found.stats["num_steps"]
 
-    start = tuple(jnp.array(np.moveaxis(a, -1, 0)) for a in (scene.initial_position, scene.initial_velocity))
+    start = tuple(
+        jnp.array(np.moveaxis(a, -1, 0)) for a in (scene.initial_position, scene.initial_velocity)
+    )
     return run, start
 
 
 def installed_peers(scene: cs.Scene, threads: int | None = None) -> tuple[list[Method], list[str]]:
     """The peers that can be run here, and a reason for each that cannot.
 
-    `threads` is the most of numba's kernels, by default one; the parallel kernel is used where it is measured faster.
+    `threads` is the most of numba's kernels, by default one; the parallel kernel is used where it
+    is measured faster.
     """
-    missing = [f"{name} is not installed" for name in ("numba", "scipy", "diffrax") if find_spec(name) is None]
+    missing = [
+        f"{name} is not installed"
+        for name in ("numba", "scipy", "diffrax")
+        if find_spec(name) is None
+    ]
     peers: list[Method] = []
     if find_spec("numba"):
         count = threads if threads and threads > 1 and parallel_pays(scene, threads) else 1

@@ -22,7 +22,8 @@ py::array_t<ThreadId> thread_ids(int rows, int columns) {
 }  // namespace
 
 void bind_diagnostics(py::module_& m) {
-    PYBIND11_NUMPY_DTYPE(ThreadId, group_x, group_y, thread_x, thread_y, dispatch_x, dispatch_y, index);
+    PYBIND11_NUMPY_DTYPE(ThreadId, group_x, group_y, thread_x, thread_y, dispatch_x, dispatch_y,
+                         index);
     m.attr("group_size") = group_size;
     m.def("thread_ids", &thread_ids);
     m.def("energy",
@@ -35,18 +36,20 @@ void bind_diagnostics(py::module_& m) {
               const Energy e = energy(scene, view(x), view(v));
               return py::make_tuple(e.kinetic, e.elastic, e.gravity, e.force);
           });
-    m.def("largest_stretch",
-          [](const Cloth& cloth, const Array<double>& x) { return largest_stretch(cloth, view(x)); });
-    m.def("penetration", [](int rows, int columns, const Array<double>& x, const Sphere& sphere, double t) {
-        const Penetration p = penetration(rows, columns, view(x), sphere, t);
-        return py::make_tuple(p.points, p.triangles);
+    m.def("largest_stretch", [](const Cloth& cloth, const Array<double>& x) {
+        return largest_stretch(cloth, view(x));
     });
+    m.def("penetration",
+          [](int rows, int columns, const Array<double>& x, const Sphere& sphere, double t) {
+              const Penetration p = penetration(rows, columns, view(x), sphere, t);
+              return py::make_tuple(p.points, p.triangles);
+          });
 }
 
 namespace {
 
-py::tuple reference_step(const Plan& plan, const Array<double>& x, const Array<double>& v, double dt,
-                         std::int64_t steps, double t, bool as_printed) {
+py::tuple reference_step(const Plan& plan, const Array<double>& x, const Array<double>& v,
+                         double dt, std::int64_t steps, double t, bool as_printed) {
     Points position = PointsView(x.data(), plan.cloth.points(), 3);
     Points velocity = PointsView(v.data(), plan.cloth.points(), 3);
     {
@@ -55,14 +58,16 @@ py::tuple reference_step(const Plan& plan, const Array<double>& x, const Array<d
     }
     const auto array = [&](const Points& p) {
         return py::array_t<double>(
-            {py::ssize_t(plan.cloth.rows), py::ssize_t(plan.cloth.columns), py::ssize_t(3)}, p.data());
+            {py::ssize_t(plan.cloth.rows), py::ssize_t(plan.cloth.columns), py::ssize_t(3)},
+            p.data());
     };
     return py::make_tuple(array(position), array(velocity));
 }
 
 // How far it came [s], and states of shape (times, rows, columns, 3).
 py::tuple extrapolate(const Plan& plan, const Array<double>& x, const Array<double>& v,
-                      const std::vector<double>& times, int columns, double tolerance, int threads) {
+                      const std::vector<double>& times, int columns, double tolerance,
+                      int threads) {
     std::vector<double> xs(x.data(), x.data() + x.size()), vs(v.data(), v.data() + v.size());
     const std::size_t size = xs.size();
     threads = granted(threads);
@@ -86,8 +91,8 @@ py::tuple extrapolate(const Plan& plan, const Array<double>& x, const Array<doub
 
 void bind_reference(py::module_& m) {
     m.def("reference_step", &reference_step);
-    m.def("extrapolate", &extrapolate, "plan"_a, "x"_a, "v"_a, "times"_a, "columns"_a, "tolerance"_a,
-          "threads"_a);
+    m.def("extrapolate", &extrapolate, "plan"_a, "x"_a, "v"_a, "times"_a, "columns"_a,
+          "tolerance"_a, "threads"_a);
 }
 
 }  // namespace clothsim

@@ -68,10 +68,11 @@ Array<double> motion_states(const Motion& motion, const Array<double>& times) {
 }
 
 Sphere make_sphere(const Vec3& center, double radius, double offset, const std::string& response,
-                   bool as_printed, double restitution, double friction, const Motion& motion, bool cells,
-                   double push_out_speed, const Vec3& normal, double spread) {
+                   bool as_printed, double restitution, double friction, const Motion& motion,
+                   bool cells, double push_out_speed, const Vec3& normal, double spread) {
     const auto name = std::find(response_names.begin(), response_names.end(), response);
-    if (name == response_names.end()) throw std::invalid_argument("no response has the name " + response);
+    if (name == response_names.end())
+        throw std::invalid_argument("no response has the name " + response);
     return {.center = center,
             .radius = radius,
             .offset = offset,
@@ -88,15 +89,16 @@ Sphere make_sphere(const Vec3& center, double radius, double offset, const std::
 
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres,
                const std::optional<Array<double>>& force, std::vector<Motion> pin_motions,
-               const PinValues& driven_pins, const std::string& precision, const std::string& kernel,
-               const std::string& integrator) {
+               const PinValues& driven_pins, const std::string& precision,
+               const std::string& kernel, const std::string& integrator) {
     Plan plan;
     plan.cloth = cloth;
     plan.gravity = gravity;
     plan.spheres = std::move(spheres);
     if (force) plan.force = view(*force);
     plan.pin_motions = std::move(pin_motions);
-    for (const auto& [point, start, motion] : driven_pins) plan.driven_pins.push_back({point, start, motion});
+    for (const auto& [point, start, motion] : driven_pins)
+        plan.driven_pins.push_back({point, start, motion});
     plan.precision = precision == "single" ? Precision::single : Precision::double_;
     plan.kernel = kernel == "gather" ? Kernel::gather : Kernel::edge;
     plan.kernels = &choose_instruction_set();
@@ -106,8 +108,8 @@ Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> sphe
 
 // Every sphere at every time, shape (times, spheres, values), as the shader takes it
 // (gpu/shaders/contact.wgsl) but for the rounded part of its place. `origin`: of the positions.
-Array<double> contact_table(const Plan& plan, const std::vector<double>& times, const Vec3& origin, double dt,
-                            bool single) {
+Array<double> contact_table(const Plan& plan, const std::vector<double>& times, const Vec3& origin,
+                            double dt, bool single) {
     const double rounding = single ? 0x1p-23 : 0x1p-52,
                  of_cells = single ? cell_rounding<float> : cell_rounding<double>;
     std::vector<double> values;
@@ -116,7 +118,8 @@ Array<double> contact_table(const Plan& plan, const std::vector<double>& times, 
             sphere.origin = origin;
             const bool path = sphere.response == Response::continuous;
             const double t0 = path && i > 0 ? times[i - 1] : times[i];
-            SweptSphere s = swept(sphere, plan.cloth, t0, times[i], dt, path ? rounding : 0, single);
+            SweptSphere s =
+                swept(sphere, plan.cloth, t0, times[i], dt, path ? rounding : 0, single);
             if (!path) Eigen::Map<Vec3>(s.velocity) = sphere.velocity_at(times[i]);
             for (const auto* vector : {&s.end, &s.velocity, &s.normal})
                 values.insert(values.end(), std::begin(*vector), std::end(*vector));
@@ -143,7 +146,9 @@ py::dict methods() {
     py::dict all;
     for (const Method& method : all_methods()) {
         py::dict facts;
-        facts["family"] = method.runge_kutta ? "runge_kutta" : method.splitting ? "splitting" : "implicit";
+        facts["family"] = method.runge_kutta ? "runge_kutta"
+            : method.splitting               ? "splitting"
+                                             : "implicit";
         facts["in_kernels"] = method.in_kernels;
         facts["adaptive"] = method.runge_kutta && !method.runge_kutta->errors.empty();
         std::size_t stages = 1;
@@ -167,8 +172,9 @@ py::dict methods() {
 
 void bind_model(py::module_& m) {
     py::class_<Cloth>(m, "Cloth")
-        .def(py::init(&make_cloth), py::kw_only(), "rows"_a, "columns"_a, "row_spacing"_a, "column_spacing"_a,
-             "stiffness"_a, "spring_damping"_a, "drag"_a, "mass"_a, "uniform_mass"_a, "pinned"_a)
+        .def(py::init(&make_cloth), py::kw_only(), "rows"_a, "columns"_a, "row_spacing"_a,
+             "column_spacing"_a, "stiffness"_a, "spring_damping"_a, "drag"_a, "mass"_a,
+             "uniform_mass"_a, "pinned"_a)
         .def_property_readonly("mode_bounds", [](const Cloth& cloth) {
             const ModeBounds bounds = mode_bounds(cloth);
             return std::make_pair(bounds.stiffness, bounds.damping);
@@ -178,9 +184,9 @@ void bind_model(py::module_& m) {
         .def(py::init(&make_motion), "pieces"_a, "period"_a, "phase"_a, "relative"_a)
         .def("states", &motion_states);
     py::class_<Sphere>(m, "Sphere")
-        .def(py::init(&make_sphere), py::kw_only(), "center"_a, "radius"_a, "offset"_a, "response"_a,
-             "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "cells"_a, "push_out_speed"_a,
-             "normal"_a, "spread"_a = 1.0)
+        .def(py::init(&make_sphere), py::kw_only(), "center"_a, "radius"_a, "offset"_a,
+             "response"_a, "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "cells"_a,
+             "push_out_speed"_a, "normal"_a, "spread"_a = 1.0)
         .def_readonly("normal", &Sphere::normal)
         .def_readonly("spread", &Sphere::spread)
         .def("center_at", &Sphere::center_at)
@@ -190,8 +196,11 @@ void bind_model(py::module_& m) {
              "pin_motions"_a, "driven_pins"_a, "precision"_a, "kernel"_a, "integrator"_a)
         .def("contact_table", &contact_table)
         .def("runaway_speed",
-             [](const Plan& p, double dt, double stable_dt) { return runaway_speed(p.cloth, dt, stable_dt); })
-        .def_property_readonly("instruction_set", [](const Plan& p) { return std::string(p.kernels->name); });
+             [](const Plan& p, double dt, double stable_dt) {
+                 return runaway_speed(p.cloth, dt, stable_dt);
+             })
+        .def_property_readonly("instruction_set",
+                               [](const Plan& p) { return std::string(p.kernels->name); });
     m.def("edge_offset", &edge_offset);
     m.def("methods", &methods);
 }

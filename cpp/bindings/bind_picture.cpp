@@ -12,8 +12,9 @@ namespace {
 using picture::Triple;
 
 picture::Shading make_shading(const std::map<std::string, Triple>& colors, double full_red_depth,
-                              double least_red, const Triple& key, const std::array<double, 4>& light,
-                              double grid_line, double grid_shade, bool shadow,
+                              double least_red, const Triple& key,
+                              const std::array<double, 4>& light, double grid_line,
+                              double grid_shade, bool shadow,
                               const std::vector<Triple>& depth_colors,
                               const std::array<double, 2>& depth_range) {
     return {colors.at("background"),
@@ -34,28 +35,31 @@ picture::Shading make_shading(const std::map<std::string, Triple>& colors, doubl
             depth_range};
 }
 
-// Arrays of the sheet have shape (rows, columns, 3). Rows of `balls`: centre, radius, colour, solid or not;
-// of `planes`: point, normal, radius, colour, solid or not.
+// Arrays of the sheet have shape (rows, columns, 3). Rows of `balls`: centre, radius, colour, solid
+// or not; of `planes`: point, normal, radius, colour, solid or not.
 py::array_t<std::uint8_t> render(const picture::View& view, const picture::Shading& shading,
                                  const Array<double>& points, const Array<double>& screen,
-                                 const Array<double>& normals, const std::optional<Array<double>>& colors,
+                                 const Array<double>& normals,
+                                 const std::optional<Array<double>>& colors,
                                  const std::vector<std::array<double, 8>>& balls,
                                  const std::vector<std::array<double, 11>>& planes, int threads) {
     if (points.ndim() != 3 || screen.size() != points.size() || normals.size() != points.size() ||
         (colors && colors->size() != points.size()))
         throw std::invalid_argument("arrays of the sheet must have one shape (rows, columns, 3)");
-    picture::Picture drawn{.view = view,
-                           .sheet = {int(points.shape(0)), int(points.shape(1)), points.data(), screen.data(),
-                                     normals.data(), colors ? colors->data() : nullptr},
-                           .balls = {},
-                           .planes = {},
-                           .shading = shading};
+    picture::Picture drawn{
+        .view = view,
+        .sheet = {int(points.shape(0)), int(points.shape(1)), points.data(), screen.data(),
+                  normals.data(), colors ? colors->data() : nullptr},
+        .balls = {},
+        .planes = {},
+        .shading = shading};
     for (const auto& b : balls)
         drawn.balls.push_back({{b[0], b[1], b[2]}, b[3], {b[4], b[5], b[6]}, b[7] != 0});
     for (const auto& p : planes)
         drawn.planes.push_back(
             {{p[0], p[1], p[2]}, {p[3], p[4], p[5]}, p[6], {p[7], p[8], p[9]}, p[10] != 0});
-    py::array_t<std::uint8_t> pixels({py::ssize_t(view.height), py::ssize_t(view.width), py::ssize_t(3)});
+    py::array_t<std::uint8_t> pixels(
+        {py::ssize_t(view.height), py::ssize_t(view.width), py::ssize_t(3)});
     std::uint8_t* const out = pixels.mutable_data();
     threads = granted(threads);
     bool complete;
@@ -71,14 +75,15 @@ py::array_t<std::uint8_t> render(const picture::View& view, const picture::Shadi
 
 void bind_picture(py::module_& m) {
     py::class_<picture::View>(m, "View").def(
-        py::init<int, int, std::array<Triple, 3>, Triple, double, double>(), py::kw_only(), "width"_a,
-        "height"_a, "axes"_a, "target"_a, "scale"_a, "distance"_a);
+        py::init<int, int, std::array<Triple, 3>, Triple, double, double>(), py::kw_only(),
+        "width"_a, "height"_a, "axes"_a, "target"_a, "scale"_a, "distance"_a);
     py::class_<picture::Shading>(m, "Shading")
-        .def(py::init(&make_shading), py::kw_only(), "colors"_a, "full_red_depth"_a, "least_red"_a, "key"_a,
-             "light"_a, "grid_line"_a, "grid_shade"_a, "shadow"_a, "depth_colors"_a, "depth_range"_a);
+        .def(py::init(&make_shading), py::kw_only(), "colors"_a, "full_red_depth"_a, "least_red"_a,
+             "key"_a, "light"_a, "grid_line"_a, "grid_shade"_a, "shadow"_a, "depth_colors"_a,
+             "depth_range"_a);
     m.attr("SAMPLES") = picture::samples;
-    m.def("render", &render, py::kw_only(), "view"_a, "shading"_a, "points"_a, "screen"_a, "normals"_a,
-          "colors"_a, "balls"_a, "planes"_a, "threads"_a);
+    m.def("render", &render, py::kw_only(), "view"_a, "shading"_a, "points"_a, "screen"_a,
+          "normals"_a, "colors"_a, "balls"_a, "planes"_a, "threads"_a);
 }
 
 }  // namespace clothsim

@@ -12,8 +12,8 @@
 namespace clothsim {
 namespace {
 
-// A Simulation that refuses a second caller while one is inside: the lock of the interpreter is not held
-// while the core works.
+// A Simulation that refuses a second caller while one is inside: the lock of the interpreter is not
+// held while the core works.
 class SharedSimulation {
 public:
     SharedSimulation(const std::vector<Plan>& plans, double time, int threads)
@@ -24,7 +24,8 @@ public:
         explicit Use(SharedSimulation& shared) : shared_(shared) {
             if (shared_.busy_.exchange(true))
                 throw std::runtime_error(
-                    "this state is being advanced by another thread; give each thread a Stepper of its own");
+                    "this state is being advanced by another thread; give each thread a Stepper of "
+                    "its own");
         }
         ~Use() { shared_.busy_ = false; }
         Simulation* operator->() { return &shared_.simulation_; }
@@ -66,7 +67,8 @@ Members<T> members_of(const Simulation& simulation, Array<T>& x, Array<T>& v) {
 }
 
 template <class T>
-void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v, std::optional<double> time) {
+void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v,
+          std::optional<double> time) {
     auto simulation = shared.use();
     const FlushSubnormals flushed;
     const auto from = members_of(*simulation, x, v);
@@ -87,11 +89,12 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
         return array ? array->mutable_data() + i * (std::size_t(array->size()) / simulation->size())
                      : nullptr;
     };
-    for (std::size_t i = 0; i < simulation->size(); ++i) simulation->member(i).store(part(x, i), part(v, i));
+    for (std::size_t i = 0; i < simulation->size(); ++i)
+        simulation->member(i).store(part(x, i), part(v, i));
 }
 
-// Values from which python/clothsim/engine/judge.py makes its errors; None where all steps were done without
-// an event: a call may be shorter than the making of a dict.
+// Values from which python/clothsim/engine/judge.py makes its errors; None where all steps were
+// done without an event: a call may be shorter than the making of a dict.
 py::object reported(const Outcome& outcome) {
     if (outcome.interrupted) throw py::error_already_set();
     if (outcome.complete()) return py::none();
@@ -101,8 +104,8 @@ py::object reported(const Outcome& outcome) {
     if (const auto& large = outcome.large_cell)
         result["large_cell"] = py::make_tuple(large->member, large->point);
     if (const auto& start = outcome.start)
-        result["start"] = py::make_tuple(start->member, start->at.sphere, start->at.points, start->at.deepest,
-                                         start->at.depth);
+        result["start"] = py::make_tuple(start->member, start->at.sphere, start->at.points,
+                                         start->at.deepest, start->at.depth);
     if (outcome.lifted) result["lifted"] = *outcome.lifted;
     if (outcome.grown) {
         result["grown"] = *outcome.grown;
@@ -124,13 +127,14 @@ py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int 
     Outcome outcome;
     {
         Unlocked unlocked;
-        outcome = simulation->advance(steps, dt, threads, [&] { return unlocked.signal_pending(); });
+        outcome =
+            simulation->advance(steps, dt, threads, [&] { return unlocked.signal_pending(); });
     }
     return reported(outcome);
 }
 
-// A whole call: a state in, steps, and the state out if no event has to be reported. False, with nothing
-// done, where the state is not finite.
+// A whole call: a state in, steps, and the state out if no event has to be reported. False, with
+// nothing done, where the state is not finite.
 template <class T>
 py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                 std::int64_t steps, double dt, int threads, Array<T>& x_out, Array<T>& v_out) {
@@ -146,10 +150,12 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
             member.rounding_of_arrays = std::numeric_limits<T>::epsilon();
             return member.load(from.x_of(i), from.v_of(i));
         };
-        outcome = simulation->call(time, load, steps, dt, threads, [&] { return unlocked.signal_pending(); });
+        outcome = simulation->call(time, load, steps, dt, threads,
+                                   [&] { return unlocked.signal_pending(); });
         if (outcome && outcome->complete())
-            simulation->each_member(
-                threads, [&](std::size_t i, int) { simulation->member(i).store(to.x_of(i), to.v_of(i)); });
+            simulation->each_member(threads, [&](std::size_t i, int) {
+                simulation->member(i).store(to.x_of(i), to.v_of(i));
+            });
     }
     return outcome ? reported(*outcome) : py::bool_(false);
 }
@@ -177,12 +183,12 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
     double* const out = a.mutable_data();
     threads = granted(threads);
     const Unlocked unlocked;
-    simulation->each_member(threads,
-                            [&](std::size_t i, int) { simulation->member(i).accelerations(out + i * size); });
+    simulation->each_member(
+        threads, [&](std::size_t i, int) { simulation->member(i).accelerations(out + i * size); });
 }
 
-py::object advance_adaptive(SharedSimulation& shared, AdaptiveRun& run, double until, std::int64_t steps,
-                            int threads) {
+py::object advance_adaptive(SharedSimulation& shared, AdaptiveRun& run, double until,
+                            std::int64_t steps, int threads) {
     auto simulation = shared.use();
     threads = granted(threads);
     Outcome outcome;
@@ -203,8 +209,8 @@ void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& 
     simulation->member(0).adaptive()->dense(t, px, pv, threads);
 }
 
-// Of a member: first contact, depth of mass points and of triangles, stretch, energy gained (NaN: unknown);
-// impulse on each sphere.
+// Of a member: first contact, depth of mass points and of triangles, stretch, energy gained (NaN:
+// unknown); impulse on each sphere.
 py::list watched(SharedSimulation& shared) {
     auto simulation = shared.use();
     constexpr double nan = std::numeric_limits<double>::quiet_NaN();
@@ -236,8 +242,8 @@ void sample(SharedSimulation& shared) {
     simulation->sample();
 }
 
-// A simulation between steps as named fields. Arrays have an entry for each member, of the sums of impulses
-// one for each sphere of each member.
+// A simulation between steps as named fields. Arrays have an entry for each member, of the sums of
+// impulses one for each sphere of each member.
 constexpr std::array<const char*, 4> names_of_values{"positions", "velocities", "positions_low",
                                                      "velocities_low"};
 std::size_t parts_of(const Simulation& simulation) {
@@ -255,7 +261,8 @@ py::dict snapshot(SharedSimulation& shared) {
     for (std::size_t i = 0; i < members; ++i) {
         const SavedState state = simulation->member(i).saved_state();
         for (std::size_t part = 0; part < parts; ++part)
-            values[part].insert(values[part].end(), state.values.begin() + std::ptrdiff_t(part * size),
+            values[part].insert(values[part].end(),
+                                state.values.begin() + std::ptrdiff_t(part * size),
                                 state.values.begin() + std::ptrdiff_t((part + 1) * size));
         origins.insert(origins.end(), state.origin.begin(), state.origin.end());
         impulses.insert(impulses.end(), state.impulses.begin(), state.impulses.end());
@@ -289,9 +296,9 @@ void restore(SharedSimulation& shared, const py::dict& fields) {
     const auto take = [&](const char* name, std::size_t count) {
         const auto array = fields[name].cast<Array<double>>();
         if (std::size_t(array.size()) != count)
-            throw std::invalid_argument(std::string("the field ") + name + " of a snapshot must hold " +
-                                        std::to_string(count) + " numbers, got " +
-                                        std::to_string(array.size()));
+            throw std::invalid_argument(std::string("the field ") + name +
+                                        " of a snapshot must hold " + std::to_string(count) +
+                                        " numbers, got " + std::to_string(array.size()));
         return array;
     };
     std::vector<SavedState> states(members);
@@ -305,7 +312,8 @@ void restore(SharedSimulation& shared, const py::dict& fields) {
     for (std::size_t i = 0; i < members; ++i) sums += simulation->member(i).impulses.sums().size();
     const auto origins = take("origins", 3 * members), frozen = take("frozen", members),
                impulses = take("impulses", sums);
-    const Clock clock{fields["clock_origin"].cast<double>(), fields["clock_steps"].cast<std::int64_t>(),
+    const Clock clock{fields["clock_origin"].cast<double>(),
+                      fields["clock_steps"].cast<std::int64_t>(),
                       fields["clock_step"].cast<double>()};
     simulation->clock = clock;
     const double* sum = impulses.data();
@@ -338,14 +346,16 @@ void bind_simulation(py::module_& m) {
     using S = SharedSimulation;
     const py::arg any, exact = py::arg().noconvert();  // an array of the very type
     py::class_<AdaptiveRun>(m, "AdaptiveRun")
-        .def(py::init([](double tolerance_x, double tolerance_v, double near, std::vector<double> stops,
-                         std::vector<double> grid, const std::tuple<double, double, bool>& controller) {
+        .def(py::init([](double tolerance_x, double tolerance_v, double near,
+                         std::vector<double> stops, std::vector<double> grid,
+                         const std::tuple<double, double, bool>& controller) {
             AdaptiveRun run;
             run.tolerance = {tolerance_x, tolerance_v};
             run.near = near;
             run.stops = std::move(stops);
             run.grid = std::move(grid);
-            std::tie(run.controller.h, run.controller.previous_error, run.controller.rejected) = controller;
+            std::tie(run.controller.h, run.controller.previous_error, run.controller.rejected) =
+                controller;
             return run;
         }))
         .def_property_readonly("controller",
@@ -391,14 +401,16 @@ void bind_simulation(py::module_& m) {
                      simulation->set_force(i, force.data() + i * size);
              })
         .def("set_frozen", [](S& s, std::size_t i, bool frozen) { s.use()->set_frozen(i, frozen); })
-        .def_property_readonly("frozen", of_members([](Simulation& s, std::size_t i) { return s.frozen(i); }))
+        .def_property_readonly("frozen",
+                               of_members([](Simulation& s, std::size_t i) { return s.frozen(i); }))
         .def("advance_adaptive", &advance_adaptive)
         .def("dense", &dense, any, exact, exact, any)
         .def_property_readonly("contacts", of_members([](Simulation& s, std::size_t i) {
                                    return s.member(i).contact_responses;
                                }))
-        .def_property_readonly(
-            "evaluations", of_members([](Simulation& s, std::size_t i) { return s.member(i).evaluations; }))
+        .def_property_readonly("evaluations", of_members([](Simulation& s, std::size_t i) {
+                                   return s.member(i).evaluations;
+                               }))
         .def("set_watch",
              [](S& s, std::int64_t every, double interval) { s.use()->set_watch(every, interval); })
         .def("set_watch_energy", [](S& s, bool on) { s.use()->set_watch_energy(on); })

@@ -25,7 +25,8 @@ py::dict build_facts() {
         built.append(std::string(table->name));
         flags[py::str(std::string(table->name))] = std::string(table->flags);
     }
-    for (const KernelTable* table : supported_instruction_sets()) supported.append(std::string(table->name));
+    for (const KernelTable* table : supported_instruction_sets())
+        supported.append(std::string(table->name));
     py::dict facts;
     facts["version"] = CLOTHSIM_VERSION;
     facts["compiler"] = CLOTHSIM_COMPILER;
@@ -45,10 +46,11 @@ int granted(int threads) {
     const int given = granted_threads(threads);
     static std::atomic<bool> warned{false};
     if (given < threads && !warned.exchange(true)) {
-        const std::string text = "threads: this process can start " + std::to_string(given) + " of " +
-            std::to_string(threads) +
+        const std::string text = "threads: this process can start " + std::to_string(given) +
+            " of " + std::to_string(threads) +
             " threads, and goes on with these; results are the same. The limit is the "
-            "user's (ulimit -u), the container's (pids), or that of memory; threads=1 needs no further "
+            "user's (ulimit -u), the container's (pids), or that of memory; threads=1 needs no "
+            "further "
             "thread";
         if (PyErr_WarnEx(PyExc_RuntimeWarning, text.c_str(), 1) != 0) throw py::error_already_set();
     }
@@ -71,19 +73,21 @@ void bind_build(py::module_& m) {
     m.attr("neighbours") = py::tuple(ends);
     m.attr("extents_that_are_far") = extents_that_are_far;
     // As the live page has them: of single, bands and tolerance in epsilon.
-    m.attr("contact_constants") =
-        py::dict("slop"_a = slop_epsilons, "band"_a = ContactBand::least,
-                 "bandOfCells"_a = ContactBand::of_cells_in_single, "tolerance"_a = ContactBand::tolerance,
-                 "rounding"_a = cell_rounding<float>, "excess"_a = 1 + ContactBand::excess);
+    m.attr("contact_constants") = py::dict(
+        "slop"_a = slop_epsilons, "band"_a = ContactBand::least,
+        "bandOfCells"_a = ContactBand::of_cells_in_single, "tolerance"_a = ContactBand::tolerance,
+        "rounding"_a = cell_rounding<float>, "excess"_a = 1 + ContactBand::excess);
 }
 
 }  // namespace clothsim
 
-// Simulations lock themselves against use by two threads; the rest keeps no state that calls change.
+// Simulations lock themselves against use by two threads; the rest keeps no state that calls
+// change.
 PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
     m.doc() = "The compiled core of clothsim. Private: the public names are those of the package.";
     if (const auto os = py::module_::import("os"); py::hasattr(os, "register_at_fork"))
-        os.attr("register_at_fork")("after_in_child"_a = py::cpp_function(&clothsim::forget_workers));
+        os.attr("register_at_fork")("after_in_child"_a =
+                                        py::cpp_function(&clothsim::forget_workers));
     clothsim::bind_build(m);
     clothsim::bind_model(m);
     clothsim::bind_picture(m);

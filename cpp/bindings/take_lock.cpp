@@ -1,5 +1,5 @@
-// Compiled without exceptions: only then does pthread.h call the handler before the stack is unwound. The
-// unwinding of glibc breaks off where code for libc++ stands on the stack.
+// Compiled without exceptions: only then does pthread.h call the handler before the stack is
+// unwound. The unwinding of glibc breaks off where code for libc++ stands on the stack.
 #include <Python.h>
 
 #if !defined(_WIN32)

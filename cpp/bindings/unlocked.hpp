@@ -1,5 +1,5 @@
-// The lock of the interpreter, released while the core works. Subnormal numbers are zero there, and only
-// there.
+// The lock of the interpreter, released while the core works. Subnormal numbers are zero there, and
+// only there.
 #pragma once
 
 #include <optional>
@@ -9,8 +9,9 @@
 
 namespace clothsim {
 
-// A daemon thread may be in the core when the interpreter ends. Where it takes the lock again, Python before
-// 3.14 ends the thread, which must not destroy what its frames own: it stays here until the process ends.
+// A daemon thread may be in the core when the interpreter ends. Where it takes the lock again,
+// Python before 3.14 ends the thread, which must not destroy what its frames own: it stays here
+// until the process ends.
 void take_lock(PyThreadState* thread);
 
 class Unlocked {

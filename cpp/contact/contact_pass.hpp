@@ -1,28 +1,28 @@
-// The contact pass after a step of any integrator. "reflect" and "ray" look at the state at the end of the
-// step, sphere after sphere. Then "continuous" also sees the state at its start.
+// The contact pass after a step of any integrator. "reflect" and "ray" look at the state at the end
+// of the step, sphere after sphere. Then "continuous" also sees the state at its start.
 //
-//      start of step      free end                        response
+//      start of step      free end               response
 //
-//           o - - - - - - -> x                 o - - -t    t: time of impact, on the contact surface
-//                       ____                         / \   n: normal there
-//                     /  S   \                      s    n   v.n -> -e v.n, friction on the rest
-//                                                            s: the rest of the step, along the new velocity
+//           o - - - - - - -> x        o - - -t    t: time of impact, on the contact surface
+//                       ____                / \   n: normal there
+//                     /  S   \             s    n   v.n -> -e v.n, friction on the rest
+//                                                   s: the rest of the step, along the new velocity
 //
-//   1. Kernels find the points that may touch, and respond where a point lies on one sphere. Points do not
-//      depend on each other here, so any number of threads gives the same bits.
-//   2. The other points follow, one by one in the cloth's order (contact/continuous.hpp), bounces last: their
-//      energy depends on the neighbours as they are now.
+//   1. Kernels find the points that may touch, and respond where a point lies on one sphere. Points
+//      do not depend on each other here, so any number of threads gives the same bits.
+//   2. The other points follow, one by one in the cloth's order (contact/continuous.hpp), bounces
+//      last: their energy depends on the neighbours as they are now.
 //
-// Where a sphere has the offset "cell", each point has a contact surface of its own, by rho of its cells
-// (kernels/contact/contact_impl.hpp):
+// Where a sphere has the offset "cell", each point has a contact surface of its own, by rho of its
+// cells (kernels/contact/contact_impl.hpp):
 //
 //   1. rho is that before the step; it is computed where the step before has not left it.
-//   3. rho of the cells now. Points that lie deeper than it lets them are lifted; again, until none is. A
-//      move of d changes rho by at most d and a distance by rho / sqrt(R^2 + rho^2) of that: the rounds
-//      contract. Later rounds visit the rows beside points that were lifted.
+//   3. rho of the cells now. Points that lie deeper than it lets them are lifted; again, until none
+//      is. A move of d changes rho by at most d and a distance by rho / sqrt(R^2 + rho^2) of that:
+//      the rounds contract. Later rounds visit the rows beside points that were lifted.
 //
-// A phase reads what the phase before has written, or what its own rows wrote before. So any number of
-// threads gives the same bits.
+// A phase reads what the phase before has written, or what its own rows wrote before. So any number
+// of threads gives the same bits.
 #pragma once
 
 #include <algorithm>
@@ -69,7 +69,8 @@ public:
         cell_rows_ = std::max(cloth.rows - 1, 1);
         const std::size_t vectors = std::size_t(g.rows) * std::size_t(g.vectors),
                           values = vectors * std::size_t(lanes_);
-        for (auto* const sets : {&unresolved_, &inside_, &found_, &free_, &cells_}) sets->assign(vectors, 0);
+        for (auto* const sets : {&unresolved_, &inside_, &found_, &free_, &cells_})
+            sets->assign(vectors, 0);
         near_.assign(std::max<std::size_t>(numbers_.size(), 1) * vectors, 0);
         mass_.assign(values, Real(0));
         for (int r = 0; r < g.rows; ++r)
@@ -80,8 +81,10 @@ public:
                     const std::size_t point = std::size_t(r * cloth.columns + column);
                     free_[index(r, j)] |= std::uint64_t(!cloth.pinned[point]) << l;
                     cells_[index(r, j)] |=
-                        std::uint64_t(r < cell_rows_ && column < std::max(cloth.columns - 1, 1)) << l;
-                    mass_[index(r, j) * std::size_t(lanes_) + std::size_t(l)] = Real(cloth.mass[point]);
+                        std::uint64_t(r < cell_rows_ && column < std::max(cloth.columns - 1, 1))
+                        << l;
+                    mass_[index(r, j) * std::size_t(lanes_) + std::size_t(l)] =
+                        Real(cloth.mass[point]);
                 }
         for (auto* const rows : {&marks_, &known_, &wanted_}) rows->assign(std::size_t(g.rows), 0);
         lift_work_.assign(std::size_t(g.rows), 0);
@@ -111,8 +114,8 @@ public:
     }
     ContactPass(const ContactPass&) = delete;
 
-    // The state before the next step is not the one after the last. `start`: a call or a scene has brought
-    // it.
+    // The state before the next step is not the one after the last. `start`: a call or a scene has
+    // brought it.
     void forget(bool start) {
         current_ = false;
         starts_ |= start;
@@ -124,8 +127,8 @@ public:
     }
 
     // `rounding`: relative, of the state.
-    ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt, double rounding,
-                          int threads) {
+    ContactReport respond(AlignedVector<Real>& memory, double t0, double t1, double dt,
+                          double rounding, int threads) {
         memory_ = &memory;
         passed_ = true;
         a_.state = memory.data() + layout_.first();
@@ -138,8 +141,8 @@ public:
         return report_;
     }
 
-    // The first point of a cell that is larger than a sphere and touches it at time t, or -1; looked for if
-    // the pass has run since the last look.
+    // The first point of a cell that is larger than a sphere and touches it at time t, or -1;
+    // looked for if the pass has run since the last look.
     std::int64_t large_cell(const AlignedVector<Real>& memory, double t) {
         if (!std::exchange(passed_, false) || !a_.cells) return -1;
         std::fill(wanted_.begin(), wanted_.begin() + cell_rows_, 1);
@@ -176,7 +179,8 @@ public:
         if (lifting_) return;
         add(inside_, i);
         if (!starts_) return;
-        // Half warns of sheets laid around a sphere by the cells at rest; twice hides another hundredth.
+        // Half warns of sheets laid around a sphere by the cells at rest; twice hides another
+        // hundredth.
         constexpr double part_of_standoff = 0.01;
         if (s.cells) {
             const double standoff = s.curvature * radius2_before(i) / 2;
@@ -200,14 +204,15 @@ public:
         if (!s.cells) return exact::surface_of<Real>(s, 0.0);
         const exact::Surface before = exact::surface_of<Real>(s, radius2_before(i));
         if (!lifting_) return before;
-        exact::Surface surface = exact::surface_of<Real>(s, std::max(radius2_before(i), radius2_now(i)));
+        exact::Surface surface =
+            exact::surface_of<Real>(s, std::max(radius2_before(i), radius2_now(i)));
         surface.innermost = before.innermost;
         return surface;
     }
 
 private:
-    // Rounds in which points are lifted as rho grows. Each leaves at most 0.71 of the last, so that twice as
-    // many change nothing; half leave 3e-8 of the first move.
+    // Rounds in which points are lifted as rho grows. Each leaves at most 0.71 of the last, so that
+    // twice as many change nothing; half leave 3e-8 of the first move.
     static constexpr int most_lifts = 100;
     // Rows that are lifted while they are in the nearest cache.
     static constexpr int rows_at_a_time = 4;
@@ -219,7 +224,9 @@ private:
     }
     int row(int i) const { return i / plan_.cloth.columns; }
     int column(int i) const { return i % plan_.cloth.columns; }
-    std::size_t number(const SweptSphere& s) const { return numbers_[std::size_t(&s - swept_.data())]; }
+    std::size_t number(const SweptSphere& s) const {
+        return numbers_[std::size_t(&s - swept_.data())];
+    }
     Vec3 position(int i) const { return points_.position(*memory_, i); }
     bool pinned(int i) const { return plan_.cloth.pinned[std::size_t(i)]; }
     // Where a point's own values lie.
@@ -315,12 +322,13 @@ private:
     void respond_to_paths(double t0, double t1, double dt, double rounding) {
         swept_.clear();
         for (const std::size_t number : numbers_)
-            swept_.push_back(
-                swept(plan_.spheres[number], plan_.cloth, t0, t1, dt, rounding, Points::compensated));
+            swept_.push_back(swept(plan_.spheres[number], plan_.cloth, t0, t1, dt, rounding,
+                                   Points::compensated));
         a_.before = before_.data() + layout_.first();
         a_.spheres = swept_.data();
         a_.sphere_count = int(swept_.size());
-        for (std::size_t s = 0; s < numbers_.size(); ++s) on_spheres_[s] = impulses_.of_row(numbers_[s], 0);
+        for (std::size_t s = 0; s < numbers_.size(); ++s)
+            on_spheres_[s] = impulses_.of_row(numbers_[s], 0);
         if (!current_) known(false);
         lifting_ = false;
         std::fill(lift_work_.begin(), lift_work_.end(), 0.0);
@@ -338,7 +346,8 @@ private:
         for (int pass = 0; pass < 2 && any(ContactMarks::unresolved); ++pass) {
             bouncing_ = pass == 1;
             each_vector(0, a_.geometry.rows, [&](int r, int j) {
-                each_point(r, j, std::exchange(unresolved_[index(r, j)], 0), [&](int i) { resolve(i); });
+                each_point(r, j, std::exchange(unresolved_[index(r, j)], 0),
+                           [&](int i) { resolve(i); });
             });
         }
         lift(near);
@@ -356,7 +365,8 @@ private:
         for (const SweptSphere& s : swept_) {
             const double level = exact::level(s, position(i) - exact::vec(s.end));
             note_depth(-exact::height_of(s, level));
-            if (level < surface_at(i, s).innermost) ContactReport::keep_first(report_.pinned_inside, i);
+            if (level < surface_at(i, s).innermost)
+                ContactReport::keep_first(report_.pinned_inside, i);
         }
     }
 
@@ -368,9 +378,9 @@ private:
     // The rows of cells beside points of the rows with this mark.
     void want(std::uint8_t mark) {
         for (int r = 0; r < cell_rows_; ++r)
-            wanted_[std::size_t(r)] =
-                ((marks_[std::size_t(r)] | marks_[std::min(std::size_t(r) + 1, marks_.size() - 1)]) & mark) !=
-                0;
+            wanted_[std::size_t(r)] = ((marks_[std::size_t(r)] |
+                                        marks_[std::min(std::size_t(r) + 1, marks_.size() - 1)]) &
+                                       mark) != 0;
     }
     void lift(bool near) {
         if (a_.cells) {
@@ -394,7 +404,8 @@ private:
             }
             if (!at_once) each_part(radii);
             if (!at_once) each_part(rows);
-            if (one_by_one) each_vector(0, a_.geometry.rows, [&](int r, int j) { lift_points(r, j); });
+            if (one_by_one)
+                each_vector(0, a_.geometry.rows, [&](int r, int j) { lift_points(r, j); });
             near = any(ContactMarks::lifted);
             report_.changed |= near;
             a_.first_round = false;
@@ -412,8 +423,8 @@ private:
                 ContactReport::keep_first(report_.trapped, i);
             if (end.position == free_end) return;
             marks_[std::size_t(r)] |= ContactMarks::lifted;
-            lift_work_[std::size_t(r)] +=
-                mass(i) * double(press_[std::size_t(value_of(i))]) * (end.position - free_end).norm();
+            lift_work_[std::size_t(r)] += mass(i) * double(press_[std::size_t(value_of(i))]) *
+                (end.position - free_end).norm();
             points_.set_position(*memory_, i, end.position);
         });
     }
@@ -424,7 +435,8 @@ private:
         for (int r = std::max(row(i) - 1, 0); r <= std::min(row(i), cell_rows_ - 1); ++r)
             for (int c = std::max(column(i) - 1, 0);
                  c <= std::min(column(i), std::max(plan_.cloth.columns - 2, 0)); ++c)
-                most = std::max(most, double(a_.cell_radii2[value_of(r * plan_.cloth.columns + c)]));
+                most =
+                    std::max(most, double(a_.cell_radii2[value_of(r * plan_.cloth.columns + c)]));
         return most;
     }
 
@@ -441,10 +453,12 @@ private:
     AlignedVector<Real> before_;
     AlignedVector<Real>* memory_ = nullptr;
     bool current_ = false;  // whether `before_` is the state
-    bool starts_ = false, bouncing_ = false, lifting_ = false, anything_found_ = false, passed_ = false;
+    bool starts_ = false, bouncing_ = false, lifting_ = false, anything_found_ = false,
+         passed_ = false;
     std::vector<std::uint64_t> near_, unresolved_, inside_, found_, free_, cells_;
     std::vector<std::uint8_t> marks_;  // rows of points
-    std::vector<std::uint8_t> known_, wanted_;  // rows of cells: rho is that before the step; is needed
+    // Rows of cells: rho is that before the step; is needed.
+    std::vector<std::uint8_t> known_, wanted_;
     std::vector<double> lift_work_;
     AlignedVector<Real> cell_radii2_, point_radii2_, press_;
     std::vector<Real> mass_;  // a lane after the other; 0 of padding

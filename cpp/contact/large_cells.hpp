@@ -1,5 +1,5 @@
-// Cells larger than a sphere of offset "cell". Their corners may all be too far from the sphere to touch it,
-// while the sphere is in the middle of the cell.
+// Cells larger than a sphere of offset "cell". Their corners may all be too far from the sphere to
+// touch it, while the sphere is in the middle of the cell.
 #pragma once
 
 #include <algorithm>
@@ -13,8 +13,8 @@
 
 namespace clothsim {
 
-// The first point of a cell that is larger than a sphere and touches it at time t, or -1. `position(i)` of a
-// mass point.
+// The first point of a cell that is larger than a sphere and touches it at time t, or -1.
+// `position(i)` of a mass point.
 template <class Position>
 std::int64_t large_cell_at_sphere(const Cloth& cloth, const std::vector<Sphere>& spheres, double t,
                                   const Position& position) {

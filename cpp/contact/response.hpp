@@ -1,5 +1,5 @@
-// Detection and the responses of Kim et al., section 5: the state of a mass point inside a sphere at the end
-// of a step, and what becomes of it.
+// Detection and the responses of Kim et al., section 5: the state of a mass point inside a sphere
+// at the end of a step, and what becomes of it.
 #pragma once
 
 #include <algorithm>
@@ -25,9 +25,14 @@ struct Contact {
     double dt;  // of the step that ends then [s]
 
     Contact(const Sphere& s, double t, double step)
-        : sphere(s), place(s.place_at(t)), velocity(s.velocity_at(t)), top(s.level(s.offset)), dt(step) {}
+        : sphere(s),
+          place(s.place_at(t)),
+          velocity(s.velocity_at(t)),
+          top(s.level(s.offset)),
+          dt(step) {}
 
-    // Velocity on which the response acts: relative to the sphere, or absolute in the as_printed reading.
+    // Velocity on which the response acts: relative to the sphere, or absolute in the as_printed
+    // reading.
     Vec3 relative(const Vec3& v) const { return sphere.as_printed ? v : Vec3(v - velocity); }
     // Along the normal at d, of length 1 on the surface.
     Vec3 gradient(const Vec3& d) const { return sphere.normal + sphere.curvature() * d; }
@@ -40,8 +45,9 @@ inline Vec3 outward_normal(const Contact& contact, const Vec3& d) {
     return length > 0 ? Vec3(m / length) : contact.sphere.normal;
 }
 
-// Reflection about the tangent plane (eq 7), scaled by restitution, with Coulomb friction: the tangential
-// impulse is at most friction times the normal impulse. As printed: reflected in any case.
+// Reflection about the tangent plane (eq 7), scaled by restitution, with Coulomb friction: the
+// tangential impulse is at most friction times the normal impulse. As printed: reflected in any
+// case.
 inline Vec3 reflected(const Contact& contact, const Vec3& velocity, const Vec3& normal) {
     const double normal_speed = contact.relative(velocity).dot(normal);
     if (normal_speed >= 0 && !contact.sphere.as_printed) return velocity;
@@ -62,29 +68,29 @@ inline PointState respond_reflect(const Contact& contact, const PointState& poin
     return {point.position, reflected(contact, point.velocity, normal)};
 }
 
-// |v| of velocities so small or so large that their squares would vanish or overflow. Written out, because
-// the summation order of Eigen's stableNorm depends on where its operand lies in memory.
+// |v| of velocities so small or so large that their squares would vanish or overflow. Written out,
+// because the summation order of Eigen's stableNorm depends on where its operand lies in memory.
 inline double length_of(const Vec3& v) {
     const double largest = v.cwiseAbs().maxCoeff();
     return largest > 0 ? largest * (v / largest).norm() : 0;
 }
 
-// Method 2: cast a ray from the point back along its velocity. The point moves to the intersection of ray and
-// surface, and its velocity is reflected there.
+// Method 2: cast a ray from the point back along its velocity. The point moves to the intersection
+// of ray and surface, and its velocity is reflected there.
 //
-// With b = -v/|v| the level (contact/continuous.hpp) along the ray is f + 2 s m.b + k s^2: eq 9 with
-// its errata corrected, over the radius. Division by v.v makes no speed too small. The point lies inside,
-// C = f - top < 0, so exactly one distance along the ray is positive:
+// With b = -v/|v| the level (contact/continuous.hpp) along the ray is f + 2 s m.b + k s^2: eq 9
+// with its errata corrected, over the radius. Division by v.v makes no speed too small. The point
+// lies inside, C = f - top < 0, so exactly one distance along the ray is positive:
 //
 //   s = (-B + sqrt(B^2 - k C)) / k   =   -C / (B + sqrt(B^2 - k C)),   B = m.b
 //
 // The form without cancellation is taken by the sign of B, which is what eq 11 and 12 are for.
 //
-// The paper leaves the point there. Each contact then loses the part s / |v| of the step. A point on the
-// sphere, as with a restitution below 1, slides at (1 + e) / 2 of its speed at any time step. So with e < 1
-// or friction the point goes on from the surface for that time, at its new velocity. A point that starts
-// inside goes on for the step. With e = 1 and no friction, touches are rare and the loss is of the order of
-// the time step. The paper's reading then stays.
+// The paper leaves the point there. Each contact then loses the part s / |v| of the step. A point
+// on the sphere, as with a restitution below 1, slides at (1 + e) / 2 of its speed at any time
+// step. So with e < 1 or friction the point goes on from the surface for that time, at its new
+// velocity. A point that starts inside goes on for the step. With e = 1 and no friction, touches
+// are rare and the loss is of the order of the time step. The paper's reading then stays.
 inline PointState respond_ray(const Contact& contact, const PointState& point) {
     const Sphere& sphere = contact.sphere;
     const double k = sphere.curvature();

@@ -1,10 +1,11 @@
 // Steps that need no contact pass, as the cloth is clear of the spheres.
 //
-// Within a step a mass point goes straight from place to place, and so does a sphere. Take a plane that lies
-// between the two at both ends of the step. Then they do not touch in the step, nor does the sphere touch a
-// triangle of such points. While the cloth stays beyond a plane beside every sphere's path, a comparison per
-// point replaces the contact pass. The number of such steps is predicted and checked afterwards. If the check
-// fails, the caller goes back to an earlier state and takes those steps with the pass.
+// Within a step a mass point goes straight from place to place, and so does a sphere. Take a plane
+// that lies between the two at both ends of the step. Then they do not touch in the step, nor does
+// the sphere touch a triangle of such points. While the cloth stays beyond a plane beside every
+// sphere's path, a comparison per point replaces the contact pass. The number of such steps is
+// predicted and checked afterwards. If the check fails, the caller goes back to an earlier state
+// and takes those steps with the pass.
 #pragma once
 
 #include <algorithm>
@@ -34,11 +35,11 @@ class SeparatingPlanes {
 public:
     explicit SeparatingPlanes(const RealKernels<Real>& kernels) : kernels_(kernels) {}
 
-    // How many of the next steps, at most `most`, are expected to be clear. `component(k)`: of the whole
-    // cloth (k = 0..2: x, y, z, 3..5: their velocities).
+    // How many of the next steps, at most `most`, are expected to be clear. `component(k)`: of the
+    // whole cloth (k = 0..2: x, y, z, 3..5: their velocities).
     template <class Component>
-    std::int64_t clear_steps(const std::vector<Sphere>& spheres, const Vec3& gravity, const Clock& clock,
-                             std::int64_t most, const Component& component) {
+    std::int64_t clear_steps(const std::vector<Sphere>& spheres, const Vec3& gravity,
+                             const Clock& clock, std::int64_t most, const Component& component) {
         if (clock.origin != origin_ || clock.dt != dt_) drop();
         origin_ = clock.origin;
         dt_ = clock.dt;
@@ -69,11 +70,11 @@ public:
     }
 
 private:
-    // Most steps behind a plane, and until the next search where there is none. The extents take a few
-    // hundredths of a step: half doubles that cost, twice makes predictions longer.
+    // Most steps behind a plane, and until the next search where there is none. The extents take a
+    // few hundredths of a step: half doubles that cost, twice makes predictions longer.
     static constexpr int longest = 64;
-    // Steps. Fewer steps behind planes do not pay for the checkpoint. Half or twice changes drapes by less
-    // than the spread, 3 %.
+    // Steps. Fewer steps behind planes do not pay for the checkpoint. Half or twice changes drapes
+    // by less than the spread, 3 %.
     static constexpr int shortest = 4;
 
     template <class Component>
@@ -86,7 +87,8 @@ private:
         std::vector<std::vector<Vec3>> places;
         for (const Sphere& sphere : spheres) {
             places.emplace_back();
-            for (int k = 0; k <= longest; ++k) places.back().push_back(sphere.place_at(clock.at(k)));
+            for (int k = 0; k <= longest; ++k)
+                places.back().push_back(sphere.place_at(clock.at(k)));
             if (!widest(place, {}, Vec3::Zero(), sphere, places.back(), 0, clock.dt)) return;
         }
         for (int k = 0; k < 3; ++k) speed[std::size_t(k)] = kernels_.extent(component(3 + k));
@@ -104,8 +106,8 @@ private:
         }
     }
 
-    // The plane from which the cloth is farthest after so many steps, at twice the speeds it has. `places`:
-    // of the sphere.
+    // The plane from which the cloth is farthest after so many steps, at twice the speeds it has.
+    // `places`: of the sphere.
     static std::optional<SeparatingPlane<Real>> widest(const std::array<Extent<Real>, 3>& place,
                                                        const std::array<Extent<Real>, 3>& speed,
                                                        const Vec3& gravity, const Sphere& sphere,
@@ -145,7 +147,8 @@ private:
 
     const RealKernels<Real>& kernels_;
     double origin_ = 0, dt_ = 0;  // of the clock
-    std::int64_t end_ = std::numeric_limits<std::int64_t>::min();  // step of the clock of the next search
+    // Step of the clock of the next search.
+    std::int64_t end_ = std::numeric_limits<std::int64_t>::min();
     std::vector<SeparatingPlane<Real>> planes_;  // one a sphere, or none
     bool up_ = false;
     std::atomic<bool> crossed_{false};

@@ -18,10 +18,13 @@ public:
 
     StatePoints(const Layout& layout, int columns) : layout_(layout), columns_(columns) {}
 
-    std::ptrdiff_t place(int point, int k) const { return layout_.at(point / columns_, point % columns_, k); }
+    std::ptrdiff_t place(int point, int k) const {
+        return layout_.at(point / columns_, point % columns_, k);
+    }
     double value(const State& state, std::ptrdiff_t at) const {
         if constexpr (compensated)
-            return double(state[std::size_t(at)]) + double(state[std::size_t(at + layout_.compensation())]);
+            return double(state[std::size_t(at)]) +
+                double(state[std::size_t(at + layout_.compensation())]);
         else return state[std::size_t(at)];
     }
     void set_value(State& state, std::ptrdiff_t at, double value) const {

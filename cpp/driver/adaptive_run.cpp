@@ -1,10 +1,11 @@
 // The loop of error control: try, judge, accept.
 //
-// The contact pass follows each accepted step, as it follows each step of the fixed-step methods. To skip no
-// contact, AdaptiveEngine::contact_step bounds a step near the spheres, by the velocities before the step,
-// and after a trial by those after it: a step that was too long is tried again. Every trial comes to an end.
-// The velocities after an unstable step mean nothing, so they ask for no step below `near`; from there on
-// steps are stable, and a bound of the velocities bounds the step from below.
+// The contact pass follows each accepted step, as it follows each step of the fixed-step methods.
+// To skip no contact, AdaptiveEngine::contact_step bounds a step near the spheres, by the
+// velocities before the step, and after a trial by those after it: a step that was too long is
+// tried again. Every trial comes to an end. The velocities after an unstable step mean nothing, so
+// they ask for no step below `near`; from there on steps are stable, and a bound of the velocities
+// bounds the step from below.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -33,8 +34,8 @@ double AdaptiveRun::target(double t) {
     return std::min(given, stops[next_stop]);
 }
 
-Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps, int threads,
-                                     const std::function<bool()>& interrupted) {
+Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps,
+                                     int threads, const std::function<bool()>& interrupted) {
     Engine& engine = *members_[0];
     AdaptiveEngine& adaptive = *engine.adaptive();
     StepController& controller = run.controller;

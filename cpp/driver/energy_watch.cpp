@@ -14,8 +14,8 @@ EnergyWatch::EnergyWatch(const Plan& plan) : plan_(plan) {
     double all = 0;
     for (const Neighbour& n : neighbours)  // every spring from both ends, so half of half of k l^2
         if (cloth.present[n.family])
-            all +=
-                cloth.points() * cloth.stiffness[n.family] / 4 * cloth.rest_length(n) * cloth.rest_length(n);
+            all += cloth.points() * cloth.stiffness[n.family] / 4 * cloth.rest_length(n) *
+                cloth.rest_length(n);
     negligible_ = negligible_part * all;
 }
 
@@ -77,7 +77,8 @@ std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {
         if (made > negligible_ && beyond(grown_part, made, moving) && !std::exchange(grown_, true))
             news_ = true;
     }
-    return made > negligible_ && beyond(runaway_part, made, moving) ? fastest_free_point(engine) : -1;
+    return made > negligible_ && beyond(runaway_part, made, moving) ? fastest_free_point(engine)
+                                                                    : -1;
 }
 
 bool EnergyWatch::lifted(const Engine& engine) {
@@ -102,7 +103,9 @@ std::int64_t EnergyWatch::fastest_free_point(const Engine& engine) {
 
 double runaway_speed(const Cloth& cloth, double dt, double stable_dt) {
     if (dt <= stable_dt) return std::numeric_limits<double>::infinity();
-    return std::hypot((cloth.rows - 1) * cloth.row_spacing, (cloth.columns - 1) * cloth.column_spacing) / dt;
+    return std::hypot((cloth.rows - 1) * cloth.row_spacing,
+                      (cloth.columns - 1) * cloth.column_spacing) /
+        dt;
 }
 
 }  // namespace clothsim

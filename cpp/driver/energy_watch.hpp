@@ -9,10 +9,11 @@
 
 namespace clothsim {
 
-// Until a sphere responds, nothing adds to the total energy of a cloth, except an unstable step. The watch
-// ends with the first response: moving spheres do work, and so do lifts off a sphere. A step may be unstable
-// above the stability limit, and below the guaranteed limit at states outside the guarantee. The cloth need
-// not fly apart: waves may grow until it has folded into a shape that stops them.
+// Until a sphere responds, nothing adds to the total energy of a cloth, except an unstable step.
+// The watch ends with the first response: moving spheres do work, and so do lifts off a sphere. A
+// step may be unstable above the stability limit, and below the guaranteed limit at states outside
+// the guarantee. The cloth need not fly apart: waves may grow until it has folded into a shape that
+// stops them.
 //
 // Driven pins do work of any size, so that a cloth with some is not watched.
 class EnergyWatch {
@@ -29,26 +30,28 @@ public:
     // Another force on points gives a state another energy, which no step has made.
     void change_force(const Engine& engine, const std::function<void()>& change);
 
-    // Steps of `dt` follow. Within the guaranteed time step a splitting method keeps an energy of its own,
-    // and the true energy swings beside it: see energy_swing. Only more than that swing is judged, at states
-    // for which the guarantee holds.
+    // Steps of `dt` follow. Within the guaranteed time step a splitting method keeps an energy of
+    // its own, and the true energy swings beside it: see energy_swing. Only more than that swing is
+    // judged, at states for which the guarantee holds.
     void set_step(double dt, double stable_dt);
 
-    // Parts of the kinetic and elastic energy made of nothing that are a warning, and an error. At half of
-    // either, harmless errors of a long step are judged; above 1 nothing is.
+    // Parts of the kinetic and elastic energy made of nothing that are a warning, and an error. At
+    // half of either, harmless errors of a long step are judged; above 1 nothing is.
     static constexpr double grown_part = 0.5, runaway_part = 0.9;
-    // The part of the energy of all springs at twice their rest lengths that counts as nothing: a stretch of
-    // a thousandth. An unstable energy doubles within steps, so half or twice the part changes little.
+    // The part of the energy of all springs at twice their rest lengths that counts as nothing: a
+    // stretch of a thousandth. An unstable energy doubles within steps, so half or twice the part
+    // changes little.
     static constexpr double negligible_part = 1e-6;
     // Steps between two inspections above the guaranteed time step, where growth is likely.
     static constexpr std::int64_t steps_between_checks = 16;
 
-    // The fastest free mass point if the energy has run away, else -1. `record`: what was gained goes into
-    // engine.watched.
+    // The fastest free mass point if the energy has run away, else -1. `record`: what was gained
+    // goes into engine.watched.
     std::int64_t runaway_point(Engine& engine, bool record);
     // -1 if all are pinned.
     std::int64_t fastest_free_point(const Engine& engine);
-    // Whether lifts have made more than `lifted_part` of the largest kinetic and elastic energy; true once.
+    // Whether lifts have made more than `lifted_part` of the largest kinetic and elastic energy;
+    // true once.
     bool lifted(const Engine& engine);
     static constexpr double lifted_part = 0.01;
     // The same of growth at a recorded inspection.
@@ -56,12 +59,14 @@ public:
 
 private:
     Energy energy_of(const Engine& engine);
-    // Whether the guarantee of the time step holds at the state of the last energy (docs/stability.md). No
-    // spring is shorter than half its rest length, and none turns too fast for its damping.
+    // Whether the guarantee of the time step holds at the state of the last energy
+    // (docs/stability.md). No spring is shorter than half its rest length, and none turns too fast
+    // for its damping.
     bool guaranteed() const;
     // Whether the method's own swing reaches what is judged.
     bool swings() const { return swing_ > grown_part; }
-    // Whether the energy made is more than this part of the moving one, and more than the method's own swing.
+    // Whether the energy made is more than this part of the moving one, and more than the method's
+    // own swing.
     bool beyond(double part, double made, double moving) const;
 
     const Plan& plan_;
@@ -74,8 +79,8 @@ private:
     Points x_, v_;
 };
 
-// Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole sheet
-// within a step is not. Infinite for a time step within the guarantee [m/s].
+// Above its guaranteed stable time step a cloth may still be well; a point that crosses the whole
+// sheet within a step is not. Infinite for a time step within the guarantee [m/s].
 double runaway_speed(const Cloth& cloth, double dt, double stable_dt);
 
 }  // namespace clothsim

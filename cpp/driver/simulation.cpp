@@ -15,13 +15,13 @@ namespace {
 
 // Half of the 0.1 s within which Ctrl-C ends a call of short steps.
 constexpr double seconds_between_polls = 0.05;
-// Ctrl-C waits for steps that are repeated at once. So these times the mass points are at most as many, which
-// is 0.1 s of RK4 on one slow core.
+// Ctrl-C waits for steps that are repeated at once. So these times the mass points are at most as
+// many, which is 0.1 s of RK4 on one slow core.
 constexpr std::int64_t most_points_repeated = 1 << 22;
 // A block is no shorter: the copy of the state takes up to a third of a step.
 constexpr std::int64_t least_steps_of_block = 8;
-// Least mass points of a member for a thread of a team. Such a team is taken to be three quarters as many
-// times faster as it has threads.
+// Least mass points of a member for a thread of a team. Such a team is taken to be three quarters
+// as many times faster as it has threads.
 constexpr std::int64_t least_points_per_thread = 512;
 
 }  // namespace
@@ -72,8 +72,9 @@ void Simulation::restart(std::size_t i) {
     end_block();
 }
 
-std::optional<Outcome> Simulation::call(double time, const Load& load, std::int64_t steps, double dt,
-                                        int threads, const std::function<bool()>& interrupted) {
+std::optional<Outcome> Simulation::call(double time, const Load& load, std::int64_t steps,
+                                        double dt, int threads,
+                                        const std::function<bool()>& interrupted) {
     clock = {time, 0, clock.dt};
     set_step(dt);
     std::fill(frozen_.begin(), frozen_.end(), 0);
@@ -97,7 +98,8 @@ std::optional<Outcome> Simulation::call(double time, const Load& load, std::int6
     return outcome;
 }
 
-void Simulation::set_sphere(std::size_t i, std::size_t sphere, const Vec3& center, const Motion& motion) {
+void Simulation::set_sphere(std::size_t i, std::size_t sphere, const Vec3& center,
+                            const Motion& motion) {
     plans_[i].spheres[sphere].center = center;
     plans_[i].spheres[sphere].motion = motion;
     members_[i]->set_sphere(sphere, center, motion);
@@ -140,15 +142,17 @@ void Simulation::run_member(std::size_t i, const Steps& steps, bool copy, int th
         member.advance_in_contact(steps_in_block_ + steps.count, from, threads, false);
     }
     if (steps.inspect) inspect(i, age_ + steps.count, steps.each);
-    if (sample_every_ > 0 && (age_ + steps.count) % sample_every_ == 0) sample(i, clock.at(steps.count));
+    if (sample_every_ > 0 && (age_ + steps.count) % sample_every_ == 0)
+        sample(i, clock.at(steps.count));
 }
 
 void Simulation::each_member_of(const std::vector<std::size_t>& members, int threads,
                                 const MemberWork& work) {
-    // Most members are stepped by one thread each. The whole team steps those left one after the other where
-    // that is faster.
+    // Most members are stepped by one thread each. The whole team steps those left one after the
+    // other where that is faster.
     const std::size_t team = std::size_t(threads), left = members.size() % team;
-    const bool shared = 4 * left <= 3 * team && plans_[0].cloth.points() >= least_points_per_thread * threads;
+    const bool shared =
+        4 * left <= 3 * team && plans_[0].cloth.points() >= least_points_per_thread * threads;
     const std::size_t alone = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);
     std::atomic<std::size_t> next{0};
     if (alone > 0)
@@ -164,7 +168,8 @@ void Simulation::run(const Steps& steps, int threads) {
     for (const std::size_t i : all_)
         if (!frozen_[i]) moving_.push_back(i);
     try {
-        each_member_of(moving_, threads, [&](std::size_t i, int team) { run_member(i, steps, copy, team); });
+        each_member_of(moving_, threads,
+                       [&](std::size_t i, int team) { run_member(i, steps, copy, team); });
     } catch (...) {
         end_block();  // some members have a copy of another step
         throw;
@@ -213,8 +218,8 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) 
         const std::int64_t point = bad_points_[std::size_t(bad)];
         const ContactReport contact = members_[std::size_t(bad)]->contact_report;
         back_to_start_of_block();
-        outcome.unstable = {bad, point >= 0 ? point : contact.trapped, outcome.steps + 1, clock.at(1),
-                            point < 0};
+        outcome.unstable = {bad, point >= 0 ? point : contact.trapped, outcome.steps + 1,
+                            clock.at(1), point < 0};
         break;
     }
     for (auto& member : members_) member->contact_report = {};
@@ -296,7 +301,8 @@ void Simulation::report_contacts(Outcome& outcome) {
         const std::int64_t pinned = std::exchange(found.pinned_inside, -1),
                            large = std::exchange(found.large_cell, -1);
         const ContactReport::Start start = std::exchange(found.start, {});
-        if (pinned >= 0 && !outcome.pinned_inside) outcome.pinned_inside = {std::int64_t(i), pinned};
+        if (pinned >= 0 && !outcome.pinned_inside)
+            outcome.pinned_inside = {std::int64_t(i), pinned};
         if (large >= 0 && !outcome.large_cell) outcome.large_cell = {std::int64_t(i), large};
         if (start.points > 0 && !outcome.start) outcome.start = {std::int64_t(i), start};
         if (watches_[i].lifted(*members_[i]) && !outcome.lifted) outcome.lifted = std::int64_t(i);
@@ -316,21 +322,24 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
     Poll poll(interrupted);
     auto start = poll.asked();
     while (outcome.steps < steps) {
-        // Blocks end, and states are sampled, at the same steps whatever the clock on the wall says.
+        // Blocks end, and states are sampled, at the same steps whatever the clock on the wall
+        // says.
         const std::int64_t to_block = block - age_ % block;
-        const std::int64_t to_sample = sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : to_block;
+        const std::int64_t to_sample =
+            sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : to_block;
         const std::int64_t to_inspection = std::min({to_block, to_sample, steps - outcome.steps});
         const std::int64_t n = std::min(chunk_, to_inspection);
         run({n, n == to_inspection}, threads);
         outcome.steps += n;
         const auto end = Poll::Clock::now();
         const double seconds = std::max(std::chrono::duration<double>(end - start).count(), 1e-9);
-        chunk_ = std::clamp(std::int64_t(seconds_between_polls * double(n) / seconds), std::int64_t(1),
-                            most_steps_of_block);
+        chunk_ = std::clamp(std::int64_t(seconds_between_polls * double(n) / seconds),
+                            std::int64_t(1), most_steps_of_block);
         start = end;
         report_contacts(outcome);
         outcome.interrupted = poll.stopped(end);
-        for (std::size_t i = 0; i < members_.size() && outcome.interrupted && n < to_inspection; ++i)
+        for (std::size_t i = 0; i < members_.size() && outcome.interrupted && n < to_inspection;
+             ++i)
             inspect(i, age_, false);
         if (first_bad_member() >= 0) {
             repeat_step_by_step(outcome, threads, poll);
@@ -338,7 +347,8 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
         }
         for (std::size_t i = 0; i < members_.size(); ++i)
             if (watches_[i].take_growth() && !outcome.grown) outcome.grown = std::int64_t(i);
-        // The next block begins at the state of this inspection, so that steps which are repeated pass none.
+        // The next block begins at the state of this inspection, so that steps which are repeated
+        // pass none.
         if (n == to_block || n == to_sample) end_block();
         if (outcome.interrupted || outcome.grown) return outcome;
     }

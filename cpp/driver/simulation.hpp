@@ -38,22 +38,25 @@ struct Outcome {
 
     // All steps were done, and no event has to be reported.
     bool complete() const {
-        return !interrupted && !unstable && !pinned_inside && !large_cell && !start && !lifted && !grown;
+        return !interrupted && !unstable && !pinned_inside && !large_cell && !start && !lifted &&
+            !grown;
     }
 };
 
-// Steps are taken first and judged afterwards, which costs less than an inspection before each. A block of at
-// most 128 steps begins with a copy of the state in each engine and ends with an inspection.
+// Steps are taken first and judged afterwards, which costs less than an inspection before each. A
+// block of at most 128 steps begins with a copy of the state in each engine and ends with an
+// inspection.
 //
 //     copy                              inspection
 //      |------- steps of a block -----------|
 //      |<~~~~~~~~~~~~ crossed by a member: it repeats them, with a contact pass after each
-//      |<~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~| a bad state: all members repeat them one by one, each inspected
+//      |<~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~| a bad state: all members repeat them one by one,
+//                                             each inspected
 //
-// Planes are those of contact/separating_planes.hpp. A bad state is not finite, runs away, or holds a mass
-// point trapped between spheres. A block goes on over several calls of `advance`, as a call may be one step
-// long. In the first block of a call with arrays, these take the place of the copies, and stay unchanged
-// until the call has succeeded.
+// Planes are those of contact/separating_planes.hpp. A bad state is not finite, runs away, or holds
+// a mass point trapped between spheres. A block goes on over several calls of `advance`, as a call
+// may be one step long. In the first block of a call with arrays, these take the place of the
+// copies, and stay unchanged until the call has succeeded.
 //
 // Half copies and inspects twice as often; twice repeats more steps of an unstable run.
 inline constexpr std::int64_t most_steps_of_block = 128;
@@ -62,7 +65,8 @@ inline constexpr std::int64_t most_steps_of_block = 128;
 struct AdaptiveRun {
     Tolerance tolerance;
     double near = 0;  // longest step in reach of a sphere [s], stable
-    std::vector<double> stops;  // rising times [s] at which a step ends; the last is the end of the run
+    // Rising times [s] at which a step ends; the last is the end of the run.
+    std::vector<double> stops;
     std::vector<double> grid;  // prescribed ends of steps; empty: the controller chooses
     StepController controller;
 
@@ -91,41 +95,46 @@ public:
     Clock clock;
 
     const Plan& plan(std::size_t i) const { return plans_[i]; }
-    // Replace the scenes of all members, by scenes of the same shape, precision and integrator. State and
-    // clock stay; points that are now pinned stop. An exception leaves everything as it was.
+    // Replace the scenes of all members, by scenes of the same shape, precision and integrator.
+    // State and clock stay; points that are now pinned stop. An exception leaves everything as it
+    // was.
     void set_plans(std::vector<Plan> plans, std::vector<double> stable_dt);
 
-    // One call, arrays in and arrays out: start anew at a time from the state that `load` brings into a
-    // member, and advance. None if `load` finds that a state is not finite.
+    // One call, arrays in and arrays out: start anew at a time from the state that `load` brings
+    // into a member, and advance. None if `load` finds that a state is not finite.
     using Load = std::function<bool(std::size_t i)>;
-    std::optional<Outcome> call(double time, const Load& load, std::int64_t steps, double dt, int threads,
-                                const std::function<bool()>& interrupted);
+    std::optional<Outcome> call(double time, const Load& load, std::int64_t steps, double dt,
+                                int threads, const std::function<bool()>& interrupted);
 
-    // Work for every member, shared among threads like steps: for member i by a team of so many threads.
+    // Work for every member, shared among threads like steps: for member i by a team of so many
+    // threads.
     using MemberWork = std::function<void(std::size_t i, int threads)>;
     void each_member(int threads, const MemberWork& work) { each_member_of(all_, threads, work); }
 
-    // The guaranteed time step of each member [s]: only above it a point can be too fast. Default: infinite.
+    // The guaranteed time step of each member [s]: only above it a point can be too fast. Default:
+    // infinite.
     void set_stable_dt(std::vector<double> stable_dt);
 
     // From now on.
     void set_sphere(std::size_t i, std::size_t sphere, const Vec3& center, const Motion& motion);
     void set_force(std::size_t i, const double* force);
 
-    // A frozen member takes no part in further steps: it keeps its state, and the others go on without it.
+    // A frozen member takes no part in further steps: it keeps its state, and the others go on
+    // without it.
     void set_frozen(std::size_t i, bool frozen);
     bool frozen(std::size_t i) const { return frozen_[i] != 0; }
 
     // `interrupted` is asked between two steps, about every 50 ms.
-    Outcome advance(std::int64_t steps, double dt, int threads, const std::function<bool()>& interrupted);
+    Outcome advance(std::int64_t steps, double dt, int threads,
+                    const std::function<bool()>& interrupted);
 
-    // Error control, for one member whose integrator has it: at most `steps` steps of `run`, until a frame at
-    // the time `until` is reached or passed.
+    // Error control, for one member whose integrator has it: at most `steps` steps of `run`, until
+    // a frame at the time `until` is reached or passed.
     Outcome advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps, int threads,
                              const std::function<bool()>& interrupted);
 
-    // Sample depths of triangles and stretches after every `every` steps; an adaptive run also after
-    // `interval` [s].
+    // Sample depths of triangles and stretches after every `every` steps; an adaptive run also
+    // after `interval` [s].
     void set_watch(std::int64_t every, double interval) {
         sample_every_ = every;
         sample_interval_ = interval;
@@ -134,7 +143,8 @@ public:
     // Sample the present state of every member, and its energy, whenever that is due.
     void sample();
     const Watched& watched(std::size_t i) const { return members_[i]->watched; }
-    // Whether Watched::energy_gained has a meaning: until a sphere responds, from the first step on.
+    // Whether Watched::energy_gained has a meaning: until a sphere responds, from the first step
+    // on.
     bool energy_known(std::size_t i) const {
         return watches_[i].begun() && !members_[i]->watched.in_contact();
     }
@@ -143,16 +153,18 @@ private:
     struct Steps {
         std::int64_t count;
         bool inspect;  // at the state after them
-        bool each = false;  // of steps that are repeated one by one, to find the one that went wrong
+        // Of steps that are repeated one by one, to find the one that went wrong.
+        bool each = false;
     };
-    void each_member_of(const std::vector<std::size_t>& members, int threads, const MemberWork& work);
+    void each_member_of(const std::vector<std::size_t>& members, int threads,
+                        const MemberWork& work);
     void run(const Steps& steps, int threads);
     void run_member(std::size_t i, const Steps& steps, bool copy, int threads);
     void set_step(double dt);
     std::int64_t steps_of_block() const;
     void report_contacts(Outcome& outcome);
-    // Whether a member's state is finite, and its energy where that is due, at the end of a call above the
-    // guaranteed time step, and after `each` repeated step.
+    // Whether a member's state is finite, and its energy where that is due, at the end of a call
+    // above the guaranteed time step, and after `each` repeated step.
     void inspect(std::size_t i, std::int64_t age, bool each);
     // Steps between two inspections of the energy of a member, and of all.
     std::int64_t energy_period(std::size_t i) const;
@@ -165,7 +177,8 @@ private:
     void end_block();
     void back_to_start_of_block();
     void back_to_start_of_block(std::size_t i);
-    // A state is bad: the steps of this call in the block again one by one, up to the last good state.
+    // A state is bad: the steps of this call in the block again one by one, up to the last good
+    // state.
     void repeat_step_by_step(Outcome& outcome, int threads, Poll& poll);
 
     std::int64_t chunk_ = 1;  // steps between two questions for Ctrl-C
@@ -175,10 +188,12 @@ private:
     std::vector<double> stable_dt_;
     std::vector<std::uint8_t> frozen_;
     std::vector<std::size_t> all_, moving_;  // members; those that are not frozen, in this block
-    std::vector<std::int64_t> bad_points_;  // the first of each member at its last inspection, or -1
+    // The first of each member at its last inspection, or -1.
+    std::vector<std::int64_t> bad_points_;
     bool in_block_ = false;
     std::int64_t steps_in_block_ = 0;  // so far
-    const Load* input_ = nullptr;  // brings the state at the start of the block; null: copies in the engines
+    // Brings the state at the start of the block; null: copies in the engines.
+    const Load* input_ = nullptr;
     std::vector<EnergyWatch> watches_;
     bool watch_energy_ = true;
     std::int64_t age_ = 0;  // steps since the state was set

@@ -16,8 +16,9 @@ inline double coefficient_scale(const Plan& plan) {
     return plan.cloth.uniform_mass ? 1 / plan.cloth.mass[0] : 1;
 }
 
-// The stiffness rounded so that a spring at rest gives no force in the edge kernel (see exact_at_rest). It
-// stays unrounded where the two differ by more than rounding, as with a rest length of 0.
+// The stiffness rounded so that a spring at rest gives no force in the edge kernel (see
+// exact_at_rest). It stays unrounded where the two differ by more than rounding, as with a rest
+// length of 0.
 template <class Real>
 Real stiffness_at_rest(const Plan& plan, const Neighbour& neighbour, Real stiffness, Real tension) {
     if (!exact_at_rest<Real>) return stiffness;
@@ -26,12 +27,13 @@ Real stiffness_at_rest(const Plan& plan, const Neighbour& neighbour, Real stiffn
         kernels_of<Real>(*plan.kernels)
             .reciprocal_at_rest(Real(neighbour.column * cloth.column_spacing),
                                 Real(neighbour.row * cloth.row_spacing));
-    return std::abs(at_rest - stiffness) <= 16 * std::numeric_limits<Real>::epsilon() * stiffness ? at_rest
-                                                                                                  : stiffness;
+    return std::abs(at_rest - stiffness) <= 16 * std::numeric_limits<Real>::epsilon() * stiffness
+        ? at_rest
+        : stiffness;
 }
 
-// The damping constant that all families share as the edge kernel sees it. None if it is so small or large
-// that single might not hold what is divided by it.
+// The damping constant that all families share as the edge kernel sees it. None if it is so small
+// or large that single might not hold what is divided by it.
 template <class Real>
 std::optional<double> shared_damping(const Plan& plan) {
     const Cloth& cloth = plan.cloth;
@@ -45,7 +47,8 @@ std::optional<double> shared_damping(const Plan& plan) {
     for (int f = 0; f < family_count; ++f)
         if (cloth.present[f] && cloth.spring_damping[f] != damping) return {};
     const double shared = damping * coefficient_scale(plan) / (root_scale * root_scale);
-    const bool held = stiffness * coefficient_scale(plan) <= 1e15 * shared && shared > 1e-15 && shared < 1e15;
+    const bool held =
+        stiffness * coefficient_scale(plan) <= 1e15 * shared && shared > 1e-15 && shared < 1e15;
     return held ? std::optional(shared) : std::nullopt;
 }
 

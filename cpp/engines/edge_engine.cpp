@@ -1,13 +1,14 @@
 // How large cloths stay in cache, and how threads share the rows.
 //
-// A cloth that fits in cache is swept stage by stage. A larger one uses temporal blocking: the four stages
-// follow each other a few rows apart. So a step reads and writes the state about once, and results between
-// stages live in a ring of rows. For that ring to stay in cache a wide cloth is cut into strips. Strips take
-// each step one after the other (transposed_layout.hpp); every band has all of its rows in each strip.
+// A cloth that fits in cache is swept stage by stage. A larger one uses temporal blocking: the four
+// stages follow each other a few rows apart. So a step reads and writes the state about once, and
+// results between stages live in a ring of rows. For that ring to stay in cache a wide cloth is cut
+// into strips. Strips take each step one after the other (transposed_layout.hpp); every band has
+// all of its rows in each strip.
 //
-// A thread works on a band of rows. The versions of the halo exchange (memory/band_exchange.hpp) are the
-// stages of the steps. A stage overwrites its rows in place, so each band copies the two rows at a border for
-// its neighbour:
+// A thread works on a band of rows. The versions of the halo exchange (memory/band_exchange.hpp)
+// are the stages of the steps. A stage overwrites its rows in place, so each band copies the two
+// rows at a border for its neighbour:
 //
 //     make rows --> hand: copy into the neighbour's HaloSlot --> signal the stage
 //                                                                   |
@@ -25,11 +26,11 @@
 namespace clothsim {
 namespace {
 
-// Rows between two stages that follow each other: a row needs the two after it, and a row is finished by the
-// next.
+// Rows between two stages that follow each other: a row needs the two after it, and a row is
+// finished by the next.
 constexpr int rows_between_stages = 3;
-// Rows of a stage before the next stage continues. Each stage has code of its own, too much to change with
-// every row.
+// Rows of a stage before the next stage continues. Each stage has code of its own, too much to
+// change with every row.
 constexpr int rows_at_a_time = 4;
 // Of work, from the newest that the first stage makes to the oldest that the last one reads.
 constexpr int rows_under_way = 3 * rows_between_stages + 2 + rows_at_a_time;
@@ -39,10 +40,11 @@ constexpr int rows_to_hand = 3;
 template <class Real>
 constexpr bool compensated = sizeof(Real) == 4;
 template <class Real>
-constexpr std::ptrdiff_t bytes_of_point = (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
+constexpr std::ptrdiff_t bytes_of_point =
+    (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
 
-// Columns of a strip, 0: the cloth is not cut. A strip in progress holds rows of work, one more of state and
-// some of its compensation. The contact pass needs a whole cloth.
+// Columns of a strip, 0: the cloth is not cut. A strip in progress holds rows of work, one more of
+// state and some of its compensation. The contact pass needs a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
     constexpr std::ptrdiff_t rows_of_state =
@@ -55,9 +57,9 @@ int strip_columns(const Plan& plan) {
     return small || narrow || !plan.spheres.empty() ? 0 : enough;
 }
 
-// Halo rows received from the neighbouring band, one slot per stage of a step. A slot holds the row at the
-// border and, for bend springs, the row behind it. Without damping only positions are exchanged. Two slots
-// would be correct too.
+// Halo rows received from the neighbouring band, one slot per stage of a step. A slot holds the row
+// at the border and, for bend springs, the row behind it. Without damping only positions are
+// exchanged. Two slots would be correct too.
 template <class Real>
 struct HaloSlot {
     static constexpr int slots = 4;
@@ -85,8 +87,8 @@ struct HaloSlot {
     }
 };
 
-// Work memory of a thread: rings of rows, and the rows that each of four stages passes on. All strips of a
-// thread use it, so it stays in cache.
+// Work memory of a thread: rings of rows, and the rows that each of four stages passes on. All
+// strips of a thread use it, so it stays in cache.
 template <class Real>
 struct Workspace {
     AlignedVector<Real> rows, scratch;
@@ -95,7 +97,8 @@ struct Workspace {
 // The positions of `records` records: where padding stays.
 template <class Real>
 void place_far_away(Real* first, std::ptrdiff_t records, std::ptrdiff_t stride, int lanes) {
-    for (std::ptrdiff_t i = 0; i < records; ++i) std::fill_n(first + i * stride, 3 * lanes, Real(far_away));
+    for (std::ptrdiff_t i = 0; i < records; ++i)
+        std::fill_n(first + i * stride, 3 * lanes, Real(far_away));
 }
 
 }  // namespace
@@ -130,7 +133,8 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     // Versions are the stages of a call's steps, from 1 on.
     int version(std::int64_t number) const { return int(number - 4 * engine->step_) + 1; }
     Band& neighbour(NeighbouringBand* at) const { return *static_cast<Band*>(at); }
-    // Copies the two finished rows at a border to the neighbour, which reads them in stage `number`.
+    // Copies the two finished rows at a border to the neighbour, which reads them in stage
+    // `number`.
     void hand_near(std::int64_t number) {
         const Stage next = Stage(number % 4);
         neighbour(near).from_near.put(number, source(next, 0), source(next, 1));
@@ -159,8 +163,8 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
         if (r + 1 < size()) engine->halos_.fetch(strip, row(r + 1), step);
         engine->halos_.take(strip, row(r), rows[std::size_t(r)].state, step);
     }
-    // The state with which a step begins, to the neighbours: with its halo, so the strips beside this one
-    // have to be there.
+    // The state with which a step begins, to the neighbours: with its halo, so the strips beside
+    // this one have to be there.
     void send_start() {
         const int n = size();
         const std::int64_t number = 4 * step;
@@ -191,7 +195,8 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     row_has_fixed_.assign(std::size_t(all_rows), layout_.padded());
     for (int row = 0; row < all_rows; ++row)
         layout_.for_each_column([&](int c, int k, int lane) {
-            const int point = row % cloth.rows * cloth.columns + layout_.start(row / cloth.rows) + c;
+            const int point =
+                row % cloth.rows * cloth.columns + layout_.start(row / cloth.rows) + c;
             const std::ptrdiff_t place = row * layout_.width() + k * layout_.lanes + lane;
             free_[place] = Real(cloth.pinned[point] ? 0 : 1);
             row_has_fixed_[row] |= cloth.pinned[point];
@@ -216,7 +221,8 @@ void EdgeEngine<Real>::build_coefficients() {
 
     Real all_bits;
     std::memset(&all_bits, 0xff, sizeof all_bits);
-    // Vectors whose lanes have the same springs share a class; there are few. The first has them all.
+    // Vectors whose lanes have the same springs share a class; there are few. The first has them
+    // all.
     std::map<std::vector<int>, int> classes;
     const auto class_of = [&](const std::vector<int>& reach) {
         const auto [found, is_new] = classes.try_emplace(reach, int(classes.size()));
@@ -226,9 +232,10 @@ void EdgeEngine<Real>::build_coefficients() {
                 for (const int follow : reach) {
                     const bool there = follow >= neighbour.column;
                     const double stiffness = cloth.stiffness[neighbour.family] * scale / unit_;
-                    const Real tension = Real(stiffness * cloth.rest_length(neighbour) / root_scale);
-                    const double damping =
-                        cloth.spring_damping[neighbour.family] * scale / (root_scale * root_scale) / unit_;
+                    const Real tension =
+                        Real(stiffness * cloth.rest_length(neighbour) / root_scale);
+                    const double damping = cloth.spring_damping[neighbour.family] * scale /
+                        (root_scale * root_scale) / unit_;
                     const Real value = what == EdgeCoefficientIndex::stiffness
                         ? stiffness_at_rest<Real>(plan_, neighbour, Real(stiffness), tension)
                         : what == EdgeCoefficientIndex::tension ? tension
@@ -253,7 +260,8 @@ void EdgeEngine<Real>::build_coefficients() {
     if (layout_.padded()) whole_vectors_ = std::min(whole_vectors_, layout_.vectors - 3);
 }
 
-// The kernel adds forces where it divides by masses, so that a cloth without either pays for neither.
+// The kernel adds forces where it divides by masses, so that a cloth without either pays for
+// neither.
 template <class Real>
 void EdgeEngine<Real>::apply_force() {
     const std::ptrdiff_t all_rows = layout_.strips * rows();
@@ -266,7 +274,8 @@ void EdgeEngine<Real>::apply_force() {
         layout_.for_each_column([&](int c, int k, int lane) {
             const int point = int(row) % rows() * columns() + layout_.start(int(row) / rows()) + c;
             const Vec3 applied = this->applied_at(point) / unit_;
-            Real* const to = applied_.data() + 3 * (row * layout_.width() + k * layout_.lanes) + lane;
+            Real* const to =
+                applied_.data() + 3 * (row * layout_.width() + k * layout_.lanes) + lane;
             for (int j = 0; j < 3; ++j) to[j * layout_.lanes] = Real(applied[j]);
         });
 }
@@ -275,8 +284,8 @@ template <class Real>
 EdgeArguments<Real> EdgeEngine<Real>::arguments(Stage stage, double dt, Real* scratch) const {
     EdgeArguments<Real> e{};
     static_cast<StepConstants<Real>&>(e) = step_constants<Real>(plan_, dt, unit_);
-    // Springs evaluated from one end or the other may differ in the sign of a zero; +0 is added, so the bits
-    // do not.
+    // Springs evaluated from one end or the other may differ in the sign of a zero; +0 is added, so
+    // the bits do not.
     for (Real& g : e.gravity) g += Real(0);
     e.vectors = layout_.vectors;
     e.compensation = layout_.compensation();
@@ -311,7 +320,8 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
         band->from_far.prepare(layout_, plan_.features());
 
         const int n = band->size();
-        const std::ptrdiff_t bytes = n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
+        const std::ptrdiff_t bytes =
+            n * (layout_.row_size() + work_row) * std::ptrdiff_t(sizeof(Real));
         const bool in_cache = bytes <= bytes_kept_in_cache();
         band->lag = in_cache ? n : rows_between_stages;
         band->several = in_cache ? n : rows_at_a_time;
@@ -320,15 +330,16 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
             band->workspace = std::make_shared<Workspace<Real>>();
             band->workspace->scratch.assign(4 * scratch_size(), Real(0));
             band->workspace->rows.assign(ring * work_row + layout_.lanes, Real(0));
-            place_far_away(band->workspace->rows.data(), ring * layout_.vectors, band->work_stride(),
-                           layout_.lanes);
+            place_far_away(band->workspace->rows.data(), ring * layout_.vectors,
+                           band->work_stride(), layout_.lanes);
         } else {
             band->workspace = bands[i - std::size_t(team)]->workspace;
         }
         for (int j = 0; j < n; ++j)
-            band->rows.push_back(row_pointers(
-                memory_.data() + band->strip * layout_.strip_size() + band->row(j) * layout_.row_size(),
-                band->workspace->rows.data() + j % ring * work_row, band->row(j), band->strip));
+            band->rows.push_back(row_pointers(memory_.data() + band->strip * layout_.strip_size() +
+                                                  band->row(j) * layout_.row_size(),
+                                              band->workspace->rows.data() + j % ring * work_row,
+                                              band->row(j), band->strip));
         band->rows.resize(std::size_t(n + 2));
     }
     return bands;
@@ -397,8 +408,10 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
     const int start = layout_.start(band.strip), own = layout_.own(band.strip),
               own_end = layout_.own(band.strip + 1);
     plan_.each_driven_pin(
-        time, first * columns(), last * columns(), [&](int point, const Vec3& place, const Vec3& velocity) {
-            const int row = point / columns(), column = point % columns(), in_window = column - start;
+        time, first * columns(), last * columns(),
+        [&](int point, const Vec3& place, const Vec3& velocity) {
+            const int row = point / columns(), column = point % columns(),
+                      in_window = column - start;
             if (s == 3) {
                 if (column >= own && column < own_end)
                     this->points_.set(memory_, point, {place - this->origin_, velocity});
@@ -451,9 +464,9 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
                 arguments(Stage(s), clock.dt, b.workspace->scratch.data() + s * scratch_size());
             e.rows = b.rows.data();
             if (b.lag == b.size()) continue;
-            // Each stage fetches a part of the row that the first stage reaches next. Stages that read the
-            // compensation of positions and of velocities fetch half of it instead. They need it one row
-            // later, where a row is finished.
+            // Each stage fetches a part of the row that the first stage reaches next. Stages that
+            // read the compensation of positions and of velocities fetch half of it instead. They
+            // need it one row later, where a row is finished.
             const int sharing = Base::compensated ? 2 : 4;
             const bool compensation = s >= sharing;
             const std::ptrdiff_t part = layout_.stride / sharing;
@@ -468,8 +481,8 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
     const int last = layout_.strips - 1;
     for (int strip = 0; strip <= last; ++strip) band(strip).send_start();
     for (std::int64_t k = 1; k <= steps; ++k) {
-        // A strip passes the state of its next step on as soon as the strip behind it has taken this one. So
-        // threads need not wait for each other at each strip.
+        // A strip passes the state of its next step on as soon as the strip behind it has taken
+        // this one. So threads need not wait for each other at each strip.
         for (int strip = 0; strip <= last; ++strip) {
             step_band(band(strip));
             if (strip > 0) band(strip - 1).send_start();
@@ -511,7 +524,8 @@ void EdgeEngine<Real>::accelerations(double* a) {
             double* to = a + 3 * (std::ptrdiff_t(r) * columns() + own);
             for (const std::ptrdiff_t place : places)
                 for (int k = 0; k < 3; ++k)
-                    *to++ = double(found[std::size_t(r * f.acceleration_row + place + k * layout_.lanes)]);
+                    *to++ = double(
+                        found[std::size_t(r * f.acceleration_row + place + k * layout_.lanes)]);
         }
     }
 }
@@ -534,9 +548,11 @@ FieldLayout EdgeEngine<Real>::field() const {
 }
 
 template <class Real>
-void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band, int strip) {
+void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band,
+                                   int strip) {
     band.values.resize(std::size_t(scratch_size()));
-    // The band and the two rows after it, which its last rows read. The stage only reads their state.
+    // The band and the two rows after it, which its last rows read. The stage only reads their
+    // state.
     const auto there = [&](int i) { return band.row(i) >= 0 && band.row(i) < rows(); };
     const int n = band.size();
     band.pointers.assign(std::size_t(n + 2), {});
@@ -554,7 +570,9 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldB
 
     const auto source = [&](int i) { return state + band.row(i) * layout_.row_size(); };
     if (!there(-1)) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
-    else kernels().edge_halo(e, {source(-2), nullptr, source(0)}, {source(-1), source(0), source(1)});
+    else
+        kernels().edge_halo(e, {source(-2), nullptr, source(0)},
+                            {source(-1), source(0), source(1)});
 }
 
 template <class Real>

@@ -11,8 +11,8 @@
 
 namespace clothsim {
 
-// A stage reads a row and the two after it. So a row from memory that is fetched this many rows ahead is
-// there one row before its first use.
+// A stage reads a row and the two after it. So a row from memory that is fetched this many rows
+// ahead is there one row before its first use.
 inline constexpr int rows_before_use = 3;
 
 template <class Real>
@@ -30,9 +30,9 @@ protected:  // for cpp/integrators
 
     FieldLayout field() const;
     // Accelerations at a state in the engine's layout, of the rows of a band one after the other.
-    // `begin_sweep` needs the two rows before the band. Then come calls of `sweep_rows` from 0 on. It reads
-    // two rows more and returns how many of the rows are done. The state of a row that is done is not read
-    // again.
+    // `begin_sweep` needs the two rows before the band. Then come calls of `sweep_rows` from 0 on.
+    // It reads two rows more and returns how many of the rows are done. The state of a row that is
+    // done is not read again.
     void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band, int strip = 0);
     int sweep_rows(int begin, int end, FieldBand<Real>& band);
 
@@ -57,12 +57,14 @@ private:
     // Of a strip's row, whose state and work lie there.
     EdgeRowPointers<Real> row_pointers(Real* state, Real* work, int row, int strip) const {
         const std::ptrdiff_t index = std::ptrdiff_t(strip) * rows() + row;
-        return {state, work, inverse_mass_.empty() ? nullptr : inverse_mass_.data() + index * layout_.width(),
-                applied_.empty() ? nullptr : applied_.data() + 3 * index * layout_.width(),
-                row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr};
+        return {
+            state, work,
+            inverse_mass_.empty() ? nullptr : inverse_mass_.data() + index * layout_.width(),
+            applied_.empty() ? nullptr : applied_.data() + 3 * index * layout_.width(),
+            row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr};
     }
-    // Data that a row passes on: a force for each point and one vector more. A stage has three of it, and the
-    // pending forces.
+    // Data that a row passes on: a force for each point and one vector more. A stage has three of
+    // it, and the pending forces.
     std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
     std::ptrdiff_t scratch_size() const { return 4 * handed_size(); }
 

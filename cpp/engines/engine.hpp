@@ -14,13 +14,14 @@
 
 namespace clothsim {
 
-// Extents of a cloth from the origin to its middle, from which on single keeps positions relative to there.
+// Extents of a cloth from the origin to its middle, from which on single keeps positions relative
+// to there.
 inline constexpr double extents_that_are_far = 8;
 
 // The whole state of a cloth between steps, to be continued bit for bit.
 struct SavedState {
-    // Of shape (parts, rows, columns, 3): positions relative to the origin [m], velocities [m/s]; in single
-    // two more parts, what compensation adds to each.
+    // Of shape (parts, rows, columns, 3): positions relative to the origin [m], velocities [m/s];
+    // in single two more parts, what compensation adds to each.
     std::vector<double> values;
     Vec3 origin = Vec3::Zero();  // m
     std::vector<double> impulses;  // of Impulses [N s]
@@ -28,19 +29,20 @@ struct SavedState {
 
 // Extremes over the states of a run: the initial one, and each at the end of a step.
 struct Watched {
-    double first_contact =
-        std::numeric_limits<double>::infinity();  // end of the first step that a response changed [s]
+    // End of the first step that a response changed [s].
+    double first_contact = std::numeric_limits<double>::infinity();
     double point_depth = 0;  // of mass points below a sphere's surface, every step [m]
     double lift_work = 0;  // energy that the growth of cells on spheres has made [J]
     double triangle_depth = 0;           // of triangles, at the states sampled [m]
     double stretch = -std::numeric_limits<double>::infinity();  // at the states sampled
-    double energy_gained = 0;  // most that the total was above that of the start, where it is watched [J]
+    // Most that the total was above that of the start, where it is watched [J].
+    double energy_gained = 0;
 
     bool in_contact() const { return first_contact < std::numeric_limits<double>::infinity(); }
 };
 
-// Counts and extremes over the states so far. A checkpoint holds a copy, so that steps which are taken back
-// leave no trace.
+// Counts and extremes over the states so far. A checkpoint holds a copy, so that steps which are
+// taken back leave no trace.
 struct Tally {
     std::int64_t contact_responses = 0;  // of the spheres to mass points
     Watched watched;  // depths only when asked for; the first contact always
@@ -51,25 +53,26 @@ class Engine : public Tally {
 public:
     virtual ~Engine() = default;
 
-    // As `advance`, with a contact pass after each step. `behind_planes`: steps that are expected to be
-    // clear of the spheres may skip the pass (contact/separating_planes.hpp). False if a step was not clear;
-    // the state must then be discarded.
+    // As `advance`, with a contact pass after each step. `behind_planes`: steps that are expected
+    // to be clear of the spheres may skip the pass (contact/separating_planes.hpp). False if a step
+    // was not clear; the state must then be discarded.
     virtual bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads,
                                     bool behind_planes) = 0;
 
     // Of the passes since the last inspection, see ContactReport.
     ContactReport contact_report;
 
-    // Looks for a cell that is larger than a sphere and touches it, if the contact pass has run since.
+    // Looks for a cell that is larger than a sphere and touches it, if the contact pass has run
+    // since.
     virtual void note_large_cells(double t) = 0;
 
-    // Relative, of the arrays that a call has brought, until its first pass of contacts. In coarse arrays a
-    // point that lay on a sphere may lie in it.
+    // Relative, of the arrays that a call has brought, until its first pass of contacts. In coarse
+    // arrays a point that lay on a sphere may lie in it.
     double rounding_of_arrays = 0;
     int threads = 1;  // that the newest steps might use, and copies of the state may too
 
-    // Arrays of shape (rows, columns, 3), C order; whether all their numbers are finite in this precision.
-    // Velocities of held pins are taken as 0. A null array is not stored.
+    // Arrays of shape (rows, columns, 3), C order; whether all their numbers are finite in this
+    // precision. Velocities of held pins are taken as 0. A null array is not stored.
     virtual bool load(const float* x, const float* v) = 0;
     virtual bool load(const double* x, const double* v) = 0;
     virtual void store(float* x, float* v) const = 0;
@@ -88,7 +91,8 @@ public:
         impulses.begin_anew();
     }
 
-    // Put driven pins to their places, with their velocities; a new state leaves that to the caller.
+    // Put driven pins to their places, with their velocities; a new state leaves that to the
+    // caller.
     virtual void place_pins(double t) = 0;
 
     // A sphere's centre and motion from now on; the state stays.
@@ -97,9 +101,9 @@ public:
     // The force on each mass point from now on [N], shape (rows, columns, 3).
     virtual void set_force(const double* force) = 0;
 
-    // Index of the first mass point whose state is not finite, or -1; a pin only where every free point is
-    // good. A free point counts too whose velocity differs from the mean velocity by more than `speed_limit`
-    // [m/s].
+    // Index of the first mass point whose state is not finite, or -1; a pin only where every free
+    // point is good. A free point counts too whose velocity differs from the mean velocity by more
+    // than `speed_limit` [m/s].
     virtual std::int64_t first_bad_point(double speed_limit) const = 0;
 
     // An engine of another layout or scene of this shape and precision may continue it.
@@ -110,7 +114,8 @@ public:
     virtual void save_checkpoint() = 0;
     virtual void restore_checkpoint() = 0;
 
-    // Force evaluations so far, of the integrators in cpp/integrators; the fused RK4 takes four a step.
+    // Force evaluations so far, of the integrators in cpp/integrators; the fused RK4 takes four a
+    // step.
     std::int64_t evaluations = 0;
     // Not null: the integrator carries an error estimate.
     virtual AdaptiveEngine* adaptive() { return nullptr; }

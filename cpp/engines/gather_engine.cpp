@@ -5,9 +5,9 @@
 namespace clothsim {
 namespace {
 
-// The groups of a team's thread: one row of groups is one tile. Group by group, a large cloth would go
-// from page to page, 64 bytes at a time of each row and component. Along whole rows the processor fetches
-// ahead.
+// The groups of a team's thread: one row of groups is one tile. Group by group, a large cloth would
+// go from page to page, 64 bytes at a time of each row and component. Along whole rows the
+// processor fetches ahead.
 template <class Visit>
 void for_each_tile(const ThreadGrid& grid, int thread, int team, Visit visit) {
     int begin = int(std::int64_t(grid.groups()) * thread / team);
@@ -25,7 +25,8 @@ void for_each_tile(const ThreadGrid& grid, int thread, int team, Visit visit) {
 
 template <class Real>
 GatherEngine<Real>::GatherEngine(const Plan& plan)
-    : Base(plan, PaddedLayout(plan.cloth), (Base::compensated ? 12 : 6) * PaddedLayout(plan.cloth).plane),
+    : Base(plan, PaddedLayout(plan.cloth),
+           (Base::compensated ? 12 : 6) * PaddedLayout(plan.cloth).plane),
       grid_(plan.cloth.grid()) {
     const Cloth& cloth = plan_.cloth;
     kernel_ = kernels().gather;
@@ -70,7 +71,8 @@ void GatherEngine<Real>::build_coefficients() {
     const double scale = coefficient_scale(plan_);
     for (int kind = 0; kind < spring_kind_count; ++kind) {
         const Neighbour& neighbour = spring_kinds[kind];
-        spring_[kind] = {Real(cloth.stiffness[neighbour.family] * scale), Real(cloth.rest_length(neighbour)),
+        spring_[kind] = {Real(cloth.stiffness[neighbour.family] * scale),
+                         Real(cloth.rest_length(neighbour)),
                          Real(cloth.spring_damping[neighbour.family] * scale)};
     }
 
@@ -102,7 +104,9 @@ GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
     Real* const a = stage_a_.data() + origin;
     Real* const b = stage_b_.data() + origin;
     g.state = memory_.data() + origin;
-    g.source = stage == Stage::first || stage == Stage::evaluate ? g.state : stage == Stage::third ? b : a;
+    g.source = stage == Stage::first || stage == Stage::evaluate ? g.state
+        : stage == Stage::third                                  ? b
+                                                                 : a;
     g.target = stage == Stage::second ? b : a;
     g.compensation = Base::compensated ? g.state + layout_.compensation() : nullptr;
     g.first_acceleration = first_acceleration_.data() + origin;

@@ -1,19 +1,23 @@
-// Every integrator but the fused RK4 of the kernels, on top of an engine that evaluates accelerations at any
-// state. Each thread has a band of rows, and combines states and accelerations row by row.
+// Every integrator but the fused RK4 of the kernels, on top of an engine that evaluates
+// accelerations at any state. Each thread has a band of rows, and combines states and accelerations
+// row by row.
 //
-// A family of methods is a way through the state, two stages, and a slot of accelerations for each stage.
+// A family of methods is a way through the state, two stages, and a slot of accelerations for each
+// stage.
 //
 //     explicit Runge-Kutta    state --a0--> stage 0 --a1--> stage 1 --a2--> stage 0 ... --> state
-//                               |_____________|_______________|_____ each from the state and all slopes
-//     with error control      the same, but the end goes to `result_`: an accepted step swaps it with the
-//                             state, a rejected one leaves the state alone. `previous_` serves dense output.
+//                               |_____________|_______________|_____ each from the state and all
+//                                                                    slopes
+//     with error control      the same, but the end goes to `result_`: an accepted step swaps it
+//                             with the state, a rejected one leaves the state alone. `previous_`
+//                             serves dense output.
 //     splitting               state --drift--> state --kick a0--> state --drift--> ..., in place
 //     implicit                state --ImplicitMidpoint--> state, by Newton's method, one thread
 //
-// An arrow is a sweep: it reads one version of the state row by row. It makes the next version of a row as
-// soon as its accelerations are known, so that the row is still in cache. A barrier ends it. Splittings
-// overwrite the state in place, and need another between drift and kick. After the last arrow: driven pins
-// are placed.
+// An arrow is a sweep: it reads one version of the state row by row. It makes the next version of a
+// row as soon as its accelerations are known, so that the row is still in cache. A barrier ends it.
+// Splittings overwrite the state in place, and need another between drift and kick. After the last
+// arrow: driven pins are placed.
 #include "engines/engine.hpp"
 
 #include <algorithm>
@@ -32,7 +36,10 @@ template <class Real, class Base>
 class SchemeEngine final : public Base, public AdaptiveEngine {
 public:
     explicit SchemeEngine(const Plan& plan)
-        : Base(plan), method_(method_of(plan.integrator)), field_(this->field()), stage_field_(field_) {
+        : Base(plan),
+          method_(method_of(plan.integrator)),
+          field_(this->field()),
+          stage_field_(field_) {
         stage_field_.compensation = 0;
         const Cloth& cloth = this->plan_.cloth;
         const bool damped = cloth.drag > 0 || cloth.has_spring_damping();
@@ -57,7 +64,8 @@ public:
         if (implicit_) {
             for (std::int64_t k = 1; k <= steps; ++k) {
                 advance_implicit(clock.at(k - 1), clock.dt);
-                this->place_pins(PinTime::of_end(clock.at(k), clock.dt), 0, this->rows(), this->memory_);
+                this->place_pins(PinTime::of_end(clock.at(k), clock.dt), 0, this->rows(),
+                                 this->memory_);
                 this->watch(0, this->rows());
             }
             return;
@@ -73,7 +81,8 @@ public:
                     continue;
                 }
                 advance_splitting(band, barrier, t, clock.dt, known);
-                this->place_pins(PinTime::of_end(clock.at(k), clock.dt), band.begin, band.end, this->memory_);
+                this->place_pins(PinTime::of_end(clock.at(k), clock.dt), band.begin, band.end,
+                                 this->memory_);
                 known = method_.splitting->first_same_as_last();
                 this->watch(band.begin, band.end);
                 barrier.wait();
@@ -83,7 +92,9 @@ public:
         this->state_known_ = known_after;
     }
 
-    AdaptiveEngine* adaptive() override { return explicit_ && !explicit_->errors.empty() ? this : nullptr; }
+    AdaptiveEngine* adaptive() override {
+        return explicit_ && !explicit_->errors.empty() ? this : nullptr;
+    }
 
     int order() const override { return explicit_->order; }
 
@@ -156,7 +167,8 @@ public:
         plan_stages(interpolated ? step_ : part * step_, previous_);
         if (interpolated) result_sum_ = combination(m.dense(part), step_);
         const auto finish = [&](int begin, int end) {
-            this->kernels().advance(stage_field_, begin, end, previous_.data(), result_.data(), result_sum_);
+            this->kernels().advance(stage_field_, begin, end, previous_.data(), result_.data(),
+                                    result_sum_);
             this->place_pins(PinTime::of_stage(step_begin_, step_, part), begin, end, result_);
         };
         in_bands(threads, [&](FieldBand<Real>& band, Barrier& barrier) {
@@ -172,13 +184,16 @@ public:
 
 private:
     double contact_step(const Sphere& sphere, double t, double h, double near, bool tried) {
-        const Vec3 place = sphere.place_at(t), travel = (sphere.center_at(t + h) - sphere.center_at(t)) / h;
-        // A step lies on one piece of the motion. A component of the velocity is monotone there or quadratic,
-        // and so differs most from its mean at an end (Legendre polynomials are largest at the ends).
+        const Vec3 place = sphere.place_at(t),
+                   travel = (sphere.center_at(t + h) - sphere.center_at(t)) / h;
+        // A step lies on one piece of the motion. A component of the velocity is monotone there or
+        // quadratic, and so differs most from its mean at an end (Legendre polynomials are largest
+        // at the ends).
         Vec3 most = Vec3::Zero();
         for (const double part : {0.0, 1.0}) {
             const PinTime end = PinTime::of_stage(t, h, part);
-            most = most.cwiseMax((sphere.motion.at(end.t, end.inside).velocity - travel).cwiseAbs());
+            most =
+                most.cwiseMax((sphere.motion.at(end.t, end.inside).velocity - travel).cwiseAbs());
         }
         const Cloth& cloth = this->plan_.cloth;
         const double sphere_speed = most.norm(),
@@ -193,9 +208,11 @@ private:
             double speed = (point.velocity - travel).norm();
             if (tried) speed = std::max(speed, (vector_in(result_, i, 3) - travel).norm());
             speed += sphere_speed;
-            const double gap = std::max(sphere.height(point.position - place) - sphere.reach(), 0.0);
+            const double gap =
+                std::max(sphere.height(point.position - place) - sphere.reach(), 0.0);
             if (speed * allowed > gap)
-                allowed = std::min(allowed, std::max(gap / speed, std::min(near, least_gap / speed)));
+                allowed =
+                    std::min(allowed, std::max(gap / speed, std::min(near, least_gap / speed)));
         }
         return allowed;
     }
@@ -217,14 +234,15 @@ private:
     Real* acceleration(int index) {
         return accelerations_.data() + slot_[std::size_t(index)] * field_.acceleration_size;
     }
-    // Accelerations at a version of the state into slot `index`; after some rows `then(begin, end)` makes the
-    // next version of them.
+    // Accelerations at a version of the state into slot `index`; after some rows `then(begin, end)`
+    // makes the next version of them.
     template <class Then>
     void sweep(FieldBand<Real>& band, Barrier& barrier, const AlignedVector<Real>& state, int index,
                Then then) {
         this->begin_sweep(state.data(), acceleration(index), band);
         for (int begin = 0, made = 0; begin < band.size(); begin += rows_at_once_) {
-            const int known = this->sweep_rows(begin, std::min(begin + rows_at_once_, band.size()), band);
+            const int known =
+                this->sweep_rows(begin, std::min(begin + rows_at_once_, band.size()), band);
             then(band.row(made), band.row(known));
             made = known;
         }
@@ -234,7 +252,8 @@ private:
     void sweep(FieldBand<Real>& band, Barrier& barrier) {
         sweep(band, barrier, this->memory_, 0, [](int, int) {});
     }
-    Combination<Real> combination(const Weights& w, double h, double scale_x = 1, double scale_v = 1) {
+    Combination<Real> combination(const Weights& w, double h, double scale_x = 1,
+                                  double scale_v = 1) {
         Combination<Real> sum;
         sum.drift = Real(w.drift * h);
         for (std::size_t l = 0; l < w.v.size(); ++l)
@@ -246,8 +265,8 @@ private:
         Combination<Real> sum;
         sum.drift = Real(drift);
         sum.add(acceleration(0), kick_in_x, kick);
-        this->kernels().advance(field_, band.begin, band.end, this->memory_.data(), this->memory_.data(),
-                                sum);
+        this->kernels().advance(field_, band.begin, band.end, this->memory_.data(),
+                                this->memory_.data(), sum);
     }
 
     // The sums of a step of h from `from`, for `run_stages`.
@@ -259,8 +278,8 @@ private:
             stage_sums_.push_back(combination(explicit_->stage[std::size_t(s)], h));
         result_sum_ = combination(explicit_->result, h);
     }
-    // The sweeps of a planned step from time t; `known`: the acceleration at its start is. `finish(begin,
-    // end)` of rows after the last of them.
+    // The sweeps of a planned step from time t; `known`: the acceleration at its start is.
+    // `finish(begin, end)` of rows after the last of them.
     template <class Finish>
     void run_stages(FieldBand<Real>& band, Barrier& barrier, double t, bool known, Finish finish) {
         if (explicit_->stages == 1) {  // the result takes the place of the state
@@ -296,7 +315,8 @@ private:
         });
     }
     // `known`: the acceleration at the start is.
-    void advance_splitting(FieldBand<Real>& band, Barrier& barrier, double t, double h, bool known) {
+    void advance_splitting(FieldBand<Real>& band, Barrier& barrier, double t, double h,
+                           bool known) {
         const Splitting& s = *method_.splitting;
         double part = s.drifts[0];  // of the step: time passes in drifts
         if (part != 0) {
@@ -307,7 +327,8 @@ private:
         for (std::size_t i = 0; i < s.kicks.size(); ++i) {
             if (i > 0) barrier.wait();
             if (i > 0 || !known) sweep(band, barrier);
-            kick_drift(band, s.drifts[i + 1] * h, s.kicks[i] * h, s.drifts[i + 1] * s.kicks[i] * h * h);
+            kick_drift(band, s.drifts[i + 1] * h, s.kicks[i] * h,
+                       s.drifts[i + 1] * s.kicks[i] * h * h);
             place_stage_pins(band, t, h, part += s.drifts[i + 1]);
         }
     }
@@ -324,19 +345,21 @@ private:
 
     // Components from `first` on: 0, the position, or 3, the velocity.
     Vec3 vector_in(const AlignedVector<Real>& state, int i, int first) const {
-        const auto at = [&](int k) { return double(state[std::size_t(this->points_.place(i, first + k))]); };
+        const auto at = [&](int k) {
+            return double(state[std::size_t(this->points_.place(i, first + k))]);
+        };
         return {at(0), at(1), at(2)};
     }
 
-    // Bytes: rows per block that fit in the first-level cache in some versions. A call for a short row costs
-    // as much as its combination. Half makes more calls, twice may leave the cache.
+    // Bytes: rows per block that fit in the first-level cache in some versions. A call for a short
+    // row costs as much as its combination. Half makes more calls, twice may leave the cache.
     static constexpr std::ptrdiff_t bytes_at_once = 16 * 1024;
 
     const Method method_;
     const ExplicitMethod* explicit_;
     FieldLayout field_, stage_field_;  // of the state; of a stage, which has no compensation
-    int rows_at_once_ =
-        int(std::clamp<std::ptrdiff_t>(bytes_at_once / (field_.row * std::ptrdiff_t(sizeof(Real))), 1, 16));
+    int rows_at_once_ = int(std::clamp<std::ptrdiff_t>(
+        bytes_at_once / (field_.row * std::ptrdiff_t(sizeof(Real))), 1, 16));
     std::unique_ptr<ImplicitMidpoint> implicit_;
     AlignedVector<Real> accelerations_;
     std::vector<int> slot_;  // where the acceleration of a stage lies

@@ -1,5 +1,5 @@
-// An engine's state in its layout: into it from arrays of points, out of it, inspected, relative to which
-// origin; and the contact pass after its steps.
+// An engine's state in its layout: into it from arrays of points, out of it, inspected, relative to
+// which origin; and the contact pass after its steps.
 #pragma once
 
 #include <algorithm>
@@ -19,11 +19,12 @@
 
 namespace clothsim {
 
-// Padding holds a point that is far from every cloth, finite when squared in single, and never moves.
+// Padding holds a point that is far from every cloth, finite when squared in single, and never
+// moves.
 inline constexpr double far_away = 1e15;
 
-// A thread's rows where accelerations are evaluated for the integrators of cpp/integrators, with data of the
-// engine's sweep.
+// A thread's rows where accelerations are evaluated for the integrators of cpp/integrators, with
+// data of the engine's sweep.
 template <class Real>
 struct FieldBand : RowBand {
     EdgeArguments<Real> edge{};
@@ -64,7 +65,8 @@ public:
         state_replaced();
     }
 
-    bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads, bool behind_planes) final {
+    bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads,
+                            bool behind_planes) final {
         if (!has_contacts()) {
             advance(steps, clock, threads);
             return true;
@@ -72,9 +74,10 @@ public:
         Clock now = clock;
         for (const std::int64_t end = clock.steps + steps; now.steps < end; ++now.steps) {
             const auto all = [&](int k) { return component(k, 0, rows()); };
-            while (const std::int64_t clear = behind_planes
-                       ? planes_.clear_steps(plan_.spheres, plan_.gravity, now, end - now.steps, all)
-                       : 0) {
+            while (
+                const std::int64_t clear = behind_planes
+                    ? planes_.clear_steps(plan_.spheres, plan_.gravity, now, end - now.steps, all)
+                    : 0) {
                 planes_.raise();
                 advance(clear, now, threads);
                 contact_pass_.forget(false);
@@ -124,7 +127,8 @@ public:
             const bool pin = plan_.cloth.pinned[std::size_t(i)];
             for (int k = 0; k < 6; ++k) {
                 const double value = memory_[points_.place(i, k)];
-                if (k < 3 || pin ? std::abs(value) <= largest : std::abs(value - mean[k - 3]) <= limit)
+                if (k < 3 || pin ? std::abs(value) <= largest
+                                 : std::abs(value - mean[k - 3]) <= limit)
                     continue;
                 if (!pin) return i;
                 bad_pin = i;
@@ -176,15 +180,16 @@ protected:
     StatePoints<Real, Layout> points_;
     Vec3 origin_ = Vec3::Zero();  // of the positions in memory [m]
     AlignedVector<Real> memory_;
-    // Data of the state that an engine keeps in memory still holds; false after every change from elsewhere.
+    // Data of the state that an engine keeps in memory still holds; false after every change from
+    // elsewhere.
     bool state_known_ = false;
     ContactPass<Real, Layout> contact_pass_;
     SeparatingPlanes<Real> planes_;
 
 private:
     void respond(double t0, double t1, double dt, int threads) {
-        const double rounding =
-            std::max(std::exchange(rounding_of_arrays, 0.0), double(std::numeric_limits<Real>::epsilon()));
+        const double rounding = std::max(std::exchange(rounding_of_arrays, 0.0),
+                                         double(std::numeric_limits<Real>::epsilon()));
         const ContactReport report = contact_pass_.respond(memory_, t0, t1, dt, rounding, threads);
         contact_responses += report.responses;
         contact_report.note(report);
@@ -224,13 +229,15 @@ private:
         std::atomic<bool> is{true};
         in_parts(all.count, int(std::min<std::ptrdiff_t>(parts(), all.count)),
                  [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-                     const Real* const first = memory_.data() + layout_.first() + begin * all.stride;
-                     if (!kernels().all_finite(first, Blocks{end - begin, all.size, all.stride})) is = false;
+                     const Real* const first =
+                         memory_.data() + layout_.first() + begin * all.stride;
+                     if (!kernels().all_finite(first, Blocks{end - begin, all.size, all.stride}))
+                         is = false;
                  });
         return is;
     }
-    // Threads for copies: the team of the steps, in whose caches the state is, or one. Of another team some
-    // would end.
+    // Threads for copies: the team of the steps, in whose caches the state is, or one. Of another
+    // team some would end.
     int parts() const {
         constexpr std::int64_t least_points_per_thread = 2'000;  // half or twice: not measured
         const int team = RowBand::team(rows(), threads);
@@ -242,7 +249,8 @@ private:
         for (int part = 0; part < (compensated ? 4 : 2); ++part)
             for (int i = 0; i < plan_.cloth.points(); ++i)
                 for (int k = 0; k < 3; ++k)
-                    visit(points_.place(i, part % 2 * 3 + k) + (part < 2 ? 0 : layout_.compensation()));
+                    visit(points_.place(i, part % 2 * 3 + k) +
+                          (part < 2 ? 0 : layout_.compensation()));
     }
 
     template <class In>
@@ -267,8 +275,8 @@ private:
             }
         });
     }
-    // Three components of a row, from the first on, relative to `origin`. A difference keeps the sign of a
-    // zero.
+    // Three components of a row, from the first on, relative to `origin`. A difference keeps the
+    // sign of a zero.
     template <class In>
     void put_row(const In* from, int r, int first, const Vec3& origin) {
         const std::ptrdiff_t size = layout_.component(), low = layout_.compensation();
@@ -301,8 +309,9 @@ private:
         }
     }
 
-    // float32 resolves points of a cloth far from 0 no better than by 6e-8 of that distance. So in single
-    // memory holds positions relative to an origin, 0 unless the cloth is far off for its size.
+    // float32 resolves points of a cloth far from 0 no better than by 6e-8 of that distance. So in
+    // single memory holds positions relative to an origin, 0 unless the cloth is far off for its
+    // size.
     template <class In>
     Vec3 far_origin(const In* x) const {
         // What is no number does not count.
@@ -315,7 +324,9 @@ private:
             }
         const Vec3 middle = low / 2 + high / 2;
         const bool far = middle.norm() > extents_that_are_far * (high - low).norm();
-        return far && middle.norm() < double(std::numeric_limits<float>::max()) ? middle : Vec3(Vec3::Zero());
+        return far && middle.norm() < double(std::numeric_limits<float>::max())
+            ? middle
+            : Vec3(Vec3::Zero());
     }
     void set_origin(const Vec3& origin) {
         origin_ = origin;

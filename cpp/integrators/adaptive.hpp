@@ -7,7 +7,8 @@
 
 namespace clothsim {
 
-// A step is accepted where sqrt(mean over points of (|error of x| / x)^2 + (|error of v| / v)^2) <= 1.
+// A step is accepted where sqrt(mean over points of (|error of x| / x)^2 + (|error of v| / v)^2) <=
+// 1.
 struct Tolerance {
     double x = 0;  // m
     double v = 0;  // m/s
@@ -18,28 +19,30 @@ public:
     virtual ~AdaptiveEngine() = default;
 
     virtual int order() const = 0;
-    // Try a step from time t: its error in units of the tolerance, not finite where the result is not. The
-    // state stays.
+    // Try a step from time t: its error in units of the tolerance, not finite where the result is
+    // not. The state stays.
     virtual double try_step(double t, double h, const Tolerance& tolerance, int threads) = 0;
     // Take the step that was tried, with the collision pass at its end, time `t`.
     virtual void accept_step(double t) = 0;
-    // The longest step from the state at time t, at most h, which has no kink of a motion within. No point
-    // moves further than its distance from the spheres, or, in a step of at most `near`, than a part of their
-    // contact radius. `tried`: also by the velocities at the end of the step that was tried; a trial above
-    // `near` asks for no shorter one.
+    // The longest step from the state at time t, at most h, which has no kink of a motion within.
+    // No point moves further than its distance from the spheres, or, in a step of at most `near`,
+    // than a part of their contact radius. `tried`: also by the velocities at the end of the step
+    // that was tried; a trial above `near` asks for no shorter one.
     virtual double contact_step(double t, double h, double near, bool tried) = 0;
-    // The state at time t within the last accepted step, before its collision pass. It comes from the
-    // method's interpolant or, without an interpolant, from a step of the method from the same start.
+    // The state at time t within the last accepted step, before its collision pass. It comes from
+    // the method's interpolant or, without an interpolant, from a step of the method from the same
+    // start.
     virtual void dense(double t, double* x, double* v, int threads) = 0;
 };
 
-// Part of a sphere's contact radius that a point moves at most, relative to the sphere, in a step near it. A
-// chord of that length misses what grazes the sphere by less than fraction^2 / 8 of the radius.
+// Part of a sphere's contact radius that a point moves at most, relative to the sphere, in a step
+// near it. A chord of that length misses what grazes the sphere by less than fraction^2 / 8 of the
+// radius.
 inline constexpr double contact_fraction = 0.1;
 
-// Proportional-integral control of the step (Gustafsson, ACM TOMS 17 (1991) 533; Hairer, Wanner: Solving
-// Ordinary Differential Equations II, IV.2). It converges where stability limits the step, instead of
-// bouncing off the limit.
+// Proportional-integral control of the step (Gustafsson, ACM TOMS 17 (1991) 533; Hairer, Wanner:
+// Solving Ordinary Differential Equations II, IV.2). It converges where stability limits the step,
+// instead of bouncing off the limit.
 class StepController {
 public:
     double h = 0;  // the next step to try [s]

@@ -37,8 +37,8 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
         if (k < 0) continue;
         const Vec3 here = u.segment<3>(3 * k);
         const double m = cloth_.mass[std::size_t(i)];
-        r.segment<3>(3 * k) =
-            m * (here - v_.row(i).transpose()) - h / 2 * (m * scene_.field_at(i) - cloth_.drag * here);
+        r.segment<3>(3 * k) = m * (here - v_.row(i).transpose()) -
+            h / 2 * (m * scene_.field_at(i) - cloth_.drag * here);
     }
     cloth_.each_spring([&](int from, int to, const Neighbour& kind) {
         const Vec3 w = place(u, to) - place(u, from);
@@ -57,10 +57,12 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
 
 void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
     entries_.clear();
-    for (int k = 0; k < 3 * unknowns_; ++k) entries_.emplace_back(k, k, mass_[k] + h / 2 * cloth_.drag);
+    for (int k = 0; k < 3 * unknowns_; ++k)
+        entries_.emplace_back(k, k, mass_[k] + h / 2 * cloth_.drag);
     cloth_.each_spring([&](int from, int to, const Neighbour& kind) {
         const double stiffness = cloth_.stiffness[kind.family];
-        const Vec3 d = (x_.row(to) - x_.row(from)).transpose() + h / 2 * (place(u, to) - place(u, from));
+        const Vec3 d =
+            (x_.row(to) - x_.row(from)).transpose() + h / 2 * (place(u, to) - place(u, from));
         const double l = d.norm();
         Eigen::Matrix3d block = Eigen::Matrix3d::Zero();
         if (l > 0) {
@@ -77,7 +79,8 @@ void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
                 if (i >= 0 && a >= b) entries_.emplace_back(3 * i + a, 3 * i + b, block(a, b));
                 if (j >= 0 && a >= b) entries_.emplace_back(3 * j + a, 3 * j + b, block(a, b));
                 if (i >= 0 && j >= 0)
-                    entries_.emplace_back(3 * std::max(i, j) + a, 3 * std::min(i, j) + b, -block(a, b));
+                    entries_.emplace_back(3 * std::max(i, j) + a, 3 * std::min(i, j) + b,
+                                          -block(a, b));
             }
     });
     matrix_.setFromTriplets(entries_.begin(), entries_.end());
@@ -106,9 +109,12 @@ int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
     int evaluations = 1;
     Vector u(3 * unknowns_);
     for (int i = 0; i < cloth_.points(); ++i)
-        if (unknown_[std::size_t(i)] >= 0) u.segment<3>(3 * unknown_[std::size_t(i)]) = v_.row(i).transpose();
+        if (unknown_[std::size_t(i)] >= 0)
+            u.segment<3>(3 * unknown_[std::size_t(i)]) = v_.row(i).transpose();
     const Vector start = u;
-    const auto size = [&](const Vector& r) { return std::sqrt((r.array().square() / mass_.array()).sum()); };
+    const auto size = [&](const Vector& r) {
+        return std::sqrt((r.array().square() / mass_.array()).sum());
+    };
 
     Vector r = residual(h, u);
     double norm = size(r);
@@ -129,8 +135,8 @@ int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
         r = next_r;
         norm = best;
         // The parts of the residual: momentum, and its change by the force.
-        const double parts =
-            size((mass_.array() * u.array()).matrix()) + size((mass_.array() * (u - start).array()).matrix());
+        const double parts = size((mass_.array() * u.array()).matrix()) +
+            size((mass_.array() * (u - start).array()).matrix());
         if (norm <= converged * parts) break;
     }
     for (int i = 0; i < cloth_.points(); ++i) {

@@ -6,10 +6,11 @@
 //
 //   J = M + h/2 D + h^2/4 K,    K, D: minus the derivatives of the force by x and by v
 //
-// The springs' exact K is taken while J is positive definite. It may not be, with compressed springs at a
-// huge step. Then the part of a compressed spring across its direction is left out (Baraff and Witkin, Large
-// steps in cloth simulation, SIGGRAPH 98). The residual decides, so either way the solution belongs to the
-// rule itself. The step is halved wherever the residual would grow, so it converges from far.
+// The springs' exact K is taken while J is positive definite. It may not be, with compressed
+// springs at a huge step. Then the part of a compressed spring across its direction is left out
+// (Baraff and Witkin, Large steps in cloth simulation, SIGGRAPH 98). The residual decides, so
+// either way the solution belongs to the rule itself. The step is halved wherever the residual
+// would grow, so it converges from far.
 #pragma once
 
 #include <Eigen/Sparse>
@@ -23,8 +24,8 @@ public:
     // Forces on points may change between steps, and are read from `scene`.
     explicit ImplicitMidpoint(const Scene& scene);
 
-    // One step in place from time t; driven pins stay as they are. Returns the number of force evaluations (a
-    // factorisation each, but for those of halved steps).
+    // One step in place from time t; driven pins stay as they are. Returns the number of force
+    // evaluations (a factorisation each, but for those of halved steps).
     int step(Points& x, Points& v, double t, double h);
 
 private:

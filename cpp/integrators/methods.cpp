@@ -18,17 +18,20 @@ using Matrix = std::vector<std::vector<double>>;
 
 // clang-format off
 
-// Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19; dense output of order 4: Shampine, Math. Comp. 46 (1986)
-// 135, as polynomials in the part of the step.
+// Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19; dense output of order 4: Shampine, Math.
+// Comp. 46 (1986) 135, as polynomials in the part of the step.
 constexpr Entry dopri5_a[] = {
     {1, 0, 1.0 / 5},         {2, 0, 3.0 / 40},        {2, 1, 9.0 / 40},       {3, 0, 44.0 / 45},
-    {3, 1, -56.0 / 15},      {3, 2, 32.0 / 9},        {4, 0, 19372.0 / 6561}, {4, 1, -25360.0 / 2187},
-    {4, 2, 64448.0 / 6561},  {4, 3, -212.0 / 729},    {5, 0, 9017.0 / 3168},  {5, 1, -355.0 / 33},
-    {5, 2, 46732.0 / 5247},  {5, 3, 49.0 / 176},      {5, 4, -5103.0 / 18656},
-    {6, 0, 35.0 / 384},      {6, 2, 500.0 / 1113},    {6, 3, 125.0 / 192},    {6, 4, -2187.0 / 6784},
-    {6, 5, 11.0 / 84},
+    {3, 1, -56.0 / 15},      {3, 2, 32.0 / 9},
+    {4, 0, 19372.0 / 6561},  {4, 1, -25360.0 / 2187}, {4, 2, 64448.0 / 6561}, {4, 3, -212.0 / 729},
+    {5, 0, 9017.0 / 3168},   {5, 1, -355.0 / 33},     {5, 2, 46732.0 / 5247}, {5, 3, 49.0 / 176},
+    {5, 4, -5103.0 / 18656},
+    {6, 0, 35.0 / 384},      {6, 2, 500.0 / 1113},    {6, 3, 125.0 / 192},
+    {6, 4, -2187.0 / 6784},  {6, 5, 11.0 / 84},
 };
-constexpr double dopri5_error[] = {-71.0 / 57600, 0, 71.0 / 16695, -71.0 / 1920, 17253.0 / 339200, -22.0 / 525, 1.0 / 40};
+constexpr double dopri5_error[] = {
+    -71.0 / 57600, 0, 71.0 / 16695, -71.0 / 1920, 17253.0 / 339200, -22.0 / 525, 1.0 / 40,
+};
 constexpr Entry dopri5_dense[] = {
     {0, 0, 1},
     {0, 1, -8048581381.0 / 2820520608},
@@ -51,9 +54,10 @@ constexpr Entry dopri5_dense[] = {
     {6, 3, 69997945.0 / 29380423},
 };
 
-// dop853.f of Hairer and Wanner, after Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I,
-// 2nd ed., II.5. Its interpolant of order 7 is not used. Most cloths want a step near the stability limit;
-// there the interpolant is up to some ten times less accurate than the step itself.
+// dop853.f of Hairer and Wanner, after Hairer, Norsett, Wanner: Solving Ordinary Differential
+// Equations I, 2nd ed., II.5. Its interpolant of order 7 is not used. Most cloths want a step near
+// the stability limit; there the interpolant is up to some ten times less accurate than the step
+// itself.
 constexpr Entry dop853_a[] = {
     {1, 0, 0.05260015195876773}, {2, 0, 0.0197250569845379}, {2, 1, 0.059175170953613701},
     {3, 0, 0.029587585476806851}, {3, 2, 0.088762756430420545}, {4, 0, 0.24136513415926669},
@@ -98,9 +102,12 @@ void fill(Matrix& matrix, const Entry (&entries)[count]) {
     for (const Entry& e : entries) matrix[std::size_t(e.row)][std::size_t(e.column)] = e.value;
 }
 
-Matrix square(int size) { return Matrix(std::size_t(size), std::vector<double>(std::size_t(size), 0.0)); }
+Matrix square(int size) {
+    return Matrix(std::size_t(size), std::vector<double>(std::size_t(size), 0.0));
+}
 
-// A sum of products as in twice the precision (Ogita, Rump, Oishi, SIAM J. Sci. Comput. 26 (2005) 1955).
+// A sum of products as in twice the precision (Ogita, Rump, Oishi, SIAM J. Sci. Comput. 26 (2005)
+// 1955).
 struct Sum {
     double high = 0, low = 0, size = 0;
     void add(double a, double b) {
@@ -112,8 +119,8 @@ struct Sum {
     double value() const { return high + low; }
 };
 
-// A row of weights of slopes as factors of accelerations. The slopes of x are the stage velocities. They are
-// expressed by v and the earlier accelerations.
+// A row of weights of slopes as factors of accelerations. The slopes of x are the stage velocities.
+// They are expressed by v and the earlier accelerations.
 Weights nystroem(const std::vector<double>& row, const Matrix& a) {
     const std::size_t n = row.size();
     Weights w;
@@ -184,8 +191,8 @@ ExplicitMethod make_rk4() {
 // Euler, Institutiones calculi integralis 1 (1768), 650.
 ExplicitMethod make_explicit_euler() { return make_explicit(1, 1, {{0, 0}, {1, 0}}, {}); }
 
-// Velocity Verlet with damping: the second kick takes the velocity that Euler's method predicts. The weights
-// of x are the method's own, x + h v + h^2/2 a.
+// Velocity Verlet with damping: the second kick takes the velocity that Euler's method predicts.
+// The weights of x are the method's own, x + h v + h^2/2 a.
 ExplicitMethod make_damped_verlet() {
     ExplicitMethod m;
     m.stages = 2;
@@ -224,7 +231,8 @@ const std::vector<Method> methods{
 Weights ExplicitMethod::dense(double part) const {
     std::vector<double> w(a.size(), 0.0);
     for (std::size_t j = 0; j < w.size(); ++j)
-        for (std::size_t k = dense_factors[j].size(); k-- > 0;) w[j] = (w[j] + dense_factors[j][k]) * part;
+        for (std::size_t k = dense_factors[j].size(); k-- > 0;)
+            w[j] = (w[j] + dense_factors[j][k]) * part;
     return nystroem(w, a);
 }
 

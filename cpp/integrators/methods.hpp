@@ -1,5 +1,6 @@
-// The integrators as data. Explicit Runge-Kutta methods act on (x, v). The slope of x is v, so their stages
-// need no slopes of x of their own (Nystroem form). With the accelerations a_l at the stages before,
+// The integrators as data. Explicit Runge-Kutta methods act on (x, v). The slope of x is v, so
+// their stages need no slopes of x of their own (Nystroem form). With the accelerations a_l at the
+// stages before,
 //
 //   x_i = x + c_i h v + h^2 sum_l (A A)_il a_l        v_i = v + h sum_l A_il a_l
 //
@@ -32,7 +33,7 @@ struct ExplicitMethod {
     // The interpolant, if the method has one: the factors at a part of the step.
     Weights dense(double part) const;
 
-    std::vector<std::vector<double>> a;        // tableau; row `stages` is that of the result
+    std::vector<std::vector<double>> a;  // tableau; row `stages` is that of the result
     std::vector<std::vector<double>> dense_factors;  // [stage][power - 1] of the part of the step
 };
 
@@ -44,18 +45,20 @@ struct Splitting {
     bool first_same_as_last() const { return drifts.front() == 0 && drifts.back() == 0; }
 };
 
-// The part of its largest energy by which an undamped oscillator's energy swings under the method, at omega
-// dt. A step maps (omega x, v) by a matrix M of determinant 1, which keeps -M10 X^2 + (M00 - M11) X V + M01
-// V^2. The swing is 1 minus the ratio of this form's eigenvalues, and 1 where it is not definite: above the
-// method's stable limit.
+// The part of its largest energy by which an undamped oscillator's energy swings under the method,
+// at omega dt. A step maps (omega x, v) by a matrix M of determinant 1, which keeps -M10 X^2 + (M00
+// - M11) X V + M01 V^2. The swing is 1 minus the ratio of this form's eigenvalues, and 1 where it
+// is not definite: above the method's stable limit.
 double energy_swing(const Splitting& splitting, double omega_dt);
 
-// One of the first two; neither: the implicit midpoint rule, whose stage is found by Newton's method.
+// One of the first two; neither: the implicit midpoint rule, whose stage is found by Newton's
+// method.
 struct Method {
     std::string_view name;
     const ExplicitMethod* runge_kutta = nullptr;
     const Splitting* splitting = nullptr;
-    const ExplicitMethod* damped = nullptr;  // splitting: the method that runs where there is damping, if any
+    // Splitting: the method that runs where there is damping, if any.
+    const ExplicitMethod* damped = nullptr;
     bool in_kernels = false;  // the kernels take whole steps
 };
 

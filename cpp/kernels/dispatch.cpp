@@ -23,11 +23,12 @@ bool processor_has(InstructionSet set) {
 
 const std::vector<const KernelTable*>& built_instruction_sets() {
 #if defined(CLOTHSIM_PORTABLE)
-    static const std::vector<const KernelTable*> built{&KernelTableOf<InstructionSet::portable>::table};
+    static const std::vector<const KernelTable*> built{
+        &KernelTableOf<InstructionSet::portable>::table};
 #else
-    static const std::vector<const KernelTable*> built{&KernelTableOf<InstructionSet::avx512>::table,
-                                                       &KernelTableOf<InstructionSet::avx2>::table,
-                                                       &KernelTableOf<InstructionSet::sse2>::table};
+    static const std::vector<const KernelTable*> built{
+        &KernelTableOf<InstructionSet::avx512>::table, &KernelTableOf<InstructionSet::avx2>::table,
+        &KernelTableOf<InstructionSet::sse2>::table};
 #endif
     return built;
 }

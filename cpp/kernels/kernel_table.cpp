@@ -1,4 +1,5 @@
-// CMake compiles this file for each instruction set: its table, with the kernels that serve every cloth.
+// CMake compiles this file for each instruction set: its table, with the kernels that serve every
+// cloth.
 #include "kernels/kernel_table.hpp"
 
 #include "kernels/contact/contact_kernels.hpp"

@@ -1,4 +1,5 @@
-// The kernels of one instruction set: tables of function pointers, filled in small files of its own.
+// The kernels of one instruction set: tables of function pointers, filled in small files of its
+// own.
 #pragma once
 
 #include <array>
@@ -13,8 +14,8 @@
 
 namespace clothsim {
 
-// `portable` is built alone, on processors that are not x86-64: xsimd's NEON on AArch64, else plain loops
-// over 16 bytes.
+// `portable` is built alone, on processors that are not x86-64: xsimd's NEON on AArch64, else plain
+// loops over 16 bytes.
 enum class InstructionSet { portable, sse2, avx2, avx512 };
 
 struct ContactKernels;
@@ -22,8 +23,8 @@ struct ContactKernels;
 template <class Real>
 using GatherKernel = void (*)(const GatherArguments<Real>&, const Tile&);
 
-// The edge kernel: many rows, the end of the stage of the last of them, and the forces of the two rows before
-// a band on it.
+// The edge kernel: many rows, the end of the stage of the last of them, and the forces of the two
+// rows before a band on it.
 template <class Real>
 using EdgeRowsKernel = void (*)(EdgeArguments<Real>&, int begin, int end);
 template <class Real>
@@ -32,10 +33,10 @@ template <class Real>
 using EdgeHaloKernel = void (*)(EdgeArguments<Real>&, const EdgeSources<Real>& before_2,
                                 const EdgeSources<Real>& before);
 
-// The rows of cloths with structural and shear springs: a part each without and with bend springs and
-// damping. Versions for other cloths would take 0.7 to 0.8 of their time, and a fifth of the whole
-// compilation; no ready scene has such a cloth. Each part is an object file of its own, as one file would
-// take gigabytes to compile.
+// The rows of cloths with structural and shear springs: a part each without and with bend springs
+// and damping. Versions for other cloths would take 0.7 to 0.8 of their time, and a fifth of the
+// whole compilation; no ready scene has such a cloth. Each part is an object file of its own, as
+// one file would take gigabytes to compile.
 inline constexpr int edge_part_count = 4;
 template <InstructionSet set, class Real, int part>
 struct EdgePartOf {
@@ -48,7 +49,8 @@ struct RealKernels : RowsKernels<Real> {
     EdgeRowsKernel<Real> edge_of_any;
     EdgeHaloKernel<Real> edge_halo;
     EdgeFinishKernel<Real> edge_finish;
-    std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts;  // null: not compiled in versions
+    // Null: not compiled in versions.
+    std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
     // So does this, of a spring at rest as the edge kernel sees it, to the last bit.
     Real (*reciprocal_at_rest)(Real along_columns, Real along_rows);
@@ -58,7 +60,8 @@ struct RealKernels : RowsKernels<Real> {
     EdgeRowsKernel<Real> edge(const Features& features, bool damped_alike) const {
         const auto* const part =
             edge_parts[std::size_t(features.family[bend] | features.spring_damping << 1)];
-        const bool in_versions = features.family[structural] && features.family[shear] && damped_alike;
+        const bool in_versions =
+            features.family[structural] && features.family[shear] && damped_alike;
         return in_versions && part ? *part : edge_of_any;
     }
 };
@@ -87,8 +90,8 @@ const RealKernels<Real>& kernels_of(const KernelTable& table) {
 const std::vector<const KernelTable*>& built_instruction_sets();
 std::vector<const KernelTable*> supported_instruction_sets();
 
-// That of the environment variable CLOTHSIM_ISA, else the best supported one. Throws std::invalid_argument
-// for a name that is not built or not supported.
+// That of the environment variable CLOTHSIM_ISA, else the best supported one. Throws
+// std::invalid_argument for a name that is not built or not supported.
 const KernelTable& choose_instruction_set();
 
 // The environment variable.

@@ -1,6 +1,6 @@
-// SIMD lanes: thin names over xsimd, and the two ways to 1/l. Only the per-instruction-set files include
-// this. Everything sits in an anonymous namespace, so that the linker cannot pick a function of another
-// instruction set.
+// SIMD lanes: thin names over xsimd, and the two ways to 1/l. Only the per-instruction-set files
+// include this. Everything sits in an anonymous namespace, so that the linker cannot pick a
+// function of another instruction set.
 #pragma once
 
 #include <cstdint>
@@ -33,13 +33,13 @@ CLOTHSIM_INLINE V multiply_add(V a, V b, V c) {
     else return a * b + c;
 }
 
-// Added to every squared length: it keeps coincident points finite and changes no length that means anything.
-// Large enough for the estimate of 1/sqrt in single.
+// Added to every squared length: it keeps coincident points finite and changes no length that means
+// anything. Large enough for the estimate of 1/sqrt in single.
 template <class Real>
 constexpr Real smallest_squared_length = Real(1e-36);
 
-// scale / sqrt(a). The scale is what a step like y (3 - a y^2) = 2/sqrt(a) leaves over; it is folded into
-// coefficients instead of being divided out.
+// scale / sqrt(a). The scale is what a step like y (3 - a y^2) = 2/sqrt(a) leaves over; it is
+// folded into coefficients instead of being divided out.
 template <class Real, class Arch>
 constexpr Real root_scale() {
     [[maybe_unused]] constexpr bool single = sizeof(Real) == 4;
@@ -52,7 +52,8 @@ constexpr Real root_scale() {
 #endif
 }
 
-// A value that the compiler takes for unknown, so that it stays in a register where there are enough of them.
+// A value that the compiler takes for unknown, so that it stays in a register where there are
+// enough of them.
 template <class V>
 CLOTHSIM_INLINE V in_register(V a) {
 #if defined(__AVX512F__)
@@ -86,14 +87,14 @@ CLOTHSIM_INLINE void each(F f) {
     }(std::make_integer_sequence<int, count>{});
 }
 
-// The 3 of the first Newton step. A step ends below the root by up to 1.5 e^2 of it. Half of that is added
-// where the constant can hold it, so that the next step begins with half the error.
+// The 3 of the first Newton step. A step ends below the root by up to 1.5 e^2 of it. Half of that
+// is added where the constant can hold it, so that the next step begins with half the error.
 template <class Real>
 constexpr Real newton_constant = sizeof(Real) == 8 ? Real(3 + 0x1.8p-28) : Real(3);
 
 template <class V>
-CLOTHSIM_INLINE V
-scaled_reciprocal_root(V a, [[maybe_unused]] V newton = V(newton_constant<typename V::value_type>)) {
+CLOTHSIM_INLINE V scaled_reciprocal_root(
+    V a, [[maybe_unused]] V newton = V(newton_constant<typename V::value_type>)) {
     using Real = typename V::value_type;
 #if defined(CLOTHSIM_PORTABLE)
     return V(Real(1)) / xsimd::sqrt(a);
@@ -106,12 +107,12 @@ scaled_reciprocal_root(V a, [[maybe_unused]] V newton = V(newton_constant<typena
 #else
     // No estimate in double here, and from one in single the way is longer than the exact one.
     if constexpr (sizeof(Real) == 8) return V(Real(1)) / xsimd::sqrt(a);
-    // A step of third order. It omits less than 2^-27, less than rounding. Few bits of y are set, so its
-    // square is all but exact; the product a y is not.
+    // A step of third order. It omits less than 2^-27, less than rounding. Few bits of y are set,
+    // so its square is all but exact; the product a y is not.
     const V y = reciprocal_root_estimate(a), square = y * y;
 #if defined(__AVX2__)
-    // The series 1 + e/2 + 3/8 e^2, e = 1 - a y^2, with its square completed: an operation and a constant
-    // less. Of the last coefficient 1/33 is missing, so that the others are exact.
+    // The series 1 + e/2 + 3/8 e^2, e = 1 - a y^2, with its square completed: an operation and a
+    // constant less. Of the last coefficient 1/33 is missing, so that the others are exact.
     const V h = xsimd::fnma(a, square, V(Real(27. / 16)));
     return y * xsimd::fma(h, h, V(Real(583. / 256)));
 #else
@@ -121,8 +122,8 @@ scaled_reciprocal_root(V a, [[maybe_unused]] V newton = V(newton_constant<typena
 #endif
 }
 
-// The lanes whose bit is set. (Without mask registers xsimd takes them from a table: a symbol that the files
-// of all instruction sets would have in common.)
+// The lanes whose bit is set. (Without mask registers xsimd takes them from a table: a symbol that
+// the files of all instruction sets would have in common.)
 template <class V>
 CLOTHSIM_INLINE typename V::batch_bool_type lanes_of(std::uint64_t bits) {
 #if defined(__AVX512F__)
@@ -179,14 +180,16 @@ CLOTHSIM_INLINE V next_lane(V a) {
         xsimd::slide_left<sizeof(Bits)>(xsimd::bitwise_cast<Bits>(a)));
 #elif defined(__AVX512F__)
     if constexpr (single)
-        return V(
-            _mm512_castsi512_ps(_mm512_alignr_epi32(_mm512_castps_si512(a), _mm512_setzero_si512(), 15)));
+        return V(_mm512_castsi512_ps(
+            _mm512_alignr_epi32(_mm512_castps_si512(a), _mm512_setzero_si512(), 15)));
     else
-        return V(_mm512_castsi512_pd(_mm512_alignr_epi64(_mm512_castpd_si512(a), _mm512_setzero_si512(), 7)));
+        return V(_mm512_castsi512_pd(
+            _mm512_alignr_epi64(_mm512_castpd_si512(a), _mm512_setzero_si512(), 7)));
 #elif defined(__AVX2__)
     if constexpr (single)
-        return V(_mm256_blend_ps(_mm256_permutevar8x32_ps(a, _mm256_setr_epi32(7, 0, 1, 2, 3, 4, 5, 6)),
-                                 _mm256_setzero_ps(), 1));
+        return V(
+            _mm256_blend_ps(_mm256_permutevar8x32_ps(a, _mm256_setr_epi32(7, 0, 1, 2, 3, 4, 5, 6)),
+                            _mm256_setzero_ps(), 1));
     else return V(_mm256_blend_pd(_mm256_permute4x64_pd(a, 0x93), _mm256_setzero_pd(), 1));
 #else
     if constexpr (single) return V(_mm_castsi128_ps(_mm_slli_si128(_mm_castps_si128(a), 4)));

@@ -1,5 +1,5 @@
-// Rows of a state or of accelerations as they lie in an engine's memory, and what the kernels do with them
-// whatever the springs are: extents, sums of integrators, whether numbers are finite.
+// Rows of a state or of accelerations as they lie in an engine's memory, and what the kernels do
+// with them whatever the springs are: extents, sums of integrators, whether numbers are finite.
 #pragma once
 
 #include <array>
@@ -25,13 +25,13 @@ struct Blocks {
     std::ptrdiff_t count, size, stride;
 };
 
-// Layout of states and accelerations of an engine, as far as the integrators need it. A row is `runs` runs of
-// `length` elements of x, each with its run of v and of the acceleration. Padding is part of a run. Its
-// velocity and acceleration are 0, so it stays in place.
+// Layout of states and accelerations of an engine, as far as the integrators need it. A row is
+// `runs` runs of `length` elements of x, each with its run of v and of the acceleration. Padding is
+// part of a run. Its velocity and acceleration are 0, so it stays in place.
 struct FieldLayout {
     int runs, length;
-    // Elements of a state array: from the start to row 0, from row to row, from run to run, from x to v. The
-    // last is from a value to its compensation (0: not compensated).
+    // Elements of a state array: from the start to row 0, from row to row, from run to run, from x
+    // to v. The last is from a value to its compensation (0: not compensated).
     std::ptrdiff_t origin, row, run, velocity, compensation;
     // The same of accelerations, and how many elements a slope takes.
     std::ptrdiff_t acceleration_origin, acceleration_row, acceleration_run, acceleration_size;
@@ -72,8 +72,8 @@ struct RowsKernels {
     void (*advance)(const FieldLayout&, int begin, int end, const Real* from, Real* to,
                     const Combination<Real>&);
     // `state` gives the velocities.
-    void (*square)(const FieldLayout&, int begin, int end, const Real* state, const Combination<Real>&,
-                   RowSquares*);
+    void (*square)(const FieldLayout&, int begin, int end, const Real* state,
+                   const Combination<Real>&, RowSquares*);
 };
 
 }  // namespace clothsim

@@ -1,5 +1,5 @@
-// What row_arguments.hpp declares. Nothing is fused, and sums do not depend on the number of lanes: every
-// instruction set gives the same bits.
+// What row_arguments.hpp declares. Nothing is fused, and sums do not depend on the number of lanes:
+// every instruction set gives the same bits.
 #pragma once
 
 #include <limits>
@@ -22,11 +22,13 @@ bool component_is_beyond(const ComponentRows<Real>& points, bool above, Real val
     using V = Lanes<Real, Arch>;
     auto good = V(value) == V(value);
     if (above)
-        each_vector<V>(points,
-                       [&](const V& x) __attribute__((always_inline)) { good = good & (x >= V(value)); });
+        each_vector<V>(points, [&](const V& x) __attribute__((always_inline)) {
+            good = good & (x >= V(value));
+        });
     else
-        each_vector<V>(points,
-                       [&](const V& x) __attribute__((always_inline)) { good = good & (x <= V(value)); });
+        each_vector<V>(points, [&](const V& x) __attribute__((always_inline)) {
+            good = good & (x <= V(value));
+        });
     return xsimd::all(good);
 }
 
@@ -52,8 +54,8 @@ bool all_finite(const Real* p, const Blocks& blocks) {
     return xsimd::all(good);
 }
 
-// `work(row, where in the state, dx, dv)` for every block of `count` vectors of the rows, which stay in
-// registers while accelerations are added; `from` gives the velocities of the drift.
+// `work(row, where in the state, dx, dv)` for every block of `count` vectors of the rows, which
+// stay in registers while accelerations are added; `from` gives the velocities of the drift.
 template <class V, int count, class Real, class Work>
 CLOTHSIM_INLINE void each_block(const FieldLayout& f, int begin, int end, const Real* from,
                                 const Combination<Real>& sum, const Work& work) {
@@ -81,8 +83,8 @@ CLOTHSIM_INLINE void each_block(const FieldLayout& f, int begin, int end, const 
             }
 }
 
-// `work` with the number of vectors that divides the runs of a field: the three components of the edge
-// kernel's vectors or, in the gather kernel, 64 bytes.
+// `work` with the number of vectors that divides the runs of a field: the three components of the
+// edge kernel's vectors or, in the gather kernel, 64 bytes.
 template <class V, class Work>
 CLOTHSIM_INLINE void in_blocks(const FieldLayout& f, const Work& work) {
     constexpr int W = int(V::size), in_line = 64 / int(sizeof(V));
@@ -115,8 +117,8 @@ void advance_rows(const FieldLayout& f, int begin, int end, const Real* from, Re
 }
 
 template <class Arch, class Real>
-void square_rows(const FieldLayout& f, int begin, int end, const Real* state, const Combination<Real>& sum,
-                 RowSquares* rows) {
+void square_rows(const FieldLayout& f, int begin, int end, const Real* state,
+                 const Combination<Real>& sum, RowSquares* rows) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
     in_blocks<V>(f, [&](auto count) __attribute__((always_inline)) {
@@ -143,8 +145,8 @@ void square_rows(const FieldLayout& f, int begin, int end, const Real* state, co
 
 template <class Arch, class Real>
 constexpr RowsKernels<Real> rows_kernels() {
-    return {&component_is_beyond<Arch, Real>, &component_extent<Arch, Real>, &all_finite<Arch, Real>,
-            &advance_rows<Arch, Real>, &square_rows<Arch, Real>};
+    return {&component_is_beyond<Arch, Real>, &component_extent<Arch, Real>,
+            &all_finite<Arch, Real>, &advance_rows<Arch, Real>, &square_rows<Arch, Real>};
 }
 
 }  // namespace

@@ -31,8 +31,8 @@ CLOTHSIM_INLINE void store3(Real* p, std::ptrdiff_t plane, const Vector3<V>& a) 
     a.z.store_unaligned(p + 2 * plane);
 }
 
-// state + increment. Where there is compensation, the rounding is kept for the next step (Kahan 1965; Higham,
-// Accuracy and Stability of Numerical Algorithms, section 4.3).
+// state + increment. Where there is compensation, the rounding is kept for the next step (Kahan
+// 1965; Higham, Accuracy and Stability of Numerical Algorithms, section 4.3).
 template <bool compensated, class V, class Real>
 CLOTHSIM_INLINE void add_increment(Real* state, Real* compensation, V increment) {
     const V old = V::load_unaligned(state);

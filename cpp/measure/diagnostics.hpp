@@ -28,7 +28,8 @@ double spring_energy(const Cloth& cloth, int i, const Vec3& x, Position position
     double energy = 0;
     for (const Neighbour& n : neighbours) {
         const int r = row + n.row, c = column + n.column;
-        if (!cloth.present[n.family] || r < 0 || r >= cloth.rows || c < 0 || c >= cloth.columns) continue;
+        if (!cloth.present[n.family] || r < 0 || r >= cloth.rows || c < 0 || c >= cloth.columns)
+            continue;
         const double stretch = (position(r * cloth.columns + c) - x).norm() - cloth.rest_length(n);
         energy += cloth.stiffness[n.family] / 2 * stretch * stretch;
     }

@@ -1,5 +1,5 @@
-// The energy of a state and its largest stretch, quick enough to be watched in every run. Springs are summed
-// column by column, so that the sums are the same for every instruction set.
+// The energy of a state and its largest stretch, quick enough to be watched in every run. Springs
+// are summed column by column, so that the sums are the same for every instruction set.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -20,32 +20,36 @@ void take_apart(const double* __restrict points, std::ptrdiff_t count, double* _
         for (int k = 0; k < 3; ++k) planes[k * count + i] = points[3 * i + k];
 }
 
-// Springs of one kind: `count` in each of `rows` rows, from points of a row to those `offset` further on.
+// Springs of one kind: `count` in each of `rows` rows, from points of a row to those `offset`
+// further on.
 struct Springs {
     std::ptrdiff_t plane, row, offset;
     int rows, count;
     double rest_length;
 };
 
-// Of the springs of a column: sum[c] += (length - rest length)^2, largest[c] = max(largest[c], length^2).
+// Of the springs of a column: sum[c] += (length - rest length)^2, largest[c] = max(largest[c],
+// length^2).
 CLOTHSIM_VERSIONS
 void add_stretches(const double* first, const Springs& s, double* __restrict sum,
                    double* __restrict largest) {
     for (int r = 0; r < s.rows; ++r) {
         const double* const ax = first + r * s.row;
         const double *const ay = ax + s.plane, *const az = ay + s.plane;
-        const double *const bx = ax + s.offset, *const by = ay + s.offset, *const bz = az + s.offset;
+        const double *const bx = ax + s.offset, *const by = ay + s.offset,
+                            *const bz = az + s.offset;
         for (int c = 0; c < s.count; ++c) {
             const double dx = bx[c] - ax[c], dy = by[c] - ay[c], dz = bz[c] - az[c];
-            const double square = dx * dx + dy * dy + dz * dz, stretch = std::sqrt(square) - s.rest_length;
+            const double square = dx * dx + dy * dy + dz * dz,
+                         stretch = std::sqrt(square) - s.rest_length;
             sum[c] += stretch * stretch;
             largest[c] = square > largest[c] ? square : largest[c];
         }
     }
 }
 
-// `visit(kind, rest length, sum of (length - rest length)^2, largest length)` for each kind of spring that
-// the cloth has.
+// `visit(kind, rest length, sum of (length - rest length)^2, largest length)` for each kind of
+// spring that the cloth has.
 template <class Visit>
 void each_kind(const Cloth& cloth, const PointsView& x, Visit visit) {
     std::vector<double> planes(std::size_t(3 * x.rows())), sum, largest;
@@ -57,7 +61,8 @@ void each_kind(const Cloth& cloth, const PointsView& x, Visit visit) {
                               cloth.rows - n.row,
                               cloth.columns - std::abs(n.column),
                               cloth.rest_length(n)};
-        if (!cloth.present[n.family] || !leads_on(n) || springs.count <= 0 || springs.rows <= 0) continue;
+        if (!cloth.present[n.family] || !leads_on(n) || springs.count <= 0 || springs.rows <= 0)
+            continue;
         sum.assign(std::size_t(springs.count), 0.0);
         largest.assign(std::size_t(springs.count), 0.0);
         add_stretches(planes.data() + std::max(0, -n.column), springs, sum.data(), largest.data());

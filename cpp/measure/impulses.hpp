@@ -1,4 +1,5 @@
-// Impulses on the spheres: minus the momentum that their responses gave to the cloth, over all steps.
+// Impulses on the spheres: minus the momentum that their responses gave to the cloth, over all
+// steps.
 #pragma once
 
 #include <algorithm>
@@ -9,8 +10,9 @@
 
 namespace clothsim {
 
-// A sphere has a sum for each group of `group_size` points of each row, shape (spheres, rows, groups, 3). One
-// thread adds to a sum, in the order of the steps. So the sums have the same bits for any number of threads.
+// A sphere has a sum for each group of `group_size` points of each row, shape (spheres, rows,
+// groups, 3). One thread adds to a sum, in the order of the steps. So the sums have the same bits
+// for any number of threads.
 class Impulses {
 public:
     Impulses() = default;
@@ -36,7 +38,8 @@ public:
     Vec3 on_sphere(std::size_t sphere) const {
         Vec3 all = Vec3::Zero();
         const double* sum = sums_.data() + sphere * size_of_sphere();
-        for (std::size_t i = 0; i < rows_ * groups_; ++i, sum += 3) all += Vec3(sum[0], sum[1], sum[2]);
+        for (std::size_t i = 0; i < rows_ * groups_; ++i, sum += 3)
+            all += Vec3(sum[0], sum[1], sum[2]);
         return all;
     }
     void begin_anew() { std::fill(sums_.begin(), sums_.end(), 0.0); }

@@ -1,5 +1,5 @@
-// Memory for SIMD: aligned to a cache line, and in large pages where there is much of it. A sweep through a
-// large cloth touches more pages at a time than the processor's table of pages holds.
+// Memory for SIMD: aligned to a cache line, and in large pages where there is much of it. A sweep
+// through a large cloth touches more pages at a time than the processor's table of pages holds.
 #pragma once
 
 #include <cstddef>

@@ -1,25 +1,26 @@
 // Halo exchange: threads side by side on bands of rows, without barriers.
 //
-// A thread goes through its band sweep after sweep. Row by row it evaluates accelerations at one version of
-// the state. From them it makes the next version of the row, while the row is in cache. A row needs two rows
-// on either side, so two neighbouring bands need two rows of each other. Bands of even number go up, the
-// others down. At a border, both bands start their sweeps (`near`) or both end them (`far`):
+// A thread goes through its band sweep after sweep. Row by row it evaluates accelerations at one
+// version of the state. From them it makes the next version of the row, while the row is in cache.
+// A row needs two rows on either side, so two neighbouring bands need two rows of each other. Bands
+// of even number go up, the others down. At a border, both bands start their sweeps (`near`) or
+// both end them (`far`):
 //
 //     band 0   ^  far end: edge of the cloth
 //              |  starts here
-//     ------- border -------  each makes its first two rows at the beginning of a sweep: the other needs
-//              |  starts here      them a sweep later
+//     ------- border -------  each makes its first two rows at the beginning of a sweep: the other
+//              |  starts here      needs them a sweep later
 //     band 1   v
-//     ------- border -------  each makes its last two rows at the end of a sweep: the other needs them at
-//     band 2   ^                  the end of the next
+//     ------- border -------  each makes its last two rows at the end of a sweep: the other needs
+//     band 2   ^                  them at the end of the next
 //
-// The next version at the near border is signalled at once, a whole sweep before the neighbour needs it. So
-// threads rarely wait for the transfer between processors.
+// The next version at the near border is signalled at once, a whole sweep before the neighbour
+// needs it. So threads rarely wait for the transfer between processors.
 //
-// A band finishes a sweep only with its neighbour's rows of the version before. So it is no more than one
-// version ahead of its neighbours. A version may be made in any array that does not hold the version before
-// it. An engine that overwrites its rows copies those at a border for the neighbour
-// (engines/edge_engine.cpp).
+// A band finishes a sweep only with its neighbour's rows of the version before. So it is no more
+// than one version ahead of its neighbours. A version may be made in any array that does not hold
+// the version before it. An engine that overwrites its rows copies those at a border for the
+// neighbour (engines/edge_engine.cpp).
 #pragma once
 
 #include <memory>
@@ -31,8 +32,8 @@
 namespace clothsim {
 
 struct NeighbouringBand : RowBand {
-    // The newest version of which a band has made the two rows at a border. Versions are counted anew in each
-    // parallel region.
+    // The newest version of which a band has made the two rows at a border. Versions are counted
+    // anew in each parallel region.
     struct alignas(64) Newest {
         std::atomic<int> version{0};
         bool reached(int wanted) const { return version.load(std::memory_order_relaxed) >= wanted; }
@@ -42,7 +43,8 @@ struct NeighbouringBand : RowBand {
     NeighbouringBand *near = nullptr, *far = nullptr;
 
     void begin_region() {
-        for (Newest* newest : {&at_near, &at_far}) newest->version.store(0, std::memory_order_relaxed);
+        for (Newest* newest : {&at_near, &at_far})
+            newest->version.store(0, std::memory_order_relaxed);
     }
     void signal_near(int version) { signal(at_near.version, version); }
     void signal_far(int version) { signal(at_far.version, version); }

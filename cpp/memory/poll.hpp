@@ -14,8 +14,11 @@ public:
 
     explicit Poll(const std::function<bool()>& interrupted) : interrupted_(interrupted) {}
 
-    bool stopped() { return is_asker() ? stopped(Clock::now()) : stopped_.load(std::memory_order_relaxed); }
-    // For the thread that made this object. Only that thread asks, since `interrupted` enters Python.
+    bool stopped() {
+        return is_asker() ? stopped(Clock::now()) : stopped_.load(std::memory_order_relaxed);
+    }
+    // For the thread that made this object. Only that thread asks, since `interrupted` enters
+    // Python.
     bool stopped(Clock::time_point now) {
         if (now - asked_ >= period && !stopped_.load(std::memory_order_relaxed)) {
             if (interrupted_()) stopped_.store(true, std::memory_order_relaxed);
@@ -27,8 +30,8 @@ public:
     Clock::time_point asked() const { return asked_; }
 
 private:
-    // A question takes 0.1 us, or 5 ms where another thread of Python holds the lock. At half, a picture
-    // would take twice its time there; at twice, Ctrl-C would be late by 10 ms more.
+    // A question takes 0.1 us, or 5 ms where another thread of Python holds the lock. At half, a
+    // picture would take twice its time there; at twice, Ctrl-C would be late by 10 ms more.
     static constexpr std::chrono::milliseconds period{10};
 
     const std::function<bool()>& interrupted_;

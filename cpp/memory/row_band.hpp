@@ -32,10 +32,10 @@ struct RowBand {
     }
 };
 
-// Prefetches a line before it is read, into the second-level cache, as requests to the first would delay
-// other loads. Or prefetches it before it is written: a line that another processor has read would delay the
-// store. Not by the builtin: g++ takes a function with nothing else for a function without effect, and drops
-// it.
+// Prefetches a line before it is read, into the second-level cache, as requests to the first would
+// delay other loads. Or prefetches it before it is written: a line that another processor has read
+// would delay the store. Not by the builtin: g++ takes a function with nothing else for a function
+// without effect, and drops it.
 inline void prefetch_to_read(const void* p) {
 #if defined(__x86_64__)
     asm volatile("prefetcht1 %0" : : "m"(*static_cast<const char*>(p)));

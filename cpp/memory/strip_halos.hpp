@@ -1,5 +1,5 @@
-// Halo columns of the strips of a cloth: the state of the columns around each border, after the newest step
-// and after the step before. A strip's neighbours may be a step ahead of it.
+// Halo columns of the strips of a cloth: the state of the columns around each border, after the
+// newest step and after the step before. A strip's neighbours may be a step ahead of it.
 #pragma once
 
 #include "memory/aligned_vector.hpp"
@@ -24,36 +24,41 @@ public:
             halos_.push_back(std::move(border));
         }
     }
-    // `state`: a row of the strip, after the step of number `step`, of which its own columns are put down
-    // here.
+    // `state`: a row of the strip, after the step of number `step`, of which its own columns are
+    // put down here.
     void give(int strip, int row, const Real* state, std::int64_t step) {
         visit(strip, row, step, true, [&](Columns columns) {
             for (int i = 0; i < columns.count; ++i)
-                for (int k = 0; k < 6; ++k) columns.values[6 * i + k] = state[columns.places[i] + k * lanes_];
+                for (int k = 0; k < 6; ++k)
+                    columns.values[6 * i + k] = state[columns.places[i] + k * lanes_];
         });
     }
     // The columns of its halo.
     void take(int strip, int row, Real* state, std::int64_t step) {
         visit(strip, row, step, false, [&](Columns columns) {
             for (int i = 0; i < columns.count; ++i)
-                for (int k = 0; k < 6; ++k) state[columns.places[i] + k * lanes_] = columns.values[6 * i + k];
+                for (int k = 0; k < 6; ++k)
+                    state[columns.places[i] + k * lanes_] = columns.values[6 * i + k];
         });
     }
     // Prefetches the columns that the two read, as they come from memory.
     void claim(int strip, int row, std::int64_t step) {
-        visit(strip, row, step, true,
-              [](Columns columns) { for_each_line(columns.values, 6 * columns.count, prefetch_to_write); });
+        visit(strip, row, step, true, [](Columns columns) {
+            for_each_line(columns.values, 6 * columns.count, prefetch_to_write);
+        });
     }
     void fetch(int strip, int row, std::int64_t step) {
-        visit(strip, row, step, false,
-              [](Columns columns) { for_each_line(columns.values, 6 * columns.count, prefetch_to_read); });
+        visit(strip, row, step, false, [](Columns columns) {
+            for_each_line(columns.values, 6 * columns.count, prefetch_to_read);
+        });
     }
 
 private:
     struct Border {
         int middle;  // how many of the columns are the first strip's own
-        std::vector<std::ptrdiff_t> places[2];  // of the columns in a row of the strip before and behind
-        AlignedVector<Real> values[2];          // (row, column, 6), by the parity of the step
+        // Of the columns in a row of the strip before and behind.
+        std::vector<std::ptrdiff_t> places[2];
+        AlignedVector<Real> values[2];  // (row, column, 6), by the parity of the step
     };
     // Columns that one of two strips owns.
     struct Columns {
@@ -64,17 +69,19 @@ private:
 
     template <class Visit>
     void visit(int strip, int row, std::int64_t step, bool own, const Visit& visit) {
-        for (int side = 0; side < 2;
-             ++side) {  // the border before the strip, of which it is the second, and that behind it
+        // The border before the strip, of which it is the second, and that behind it.
+        for (int side = 0; side < 2; ++side) {
             const int index = strip - 1 + side;
             if (index < 0 || index >= int(halos_.size())) continue;
             Border& border = halos_[std::size_t(index)];
             const auto& places = border.places[1 - side];
             const int count = int(places.size());
             const bool first_half = (side == 1) == own;
-            const int begin = first_half ? 0 : border.middle, end = first_half ? border.middle : count;
+            const int begin = first_half ? 0 : border.middle,
+                      end = first_half ? border.middle : count;
             visit({places.data() + begin,
-                   border.values[step & 1].data() + 6 * (std::ptrdiff_t(row) * count + begin), end - begin});
+                   border.values[step & 1].data() + 6 * (std::ptrdiff_t(row) * count + begin),
+                   end - begin});
         }
     }
 

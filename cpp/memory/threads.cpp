@@ -46,7 +46,8 @@ struct Worker {
 
 void serve(const std::shared_ptr<Worker>& self, int thread) {
     const FlushSubnormals flushed;
-    // Some 50 us: what the next call or block of a series takes. Half: sleeps between them; twice: no faster.
+    // Some 50 us: what the next call or block of a series takes. Half: sleeps between them; twice:
+    // no faster.
     constexpr int spins = 2000;
     for (unsigned jobs = 1;; ++jobs) {
         wait_for(self->begun, int(jobs), spins);

@@ -1,8 +1,8 @@
-// The layout that cpp/kernels/edge/edge_row.hpp draws: column l m + k is lane l of vector k. A row is its
-// vectors' records one after the other; in single the records of their compensation follow.
+// The layout that cpp/kernels/edge/edge_row.hpp draws: column l m + k is lane l of vector k. A row
+// is its vectors' records one after the other; in single the records of their compensation follow.
 //
-// A wide cloth is cut into strips of columns, each with all its rows laid out like that. A strip's window
-// reaches into its neighbours, by at least as many columns as a step can carry news:
+// A wide cloth is cut into strips of columns, each with all its rows laid out like that. A strip's
+// window reaches into its neighbours, by at least as many columns as a step can carry news:
 //
 //     strip 0  |------ own ------|-halo-|
 //     strip 1                |-halo-|------ own ------|-halo-|
@@ -30,9 +30,10 @@ inline constexpr int halo_columns = 8;
 
 struct TransposedLayout {
     int rows, columns, strips, window, lanes, vectors;
-    int parts;                          // of a row: the state, and its compensation
-    std::ptrdiff_t stride;              // elements from vector to vector
-    std::vector<std::ptrdiff_t> column_place;  // of a cloth's column in row 0, in the strip whose own it is
+    int parts;  // of a row: the state, and its compensation
+    std::ptrdiff_t stride;  // elements from vector to vector
+    // Of a cloth's column in row 0, in the strip whose own it is.
+    std::vector<std::ptrdiff_t> column_place;
 
     // In strips of about `strip_columns` columns; 0: in one.
     TransposedLayout(const Cloth& cloth, int lanes, bool compensated, int strip_columns)
@@ -64,13 +65,19 @@ struct TransposedLayout {
         return row * row_size() + in_row(column) + k * lanes;
     }
     // Where the column of a strip's window stands in its row.
-    std::ptrdiff_t in_record(int column) const { return column % vectors * stride + column / vectors; }
+    std::ptrdiff_t in_record(int column) const {
+        return column % vectors * stride + column / vectors;
+    }
     std::ptrdiff_t compensation() const { return vectors * stride; }
     std::ptrdiff_t first() const { return 0; }
     // Where the state stands, without its compensation.
-    Blocks state_blocks() const { return {std::ptrdiff_t(strips) * rows, vectors * stride, row_size()}; }
+    Blocks state_blocks() const {
+        return {std::ptrdiff_t(strips) * rows, vectors * stride, row_size()};
+    }
     // Of a cloth in one strip.
-    VectorGeometry geometry(int) const { return {row_size(), stride, lanes, compensation(), rows, vectors}; }
+    VectorGeometry geometry(int) const {
+        return {row_size(), stride, lanes, compensation(), rows, vectors};
+    }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
     // From a vector to the neighbours of its points to the right, and from the last of a row.
     std::array<std::ptrdiff_t, 2> right() const { return {stride, 1 - (vectors - 1) * stride}; }

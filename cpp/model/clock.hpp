@@ -11,7 +11,9 @@ struct Clock {
     std::int64_t steps = 0;
     double dt = 0;
 
-    double at(std::int64_t further) const { return origin + static_cast<double>(steps + further) * dt; }
+    double at(std::int64_t further) const {
+        return origin + static_cast<double>(steps + further) * dt;
+    }
     double now() const { return at(0); }
     void set_step(double new_dt) {
         if (new_dt == dt) return;

@@ -46,8 +46,8 @@ struct Cloth {
         for (const Neighbour& n : neighbours) {
             if (!present[n.family] || !leads_on(n)) continue;
             for (int row = 0; row + n.row < rows; ++row)
-                for (int column = std::max(0, -n.column); column < std::min(columns, columns - n.column);
-                     ++column) {
+                for (int column = std::max(0, -n.column);
+                     column < std::min(columns, columns - n.column); ++column) {
                     const int i = row * columns + column;
                     visit(i, i + n.row * columns + n.column, n);
                 }

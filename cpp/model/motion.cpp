@@ -13,10 +13,10 @@ MotionState Motion::at(double t, double inside) const {
         part = cycles - whole;
         t = t / period + phase - whole;
     }
-    const MotionPiece& p =
-        *(std::upper_bound(pieces.begin() + 1, pieces.end(), part,
-                           [](double time, const MotionPiece& piece) { return time < piece.begin; }) -
-          1);
+    const MotionPiece& p = *(
+        std::upper_bound(pieces.begin() + 1, pieces.end(), part,
+                         [](double time, const MotionPiece& piece) { return time < piece.begin; }) -
+        1);
     const double u = (t - p.begin) / p.length, seconds = period > 0 ? p.length * period : p.length;
     double wave = std::sin(p.angle * u), slope = p.angle * std::cos(p.angle * u) / seconds;
     if (p.decay > 0) {

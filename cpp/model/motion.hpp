@@ -1,4 +1,5 @@
-// Prescribed motions of spheres and driven pins: pieces, which python/clothsim/model/motion.py makes.
+// Prescribed motions of spheres and driven pins: pieces, which python/clothsim/model/motion.py
+// makes.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,23 +15,23 @@ using Vec3 = Eigen::Vector3d;
 // All members are doubles, in the order of PIECE in motion.py.
 struct MotionPiece {
     double begin, length;  // s; of a periodic motion parts of the period
-    Vec3 p0, p1, p2, p3;   // m
-    Vec3 amplitude;        // m
-    double angle;          // rad
+    Vec3 p0, p1, p2, p3;  // m
+    Vec3 amplitude;  // m
+    double angle;  // rad
     double decay;
 };
 static_assert(sizeof(MotionPiece) == 19 * sizeof(double));
 
 struct MotionState {
     Vec3 displacement = Vec3::Zero();  // m
-    Vec3 velocity = Vec3::Zero();      // m/s
+    Vec3 velocity = Vec3::Zero();  // m/s
 };
 
 struct Motion {
     std::vector<MotionPiece> pieces{};  // by their beginnings; none: no motion
-    double period = 0;                  // s; 0: not periodic
-    double phase = 0;                   // part of the period that is over at t = 0
-    bool relative = true;               // displacements count from the start, not from the origin
+    double period = 0;  // s; 0: not periodic
+    double phase = 0;  // part of the period that is over at t = 0
+    bool relative = true;  // displacements count from the start, not from the origin
 
     // At a time, by the piece in which `inside` lies: the velocity may jump where a piece ends.
     MotionState at(double t, double inside) const;

@@ -21,8 +21,8 @@ struct DrivenPin {
     int motion;  // of the scene's
 };
 
-// A time of a step at which driven pins are placed. Where the velocity of a motion jumps at an end of the
-// step, `inside` selects the piece that counts.
+// A time of a step at which driven pins are placed. Where the velocity of a motion jumps at an end
+// of the step, `inside` selects the piece that counts.
 struct PinTime {
     double t, inside;
 

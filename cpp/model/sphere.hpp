@@ -21,26 +21,28 @@ struct Sphere {
     double friction = 0;
     Response response = Response::ray;
     bool as_printed = false;  // Kim et al. word for word: absolute velocity, approaching or not
-    bool cells = false;    // continuous: each point stands off by what its cells need as they are
+    bool cells = false;  // continuous: each point stands off by what its cells need as they are
     double push_out_speed = 1;  // m/s, of points that the sphere starts on
     Motion motion;
     // Unit normal at the place of the surface from which points are measured: the top of a sphere.
     Vec3 normal = Vec3::UnitY();
-    // How far from there points are expected at most [m]. Farther out, levels in single and places in float32
-    // arrays are rounded by more than bands and slop.
+    // How far from there points are expected at most [m]. Farther out, levels in single and places
+    // in float32 arrays are rounded by more than bands and slop.
     double spread = 1;
     Vec3 origin = Vec3::Zero();  // of the positions that the centre is compared with [m]
 
     bool flat() const { return std::isinf(radius); }
     double curvature() const { return 1 / radius; }
     double contact_radius() const { return radius + offset; }
-    // No point keeps a larger distance from the surface; of cells the root of 2 times the radius, and a
-    // little.
+    // No point keeps a larger distance from the surface; of cells the root of 2 times the radius,
+    // and a little.
     double reach() const { return cells ? 0.4143 * radius : offset; }
     Vec3 center_at(double t) const { return motion.place(center, motion.at(t)) - origin; }
     Vec3 velocity_at(double t) const { return motion.at(t).velocity; }
     // The place from which points are measured.
-    Vec3 place_at(double t) const { return flat() ? center_at(t) : Vec3(center_at(t) + radius * normal); }
+    Vec3 place_at(double t) const {
+        return flat() ? center_at(t) : Vec3(center_at(t) + radius * normal);
+    }
     // The level of a point that is d from there, and heights over the surface by level
     // (contact/continuous.hpp).
     double level(const Vec3& d) const { return d.dot(normal + (normal + curvature() * d)); }

@@ -1,6 +1,6 @@
-// The springs of a cloth: the one list of the neighbours of a mass point. The kernels, the coefficients, the
-// measures, the compute shader and Python take it from here. A family is added here; code that cannot follow
-// by itself does not compile without its part.
+// The springs of a cloth: the one list of the neighbours of a mass point. The kernels, the
+// coefficients, the measures, the compute shader and Python take it from here. A family is added
+// here; code that cannot follow by itself does not compile without its part.
 #pragma once
 
 #include <array>
@@ -34,8 +34,8 @@ inline constexpr int spring_kind_count = 5;
 inline constexpr std::array<Neighbour, spring_kind_count> spring_kinds{
     {{0, 1, structural}, {1, 0, structural}, {1, 1, shear}, {0, 2, bend}, {2, 0, bend}}};
 
-// Order in which a thread of the compute shader adds its neighbours' forces: every kind, mirrored in columns,
-// then in rows. The order is part of the strict arithmetic class.
+// Order in which a thread of the compute shader adds its neighbours' forces: every kind, mirrored
+// in columns, then in rows. The order is part of the strict arithmetic class.
 inline constexpr int neighbour_count = [] {
     int count = 0;
     for (const Neighbour& kind : spring_kinds) count += (kind.row ? 2 : 1) * (kind.column ? 2 : 1);

@@ -12,7 +12,8 @@
 
 namespace clothsim {
 
-inline constexpr int group_size = 16;  // mass points along and down: 256 threads, as WebGPU guarantees
+// Mass points along and down: 256 threads, as WebGPU guarantees.
+inline constexpr int group_size = 16;
 
 struct ThreadGrid {
     int width;

@@ -1,5 +1,5 @@
-// A picture of a cloth, spheres and planes: from where it is seen, what is drawn, and in which colours and
-// light.
+// A picture of a cloth, spheres and planes: from where it is seen, what is drawn, and in which
+// colours and light.
 #pragma once
 
 #include <algorithm>
@@ -13,9 +13,15 @@ namespace clothsim::picture {
 
 using Triple = std::array<double, 3>;
 
-inline double dot(const Triple& a, const Triple& b) { return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]; }
-inline Triple operator-(const Triple& a, const Triple& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-inline Triple operator+(const Triple& a, const Triple& b) { return {a[0] + b[0], a[1] + b[1], a[2] + b[2]}; }
+inline double dot(const Triple& a, const Triple& b) {
+    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2];
+}
+inline Triple operator-(const Triple& a, const Triple& b) {
+    return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
+inline Triple operator+(const Triple& a, const Triple& b) {
+    return {a[0] + b[0], a[1] + b[1], a[2] + b[2]};
+}
 inline Triple operator*(double factor, const Triple& a) {
     return {factor * a[0], factor * a[1], factor * a[2]};
 }
@@ -39,13 +45,16 @@ struct View {
     int columns() const { return width * samples; }
     int rows() const { return height * samples; }
     bool perspective() const { return distance > 0; }
-    // Metres up to which cloth below a surface is drawn as lying on it: rounding, and chords of its cells.
+    // Metres up to which cloth below a surface is drawn as lying on it: rounding, and chords of its
+    // cells.
     double slack() const { return 1e-5 * columns() / scale; }
     Triple to_view(const Triple& p) const {
         const Triple way = p - target;
         return {dot(axes[0], way), dot(axes[1], way), dot(axes[2], way)};
     }
-    Triple to_world(const Triple& v) const { return (v[0] * axes[0] + v[1] * axes[1]) + v[2] * axes[2]; }
+    Triple to_world(const Triple& v) const {
+        return (v[0] * axes[0] + v[1] * axes[1]) + v[2] * axes[2];
+    }
     // Through a place in samples to the right and down; the middle of a sample is at one half.
     Ray ray(double column, double row) const {
         const double x = (column - 0.5 * columns()) / scale, y = (0.5 * rows() - row) / scale;
@@ -53,14 +62,15 @@ struct View {
         const double length = std::sqrt(x * x + y * y + distance * distance);
         return {target + distance * axes[2], (1 / length) * to_world({-x, -y, distance})};
     }
-    // Metres towards the eye, or in perspective 1 / (distance from the eye in m): linear in the picture.
+    // Metres towards the eye, or in perspective 1 / (distance from the eye in m): linear in the
+    // picture.
     double nearness(const Ray& ray, double way) const {
         return perspective() ? 1 / (way * dot(ray.to_eye, axes[2])) : -way;
     }
 };
 
-// A sheet of rows x columns points, whose arrays hold three numbers a point. Its triangles are those of
-// `triangles`.
+// A sheet of rows x columns points, whose arrays hold three numbers a point. Its triangles are
+// those of `triangles`.
 struct Sheet {
     int rows = 0, columns = 0;
     const double* points = nullptr;  // m
@@ -72,7 +82,8 @@ struct Sheet {
         return rows > 1 && columns > 1 ? 2 * std::int64_t(rows - 1) * (columns - 1) : 0;
     }
     std::array<std::int64_t, 3> corners(std::int64_t triangle) const {
-        const std::int64_t cell = triangle / 2, first = cell + cell / (columns - 1), below = first + columns;
+        const std::int64_t cell = triangle / 2, first = cell + cell / (columns - 1),
+                           below = first + columns;
         if (triangle % 2) return {first + 1, below, below + 1};
         return {first, below, first + 1};
     }
@@ -98,9 +109,11 @@ struct Shading {
     double full_red_depth = 0, least_red = 0;  // m, and the part of red at no depth
     Triple key{};  // unit vector to the light
     double ambient = 0, above = 0, key_light = 0, eye_light = 0;
-    double grid_line = 0, grid_shade = 1;  // half width of a line in cells, and its factor of the colour
+    // Half width of a line in cells, and its factor of the colour.
+    double grid_line = 0, grid_shade = 1;
     bool shadow = false;
-    std::vector<Triple> depth_colors;  // at equal steps of depth, of a cloth coloured by depth; else empty
+    // At equal steps of depth, of a cloth coloured by depth; else empty.
+    std::vector<Triple> depth_colors;
     std::array<double, 2> depth_range{};  // m, of the first and the last of these colours
 };
 
@@ -112,8 +125,8 @@ struct Picture {
     Shading shading;
 };
 
-// Draw into `pixels`, height x width x 3, with the same bits for every number of threads. The calling thread
-// asks `interrupted` about every 10 ms; where it says true, the result is false.
+// Draw into `pixels`, height x width x 3, with the same bits for every number of threads. The
+// calling thread asks `interrupted` about every 10 ms; where it says true, the result is false.
 bool render(const Picture& picture, int threads, const std::function<bool()>& interrupted,
             std::uint8_t* pixels);
 

@@ -10,13 +10,15 @@
 namespace clothsim::picture {
 namespace {
 
-// Pixels of a tile, along and down, whose 60 kB stay in a second-level cache: at half 4 % slower, at twice 2
-// % faster.
+// Pixels of a tile, along and down, whose 60 kB stay in a second-level cache: at half 4 % slower,
+// at twice 2 % faster.
 constexpr int tile_width = 32, tile_height = 16;
-// Part of the ambient light that a full shadow takes. At 0.25 contact hardly shows, at 1 grid lines vanish.
+// Part of the ambient light that a full shadow takes. At 0.25 contact hardly shows, at 1 grid lines
+// vanish.
 constexpr double ambient_in_shadow = 0.5;
 constexpr double plane_in_shadow = 0.7;  // factor of a plane's colour in full shadow
-constexpr double least_facing = 0.05;  // cosine; at 0 the slack along the line of sight has no bound
+// Cosine; at 0 the slack along the line of sight has no bound.
+constexpr double least_facing = 0.05;
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
 double smooth(double part) {
@@ -24,10 +26,12 @@ double smooth(double part) {
     return part * part * (3 - 2 * part);
 }
 
-// Factor of a colour: a light from one side, a light at the eye, and an ambient term that is brighter from
-// above. The unit normal faces the eye. `lit` is the visible part of the light, 1 without shadows.
+// Factor of a colour: a light from one side, a light at the eye, and an ambient term that is
+// brighter from above. The unit normal faces the eye. `lit` is the visible part of the light, 1
+// without shadows.
 double light_on(const Shading& shading, const Triple& normal, double to_eye, double lit) {
-    const double light = (shading.ambient + shading.above * normal[1]) * (1 - ambient_in_shadow * (1 - lit)) +
+    const double light =
+        (shading.ambient + shading.above * normal[1]) * (1 - ambient_in_shadow * (1 - lit)) +
         shading.eye_light * std::max(to_eye, 0.0);
     return light + shading.key_light * lit * std::max(dot(normal, shading.key), 0.0);
 }
@@ -35,7 +39,8 @@ double light_on(const Shading& shading, const Triple& normal, double to_eye, dou
 // Colour of a cloth at that depth below a surface, of a picture coloured by depth.
 Triple depth_color(const Shading& shading, double depth) {
     const double last = double(shading.depth_colors.size() - 1), low = shading.depth_range[0];
-    const double place = last * std::clamp((depth - low) / (shading.depth_range[1] - low), 0.0, 1.0);
+    const double place =
+        last * std::clamp((depth - low) / (shading.depth_range[1] - low), 0.0, 1.0);
     const std::size_t k = std::size_t(std::min(place, last - 1));
     const double part = place - double(k);
     return (1 - part) * shading.depth_colors[k] + part * shading.depth_colors[k + 1];
@@ -58,19 +63,24 @@ Triple blend(const Triple& w, const double* values, const Facet& facet) {
     return sum;
 }
 
-constexpr int map_size = 512;  // samples of the shadow map along an edge; at half, contact shadows are jagged
+// Samples of the shadow map along an edge; at half, contact shadows are jagged.
+constexpr int map_size = 512;
 // Tangent of the angle at which a point sees the light's radius: at half, shadows have hard edges.
 constexpr double light_size = 0.15;
-// Samples of the map within which heights count as equal: at half, a sheet shades itself in stripes.
+// Samples of the map within which heights count as equal: at half, a sheet shades itself in
+// stripes.
 constexpr double map_slack = 2.5;
-constexpr int taps = 48;  // places of the map that a pixel inspects; at half, wide shadows have bands
+// Places of the map that a pixel inspects; at half, wide shadows have bands.
+constexpr int taps = 48;
 constexpr int taps_of_search = 16;  // of them, those that sample the height of the cover
-constexpr int stride = 5;  // between seeds in the order of places, without a common factor to `taps`
+// Between seeds in the order of places, without a common factor to `taps`.
+constexpr int stride = 5;
 
 struct Disc {
     std::array<float, taps> x, y;
 };
-// A sunflower's seeds, evenly spread over the unit disc, in an order whose first ones are spread as well.
+// A sunflower's seeds, evenly spread over the unit disc, in an order whose first ones are spread as
+// well.
 Disc seeds() {
     Disc disc;
     const double turn = std::numbers::pi * (3 - std::sqrt(5.0));
@@ -84,8 +94,8 @@ Disc seeds() {
 const Disc disc = seeds();
 
 // Metres by which the map is above `height` at the seeds of a disc. Its border is beside the sheet.
-CLOTHSIM_VERSIONS void look_up(const float* __restrict map, const Disc& disc, float x, float y, float radius,
-                               float height, int count, float* __restrict above) {
+CLOTHSIM_VERSIONS void look_up(const float* __restrict map, const Disc& disc, float x, float y,
+                               float radius, float height, int count, float* __restrict above) {
     const float last = map_size - 1;
     for (int k = 0; k < count; ++k) {
         const float column = std::min(std::max(x + radius * disc.x[std::size_t(k)], 0.0f), last);
@@ -102,11 +112,13 @@ public:
         if (!picture.shading.shadow || !picture.sheet.triangles()) return;
         const Triple up = picture.shading.key, aside{up[1], -up[0], 0};
         const Triple right = (1 / std::sqrt(dot(aside, aside))) * aside;
-        view_.axes = {right,
-                      Triple{up[1] * right[2] - up[2] * right[1], up[2] * right[0] - up[0] * right[2],
-                             up[0] * right[1] - up[1] * right[0]},
-                      up};
-        std::vector<double> screen(3 * std::size_t(picture.sheet.rows) * std::size_t(picture.sheet.columns));
+        view_.axes = {
+            right,
+            Triple{up[1] * right[2] - up[2] * right[1], up[2] * right[0] - up[0] * right[2],
+                   up[0] * right[1] - up[1] * right[0]},
+            up};
+        std::vector<double> screen(3 * std::size_t(picture.sheet.rows) *
+                                   std::size_t(picture.sheet.columns));
         Triple low{HUGE_VAL, HUGE_VAL, HUGE_VAL}, high{-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
         for (std::size_t i = 0; i < screen.size(); ++i) {
             const double* const p = picture.sheet.points + i / 3 * 3;
@@ -141,14 +153,15 @@ public:
             const double towards = dot(way, picture_.shading.key);
             if (towards <= 0) continue;
             const double beside = std::sqrt(std::max(dot(way, way) - towards * towards, 0.0));
-            lit = std::min(lit, smooth(0.5 + 0.5 * (beside - ball.radius) / (light_size * towards)));
+            lit =
+                std::min(lit, smooth(0.5 + 0.5 * (beside - ball.radius) / (light_size * towards)));
         }
         return lit;
     }
 
 private:
-    // First the mean height of the cover between point and light. Then the covered part of a disc as wide as
-    // the light's edge seems at that height.
+    // First the mean height of the cover between point and light. Then the covered part of a disc
+    // as wide as the light's edge seems at that height.
     double past_sheet(const Triple& point) const {
         const Triple seen = view_.to_view(point);
         const float x = float(map_size / 2.0 + view_.scale * seen[0]);
@@ -232,9 +245,10 @@ private:
             const double away = sign * side > 0 ? ahead - ball.radius : ahead + ball.radius;
             return view_.scale * side * (view_.perspective() ? view_.distance / away : 1.0);
         };
-        return clipped(0.5 * view_.columns() + end(center[0], -1), 0.5 * view_.rows() - end(center[1], 1),
-                       0.5 * view_.columns() + end(center[0], 1), 0.5 * view_.rows() - end(center[1], -1),
-                       whole);
+        return clipped(0.5 * view_.columns() + end(center[0], -1),
+                       0.5 * view_.rows() - end(center[1], 1),
+                       0.5 * view_.columns() + end(center[0], 1),
+                       0.5 * view_.rows() - end(center[1], -1), whole);
     }
 
     Triple weights(const Facet& facet, int column, int row) const {
@@ -253,7 +267,8 @@ private:
         each_sample(x, y, [&](std::size_t i, int column, int row) {
             if (nearest_.facet[i] < 0) return;
             const Facet& facet = nearest_.facets[std::size_t(nearest_.facet[i])];
-            const Triple w = weights(facet, column, row), to_eye = view_.ray(column + 0.5, row + 0.5).to_eye;
+            const Triple w = weights(facet, column, row),
+                         to_eye = view_.ray(column + 0.5, row + 0.5).to_eye;
             const Triple point = blend(w, sheet.points, facet);
             Triple normal = blend(w, sheet.normals, facet);
             const double facing = dot(normal, to_eye), side = facing >= 0 ? 1.0 : -1.0;
@@ -264,7 +279,8 @@ private:
             if (!shading_.depth_colors.empty()) {
                 double depth = 0;
                 for (const Ball& ball : picture_.balls) depth = std::max(depth, below(ball, point));
-                for (const Plane& plane : picture_.planes) depth = std::max(depth, below(plane, point));
+                for (const Plane& plane : picture_.planes)
+                    depth = std::max(depth, below(plane, point));
                 color = depth_color(shading_, depth);
             }
             if (std::isnan(lit)) lit = shadow_.lit(point + shadow_.slack() * normal);
@@ -288,8 +304,8 @@ private:
         const double under = below(body, point) - view_.slack();
         if (under <= 0) return color;
         if (!shading_.depth_colors.empty()) return depth_color(shading_, under);
-        const double red =
-            shading_.least_red + (1 - shading_.least_red) * std::min(under / shading_.full_red_depth, 1.0);
+        const double red = shading_.least_red +
+            (1 - shading_.least_red) * std::min(under / shading_.full_red_depth, 1.0);
         return (1 - red) * color + red * shading_.penetration;
     }
 
@@ -307,13 +323,15 @@ private:
             if (view_.perspective() && way <= 0) return;
             const Triple normal = (1 / ball.radius) * (ray.at(way) - ball.center);
             const double facing = dot(normal, ray.to_eye);
-            const double nearness = view_.nearness(ray, way + view_.slack() / std::max(facing, least_facing));
+            const double nearness =
+                view_.nearness(ray, way + view_.slack() / std::max(facing, least_facing));
             if (nearness <= nearest_.nearness[i]) return;
             if (std::isnan(lit)) lit = shadow_.lit(ball.center + ball.radius * normal, &ball);
             const Triple color = light_on(shading_, normal, facing, lit) * ball.color;
             // Cloth in the far half of the ball is not what the eye sees.
-            color_[i] = rounded(
-                nearest_.nearness[i] < middle ? color : with_cloth_below(color, ball, i, column, row));
+            color_[i] = rounded(nearest_.nearness[i] < middle
+                                    ? color
+                                    : with_cloth_below(color, ball, i, column, row));
             nearest_.nearness[i] = nearness;
         });
     }
@@ -323,19 +341,22 @@ private:
         const Triple n{dot(view_.axes[0], plane.normal), dot(view_.axes[1], plane.normal),
                        dot(view_.axes[2], plane.normal)};
         const double height = dot(plane.point - view_.target, plane.normal) - view_.slack();
-        const double above = view_.perspective() ? n[2] * view_.distance - height : n[2];  // the eye
+        // Of the eye.
+        const double above = view_.perspective() ? n[2] * view_.distance - height : n[2];
         if (above <= 0) return;
         const double length = view_.perspective() ? view_.distance : 1.0;
         const double middle = view_.perspective() ? n[2] / above : height / above;
         const double by_x = -n[0] / (length * above), by_y = -n[1] / (length * above);
-        const double metre = 1 / view_.scale, left = 0.5 * view_.columns(), top = 0.5 * view_.rows();
+        const double metre = 1 / view_.scale, left = 0.5 * view_.columns(),
+                     top = 0.5 * view_.rows();
         each_pixel(box_, [&](int x, int y) {
             double lit = unknown;
             Triple color = shading_.background;
             each_sample(x, y, [&](std::size_t i, int column, int row) {
                 const double right = metre * (column + 0.5 - left), up = metre * (top - row - 0.5);
                 const double nearness = middle + by_x * right + by_y * up;
-                if (nearness <= nearest_.nearness[i] || (view_.perspective() && nearness <= 0)) return;
+                if (nearness <= nearest_.nearness[i] || (view_.perspective() && nearness <= 0))
+                    return;
                 if (std::isnan(lit)) {
                     const double away = view_.perspective() ? 1 / nearness : length;
                     const Triple point = view_.target +

@@ -15,8 +15,9 @@ Facet facet_of(const Sheet& sheet, std::int64_t triangle) {
     const double bx = b[0] - a[0], by = b[1] - a[1], cx = c[0] - a[0], cy = c[1] - a[1];
     const double twice_area = bx * cy - by * cx;
     // Of a triangle without area every weight is NaN or infinite, so that it covers nothing.
-    return {corners,          triangle % 2 != 0, a[0], a[1],        cy / twice_area, -cx / twice_area,
-            -by / twice_area, bx / twice_area,   a[2], b[2] - a[2], c[2] - a[2]};
+    return {
+        corners,          triangle % 2 != 0, a[0], a[1],        cy / twice_area, -cx / twice_area,
+        -by / twice_area, bx / twice_area,   a[2], b[2] - a[2], c[2] - a[2]};
 }
 
 // Samples of a row, from the given column on, that the facet covers nearer than what was there.
@@ -77,7 +78,8 @@ void Bins::each_tile(const Sheet& sheet, Poll& poll, Visit visit) const {
         const Box box = this->box(sheet, n);
         if (box.left >= box.right || box.top >= box.bottom) continue;
         for (int row = box.top / tile_rows_; row <= (box.bottom - 1) / tile_rows_; ++row)
-            for (int column = box.left / tile_columns_; column <= (box.right - 1) / tile_columns_; ++column)
+            for (int column = box.left / tile_columns_; column <= (box.right - 1) / tile_columns_;
+                 ++column)
                 visit(std::size_t(row * across_ + column), n);
     }
 }
@@ -96,7 +98,8 @@ bool Nearest::find(const Sheet& sheet, const Bins& bins, int tile, Poll& poll) {
     std::fill(nearness.begin(), nearness.end(), -HUGE_VAL);
     std::fill(facet.begin(), facet.end(), -1.0);
     facets.clear();
-    for (std::int64_t k = bins.first_[std::size_t(tile)]; k < bins.first_[std::size_t(tile) + 1]; ++k) {
+    for (std::int64_t k = bins.first_[std::size_t(tile)]; k < bins.first_[std::size_t(tile) + 1];
+         ++k) {
         if (poll.stopped()) break;
         const std::int64_t triangle = bins.triangles_[std::size_t(k)];
         const Box all = bins.box(sheet, triangle);

@@ -1,5 +1,5 @@
-// Which triangle of the sheet is nearest at each sample: between cloth and sphere lie tenths of a millimetre,
-// so that sorting of whole triangles cannot show contact.
+// Which triangle of the sheet is nearest at each sample: between cloth and sphere lie tenths of a
+// millimetre, so that sorting of whole triangles cannot show contact.
 #pragma once
 
 #include "memory/poll.hpp"
@@ -14,8 +14,8 @@ struct Box {
 // The samples of a rectangle within a box.
 Box clipped(double left, double top, double right, double bottom, const Box& within);
 
-// A triangle in the picture. The weights of its second and third corner are linear in the distance from the
-// first.
+// A triangle in the picture. The weights of its second and third corner are linear in the distance
+// from the first.
 struct Facet {
     std::array<std::int64_t, 3> corners;
     bool lower;  // of the two triangles of a cell
@@ -53,7 +53,8 @@ struct Nearest {
     int width;  // samples from a row to the next
     std::vector<Facet> facets;  // of this tile
     std::vector<double> nearness;
-    std::vector<double> facet;  // number in `facets`, or -1; a double, so that one loop compares and selects
+    // Number in `facets`, or -1; a double, so that one loop compares and selects.
+    std::vector<double> facet;
 
     Nearest(int columns, int rows);
     // Whether it has come to its end.

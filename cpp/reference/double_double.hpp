@@ -8,7 +8,8 @@ namespace clothsim::reference {
 struct DoubleDouble {
     double high = 0, low = 0;  // |low| is at most half a unit in the last place of high
 
-    DoubleDouble(double value = 0, double rest = 0) : high(value + rest), low(rest - (high - value)) {}
+    DoubleDouble(double value = 0, double rest = 0)
+        : high(value + rest), low(rest - (high - value)) {}
     explicit operator double() const { return high; }
     DoubleDouble operator-() const { return {-high, -low}; }
 };
@@ -19,9 +20,11 @@ inline DoubleDouble operator+(const DoubleDouble& a, const DoubleDouble& b) {
 }
 inline DoubleDouble operator-(const DoubleDouble& a, const DoubleDouble& b) { return a + -b; }
 inline DoubleDouble operator*(const DoubleDouble& a, const DoubleDouble& b) {
-    const auto upper = [](double x) { return 134217729 * x - (134217729 * x - x); };  // 26 bits of 53
+    // 26 bits of 53.
+    const auto upper = [](double x) { return 134217729 * x - (134217729 * x - x); };
     const double product = a.high * b.high, p = upper(a.high), q = upper(b.high);
-    const double rest = p * q - product + p * (b.high - q) + (a.high - p) * q + (a.high - p) * (b.high - q);
+    const double rest =
+        p * q - product + p * (b.high - q) + (a.high - p) * q + (a.high - p) * (b.high - q);
     return {product, rest + (a.high * b.low + a.low * b.high)};
 }
 inline DoubleDouble operator/(const DoubleDouble& a, const DoubleDouble& b) {

@@ -1,10 +1,12 @@
-// A second opinion on a solution: another method, another arithmetic, another evaluation of the forces.
+// A second opinion on a solution: another method, another arithmetic, another evaluation of the
+// forces.
 //
-// Gragg's modified midpoint rule with 2, 4, ..., 2k substeps, extrapolated to substep 0 by Aitken and
-// Neville. (Gragg-Bulirsch-Stoer; Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section
-// II.9.) The order is 2k for k columns. The step follows the difference of the last two columns. Everything
-// is computed in sums of two doubles, 106 bits, from the reference's own list of springs. So an error in the
-// kernels or in the model's list, and rounding in double, both show as a difference.
+// Gragg's modified midpoint rule with 2, 4, ..., 2k substeps, extrapolated to substep 0 by Aitken
+// and Neville. (Gragg-Bulirsch-Stoer; Hairer, Norsett, Wanner, Solving Ordinary Differential
+// Equations I, section II.9.) The order is 2k for k columns. The step follows the difference of the
+// last two columns. Everything is computed in sums of two doubles, 106 bits, from the reference's
+// own list of springs. So an error in the kernels or in the model's list, and rounding in double,
+// both show as a difference.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -36,7 +38,8 @@ void accelerations(const System& system, const State& state, Values& a) {
     const Values &x = state.x, &v = state.v;
     const Cloth& cloth = system.scene.cloth;
     for (std::size_t k = 0; k < a.size(); ++k)
-        a[k] = (system.scene.has_force() ? system.scene.force.data()[k] : 0) - Real(cloth.drag) * v[k];
+        a[k] =
+            (system.scene.has_force() ? system.scene.force.data()[k] : 0) - Real(cloth.drag) * v[k];
     for (const Spring& s : system.springs) {
         const Real *xi = &x[3 * s.i], *xj = &x[3 * s.j], *vi = &v[3 * s.i], *vj = &v[3 * s.j];
         const Real d[3] = {xj[0] - xi[0], xj[1] - xi[1], xj[2] - xi[2]};
@@ -74,10 +77,10 @@ struct Workspace {
     explicit Workspace(std::size_t size) : before(size), here(size), after(size), a(size) {}
 };
 
-// Modified midpoint rule with n (even) substeps over H: its error has an expansion in (H/n)^2. Gragg's
-// smoothing at the end damps the rule's weak instability.
-void midpoint(const System& system, const State& y, const Values& a0, const Real& t, const Real& H, int n,
-              Workspace& w, State& result) {
+// Modified midpoint rule with n (even) substeps over H: its error has an expansion in (H/n)^2.
+// Gragg's smoothing at the end damps the rule's weak instability.
+void midpoint(const System& system, const State& y, const Values& a0, const Real& t, const Real& H,
+              int n, Workspace& w, State& result) {
     const Real h = H / n;
     const double inside(t + H / 2);
     w.before = y;
@@ -99,8 +102,8 @@ void midpoint(const System& system, const State& y, const Values& a0, const Real
     drive(system, result, t + H, inside);
 }
 
-// table[k] holds T(k, k - j) after sweep j of Aitken and Neville for substeps 2, 4, 6, ... The last entry
-// becomes the result. It is compared with the entry before it in its row.
+// table[k] holds T(k, k - j) after sweep j of Aitken and Neville for substeps 2, 4, 6, ... The last
+// entry becomes the result. It is compared with the entry before it in its row.
 void neville(std::vector<State>& table, State& previous) {
     const int columns = int(table.size());
     for (int j = 1; j < columns; ++j) {
@@ -131,7 +134,8 @@ double extent(const Values& x) {
 double difference(const State& a, const State& b, double H) {
     double largest = 0;
     for (std::size_t k = 0; k < a.x.size(); ++k) {
-        const double one = std::max(std::abs(double(a.x[k] - b.x[k])), H * std::abs(double(a.v[k] - b.v[k])));
+        const double one =
+            std::max(std::abs(double(a.x[k] - b.x[k])), H * std::abs(double(a.v[k] - b.v[k])));
         if (!std::isfinite(one)) return std::numeric_limits<double>::infinity();
         largest = std::max(largest, one);
     }

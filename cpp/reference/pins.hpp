@@ -1,5 +1,6 @@
-// Driven pins for the oracles: the pieces of model/motion.hpp in any arithmetic, evaluated by nothing of the
-// core's own. tests/model/test_motion.py compares the pieces with the formulae of each motion.
+// Driven pins for the oracles: the pieces of model/motion.hpp in any arithmetic, evaluated by
+// nothing of the core's own. tests/model/test_motion.py compares the pieces with the formulae of
+// each motion.
 #pragma once
 
 #include <cmath>
@@ -31,7 +32,8 @@ PinState<Real> pin_state(const DrivenPin& pin, const Motion& motion, Real t, dou
     PinState<Real> s{};
     for (int k = 0; k < 3; ++k) {
         const Real p0 = piece.p0[k], p1 = piece.p1[k], p2 = piece.p2[k], p3 = piece.p3[k];
-        const Real start = motion.relative ? Real(pin.start[k]) : Real(0), amplitude = piece.amplitude[k];
+        const Real start = motion.relative ? Real(pin.start[k]) : Real(0),
+                   amplitude = piece.amplitude[k];
         s.x[k] = start + (p0 + u * p1 + u * u * p2 + u * u * u * p3 + amplitude * wave);
         s.v[k] = (p1 + 2 * u * p2 + 3 * u * u * p3 + amplitude * slope) / (length * period);
     }
@@ -40,8 +42,8 @@ PinState<Real> pin_state(const DrivenPin& pin, const Motion& motion, Real t, dou
 
 // Put the driven pins of a state to their places; three numbers a point in x and v.
 template <class Real, class Values>
-void place_pins(const std::vector<DrivenPin>& pins, const std::vector<Motion>& motions, Real t, double inside,
-                Values&& x, Values&& v) {
+void place_pins(const std::vector<DrivenPin>& pins, const std::vector<Motion>& motions, Real t,
+                double inside, Values&& x, Values&& v) {
     for (const DrivenPin& pin : pins) {
         const PinState<Real> s = pin_state(pin, motions[std::size_t(pin.motion)], t, inside);
         for (int k = 0; k < 3; ++k) {

@@ -43,7 +43,8 @@ Points accelerations(const Scene& scene, const std::vector<Spring>& springs, con
         if (l == 0) continue;
         const Vec3 direction = d / l;
         const Vec3 w = v.row(s.j) - v.row(s.i);
-        const Vec3 f = (s.stiffness * (l - s.rest_length) + s.damping * w.dot(direction)) * direction;
+        const Vec3 f =
+            (s.stiffness * (l - s.rest_length) + s.damping * w.dot(direction)) * direction;
         force.row(s.i) += f;
         force.row(s.j) -= f;
     }
@@ -69,8 +70,8 @@ Vec3 direction(const Vec3& p) {
 // |v|, also where v.v would overflow or vanish.
 double speed_of(const Vec3& v) { return std::hypot(v[0], v[1], v[2]); }
 
-// What turns round the velocity along n, relative to a surface of velocity `moved`, with the restitution; and
-// Coulomb's friction. Nothing where the point moves away, unless `always`.
+// What turns round the velocity along n, relative to a surface of velocity `moved`, with the
+// restitution; and Coulomb's friction. Nothing where the point moves away, unless `always`.
 void bounce(Vec3& v, const Vec3& moved, const Vec3& n, double restitution, double friction,
             bool always = false) {
     const Vec3 relative = v - moved;
@@ -82,8 +83,8 @@ void bounce(Vec3& v, const Vec3& moved, const Vec3& n, double restitution, doubl
     if (slip > 0) v -= std::min(1.0, friction * std::abs(impulse) / slip) * tangential;
 }
 
-// Section 5 of Kim et al.: the response "reflect" or "ray" of a point that lies inside the sphere at time t;
-// others stay.
+// Section 5 of Kim et al.: the response "reflect" or "ray" of a point that lies inside the sphere
+// at time t; others stay.
 State respond(const Sphere& sphere, double t, double dt, const State& point) {
     const Vec3 center = sphere.center_at(t), m = point.x - center;
     const double radius = sphere.contact_radius();
@@ -119,12 +120,13 @@ State respond(const Sphere& sphere, double t, double dt, const State& point) {
     return after;
 }
 
-// The response "continuous" by another way than the code that it judges: laws of motion over a short substep.
-// A mass point falls freely. At an impact, found by bisection in time, its normal speed turns round with the
-// restitution, and Coulomb's friction acts. Forces that press it against a sphere are cancelled.
+// The response "continuous" by another way than the code that it judges: laws of motion over a
+// short substep. A mass point falls freely. At an impact, found by bisection in time, its normal
+// speed turns round with the restitution, and Coulomb's friction acts. Forces that press it against
+// a sphere are cancelled.
 //
-// Errors are of the first order in the substep h. Where a point presses with the acceleration a, its speed is
-// wrong by at most a h. Each impact adds at most a h^2 to the error of its place.
+// Errors are of the first order in the substep h. Where a point presses with the acceleration a,
+// its speed is wrong by at most a h. Each impact adds at most a h^2 to the error of its place.
 //
 // A sphere with that response, straight on its way within one substep.
 struct MovingSphere {
@@ -149,10 +151,12 @@ struct MovingSphere {
     Vec3 outward(const Vec3& p) const { return flat ? normal : direction(p); }
 };
 
-// Part of the radius, or length over a plane [m]. A point inside by less lies on the surface: rounding is
-// 1e-7 of it.
+// Part of the radius, or length over a plane [m]. A point inside by less lies on the surface:
+// rounding is 1e-7 of it.
 constexpr double touching = 1e-9;
-double slack(const MovingSphere& sphere) { return sphere.flat ? touching : touching * sphere.radius; }
+double slack(const MovingSphere& sphere) {
+    return sphere.flat ? touching : touching * sphere.radius;
+}
 
 struct Path {
     Vec3 x, v, a;
@@ -160,7 +164,8 @@ struct Path {
     Vec3 velocity(double s) const { return v + s * a; }
 };
 
-// The first time in [low, high] at which `holds`, which does so from then on; `high` if it never does.
+// The first time in [low, high] at which `holds`, which does so from then on; `high` if it never
+// does.
 template <class Predicate>
 double bisect(double low, double high, const Predicate& holds) {
     for (int halving = 0; halving < 100; ++halving) {
@@ -172,7 +177,8 @@ double bisect(double low, double high, const Predicate& holds) {
 }
 
 // The time after `elapsed` at which the path next touches the sphere, within `left`.
-std::optional<double> impact(const Path& path, const MovingSphere& sphere, double elapsed, double left) {
+std::optional<double> impact(const Path& path, const MovingSphere& sphere, double elapsed,
+                             double left) {
     const auto from_center = [&](double s) -> Vec3 { return path.at(s) - sphere.at(elapsed + s); };
     const auto inside = [&](double s) { return sphere.height(from_center(s)) < 0; };
     const auto approaches = [&](double s) {
@@ -189,8 +195,8 @@ std::optional<double> impact(const Path& path, const MovingSphere& sphere, doubl
     return bisect(farthest, left, inside);
 }
 
-// At the end of the substep outside every sphere; out of one in which it began, no faster than it may be
-// pushed.
+// At the end of the substep outside every sphere; out of one in which it began, no faster than it
+// may be pushed.
 bool leave(const std::vector<MovingSphere>& spheres, const State& before, State& point, double h) {
     constexpr int most_rounds = 1000;
     bool touched = false, moved = true;
@@ -199,9 +205,11 @@ bool leave(const std::vector<MovingSphere>& spheres, const State& before, State&
         for (const MovingSphere& sphere : spheres) {
             const double began = sphere.height(before.x - sphere.start);
             const bool began_inside = began < -slack(sphere);
-            const double least = began_inside ? std::min(0.0, began + h * sphere.push_out_speed) : 0;
+            const double least =
+                began_inside ? std::min(0.0, began + h * sphere.push_out_speed) : 0;
             const Vec3 p = point.x - sphere.at(h), n = sphere.outward(p);
-            const double height = sphere.height(p), rounding = sphere.flat ? 1e-15 : 1e-15 * sphere.radius;
+            const double height = sphere.height(p),
+                         rounding = sphere.flat ? 1e-15 : 1e-15 * sphere.radius;
             if (height >= least - rounding) continue;
             bounce(point.v, sphere.velocity, n, 0, began_inside ? 0 : sphere.friction);
             point.x = sphere.flat ? Vec3(point.x + (least - height) * n)
@@ -212,9 +220,10 @@ bool leave(const std::vector<MovingSphere>& spheres, const State& before, State&
     return touched;
 }
 
-// `point`, a mass point's free state after a substep of length h from `before`, responds to the spheres.
-// Returns whether one of them touched it.
-bool respond(const std::vector<MovingSphere>& spheres, const State& before, State& point, double h) {
+// `point`, a mass point's free state after a substep of length h from `before`, responds to the
+// spheres. Returns whether one of them touched it.
+bool respond(const std::vector<MovingSphere>& spheres, const State& before, State& point,
+             double h) {
     constexpr int most_impacts = 100;
     Path path{before.x, before.v, (point.v - before.v) / h};
     double elapsed = 0;
@@ -235,8 +244,8 @@ bool respond(const std::vector<MovingSphere>& spheres, const State& before, Stat
         const double left = h - elapsed;
         const Vec3 n = first->outward(path.x - first->at(elapsed));
         if (left * path.a.dot(n) <= 2 * (path.v - first->velocity).dot(n)) {
-            // So slow that an elastic bounce ends within the substep: the point stays, and what presses it
-            // is a force of contact.
+            // So slow that an elastic bounce ends within the substep: the point stays, and what
+            // presses it is a force of contact.
             path = {path.x, path.velocity(left), Vec3::Zero()};
             bounce(path.v, first->velocity, n, 0, first->friction);
         } else {
@@ -284,15 +293,17 @@ void advance(const Scene& scene, const std::vector<Spring>& list, Points& x, Poi
     v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
 }
 
-// One step in short substeps with every contact of the spheres "continuous". Returns whether there was one.
-bool advance_in_contact(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v, double t0,
-                        double t1) {
-    // Errors of contact are as 1 / substeps of the step's: at 64 below 2 % of a bound that the step explains.
-    // 32 doubles them, 128 doubles the time.
+// One step in short substeps with every contact of the spheres "continuous". Returns whether there
+// was one.
+bool advance_in_contact(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v,
+                        double t0, double t1) {
+    // Errors of contact are as 1 / substeps of the step's: at 64 below 2 % of a bound that the step
+    // explains. 32 doubles them, 128 doubles the time.
     constexpr int substeps = 64;
     bool touched = false;
     for (int k = 0; k < substeps; ++k) {
-        const double begin = t0 + k * (t1 - t0) / substeps, end = t0 + (k + 1) * (t1 - t0) / substeps;
+        const double begin = t0 + k * (t1 - t0) / substeps,
+                     end = t0 + (k + 1) * (t1 - t0) / substeps;
         std::vector<MovingSphere> spheres;
         for (const Sphere& sphere : scene.spheres)
             if (sphere.response == Response::continuous) spheres.emplace_back(sphere, begin, end);
@@ -311,8 +322,8 @@ bool advance_in_contact(const Scene& scene, const std::vector<Spring>& list, Poi
     return touched;
 }
 
-// One step of eq 2-6 as printed: "a" of eq 2-5 already carries the time step; eq 3-6 multiply by it once
-// more.
+// One step of eq 2-6 as printed: "a" of eq 2-5 already carries the time step; eq 3-6 multiply by it
+// once more.
 void advance_as_printed(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v,
                         double dt) {
     const Points v1 = dt * v, a1 = dt * accelerations(scene, list, x, v);
@@ -320,7 +331,8 @@ void advance_as_printed(const Scene& scene, const std::vector<Spring>& list, Poi
                  a2 = dt * accelerations(scene, list, x + dt / 2 * v1, w2);
     const Points w3 = v + dt / 2 * a2, v3 = dt * w3,
                  a3 = dt * accelerations(scene, list, x + dt / 2 * v2, w3);
-    const Points w4 = v + dt * a3, v4 = dt * w4, a4 = dt * accelerations(scene, list, x + dt * v3, w4);
+    const Points w4 = v + dt * a3, v4 = dt * w4,
+                 a4 = dt * accelerations(scene, list, x + dt * v3, w4);
     x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
     v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
 }

@@ -1,5 +1,6 @@
-// The oracle: scalar, spring by spring, written to be read beside the paper. Not optimised, and with springs
-// and contact of its own: of the core it knows the scene alone. Spheres keep mass points out here, not faces.
+// The oracle: scalar, spring by spring, written to be read beside the paper. Not optimised, and
+// with springs and contact of its own: of the core it knows the scene alone. Spheres keep mass
+// points out here, not faces.
 #pragma once
 
 #include <cstdint>
@@ -22,11 +23,13 @@ std::vector<Spring> springs(const Cloth& cloth);
 Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x,
                      const Points& v);
 
-// Classic RK4 steps, the first of them from time t. x and v are advanced. The paper's responses act at the
-// end of a step. A step in which a sphere with the response "continuous" touches a point is taken in short
-// substeps; the paper's responses follow it. `as_printed`: Kim et al., eq 2-6 word for word,
-// where the time step multiplies the slopes and the sum; kept to show that it is not consistent.
-void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t, bool as_printed);
+// Classic RK4 steps, the first of them from time t. x and v are advanced. The paper's responses act
+// at the end of a step. A step in which a sphere with the response "continuous" touches a point is
+// taken in short substeps; the paper's responses follow it. `as_printed`: Kim et al., eq 2-6 word
+// for word, where the time step multiplies the slopes and the sum; kept to show that it is not
+// consistent.
+void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t,
+          bool as_printed);
 
 struct ExtrapolationSettings {
     int columns;
@@ -39,9 +42,9 @@ struct Extrapolation {
     double time = 0;  // s, how far it came: less than asked where the step became too small
 };
 
-// From the state at time 0 to `times` (increasing, > 0), without the spheres. x and v hold 3 numbers a point.
-// The states at `times` are appended to them, rounded to double. A time at which the velocity of a pin jumps
-// has to be among `times`. `interrupted` is asked before each step.
+// From the state at time 0 to `times` (increasing, > 0), without the spheres. x and v hold 3
+// numbers a point. The states at `times` are appended to them, rounded to double. A time at which
+// the velocity of a pin jumps has to be among `times`. `interrupted` is asked before each step.
 Extrapolation extrapolate(const Scene& scene, const std::vector<double>& times,
                           const ExtrapolationSettings& settings, std::vector<double>& x,
                           std::vector<double>& v, const std::function<bool()>& interrupted);

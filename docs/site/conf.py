@@ -14,7 +14,12 @@ from pictures import PictureFiles
 project = "clothsim"
 author = "clothsim developers"
 release = version = clothsim.__version__
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+]
 extensions += ["myst_nb", "sphinx_gallery.gen_gallery"]
 root_doc = "index"
 exclude_patterns = ["examples", "gallery/**.ipynb", "gallery/**.py", "**.md5"]
@@ -30,7 +35,9 @@ default_role = "code"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
-autodoc_type_aliases = {name: name for name in ("ArrayLike", "NDArray", *vars(clothsim.typing)) if name[0].isupper()}
+autodoc_type_aliases = {
+    name: name for name in ("ArrayLike", "NDArray", *vars(clothsim.typing)) if name[0].isupper()
+}
 python_use_unqualified_type_names = True
 autosummary_generate = False
 napoleon_use_ivar = True
@@ -61,21 +68,35 @@ sphinx_gallery_conf = {
 }
 
 
-def one_attribute_each(app: Any, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
-    """Give each of `x, v : array` in a section Attributes its own entry: napoleon does so for parameters alone."""
+def one_attribute_each(
+    app: Any, what: str, name: str, value: Any, options: Any, lines: list[str]
+) -> None:
+    """Give each of `x, v : array` in a section Attributes its own entry: napoleon does so for
+    parameters alone.
+    """
     before, heading, section = "\n".join(lines).partition("Attributes\n----------\n")
     section, end, after = section.partition("\nExamples\n")
     entry = re.compile(r"^(\w+(?:, \w+)+)((?: :.*)?(?:\n    .*)*)", re.M)
-    section = entry.sub(lambda found: "\n".join(each + found[2] for each in found[1].split(", ")), section)
+    section = entry.sub(
+        lambda found: "\n".join(each + found[2] for each in found[1].split(", ")), section
+    )
     lines[:] = (before + heading + section + end + after).split("\n")
 
 
 def without_private(
-    app: Any, what: str, name: str, value: Any, options: Any, signature: str | None, returned: str | None
+    app: Any,
+    what: str,
+    name: str,
+    value: Any,
+    options: Any,
+    signature: str | None,
+    returned: str | None,
 ) -> Any:
-    """Leave out parameters whose names begin with an underscore, and those that only raise an error."""
+    """Leave out parameters whose names begin with an underscore, or that only raise an error."""
     if signature:
-        signature = re.sub(r", (?:\*\*)?(?:_\w+: [^,)=]+(?: = [^,)]+)?|\w+: NoReturn[^,)]*)(?=[,)])", "", signature)
+        signature = re.sub(
+            r", (?:\*\*)?(?:_\w+: [^,)=]+(?: = [^,)]+)?|\w+: NoReturn[^,)]*)(?=[,)])", "", signature
+        )
     return signature, returned
 
 
@@ -87,7 +108,8 @@ def as_mathml(display: str) -> Any:
 
         tag = "div" if display == "block" else "span"
         translator.body.append(
-            f'<{tag} style="overflow-x: auto; padding: 0.4em 0">{convert(node.astext(), display=display)}</{tag}>'
+            f'<{tag} style="overflow-x: auto; padding: 0.4em '
+            f'0">{convert(node.astext(), display=display)}</{tag}>'
         )
         raise SkipNode
 

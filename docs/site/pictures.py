@@ -15,9 +15,11 @@ class PictureFiles:
         return "PictureFiles"  # an address would make Sphinx build every page again
 
     def __call__(self, block: Any, variables: dict[str, Any], gallery: dict[str, Any]) -> str:
-        """Return the lines that show the files; Sphinx-gallery calls this after each block of code."""
+        """Return the lines that show the files; Sphinx-gallery calls this after each code block."""
         shown = []
-        for path in sorted(Path(variables["src_file"]).parent.glob("*.*"), key=lambda path: path.stat().st_mtime_ns):
+        for path in sorted(
+            Path(variables["src_file"]).parent.glob("*.*"), key=lambda path: path.stat().st_mtime_ns
+        ):
             if path.suffix in (".png", ".webp"):
                 still = Path(next(variables["image_path_iterator"]))
                 shown.append(still.with_suffix(path.suffix))

@@ -1,8 +1,8 @@
 """Build the site: `python docs/site/stage.py [FOLDER]`, by default into build/docs.
 
-Stages a copy of the pages in FOLDER/source, in the repository's layout, so that their links hold. Adds what is
-generated: the menu (from docs/index.md), the reference, the commands, the gallery's titles, and the paper's scenes as
-live pages. A warning fails the build.
+Stages a copy of the pages in FOLDER/source, in the repository's layout, so that their links hold.
+Adds what is generated: the menu (from docs/index.md), the reference, the commands, the gallery's
+titles, and the paper's scenes as live pages. A warning fails the build.
 """
 
 from __future__ import annotations
@@ -24,7 +24,16 @@ from clothsim.paper import write_gallery
 from sphinx.cmd.build import main as sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
-COPIED = ["docs", "notebooks", "README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "CITATION.cff", "LICENSE"]
+COPIED = [
+    "docs",
+    "notebooks",
+    "README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "SECURITY.md",
+    "CITATION.cff",
+    "LICENSE",
+]
 GALLERY = {
     "First steps": "drape moving_sphere driven_pins flag ball_by_hand settle resume blender",
     "Error and speed": "order speed_against_error stability_map gather_bits hard_case",
@@ -35,13 +44,18 @@ GALLERY = {
 
 
 def by_use() -> dict[str, list[str]]:
-    """Full names of the groups of `help(clothsim)`, the most used first; a module stands for its further names."""
+    """Full names of the groups of `help(clothsim)`, the most used first; a module stands for its
+    further names.
+    """
     groups = re.findall(r"^(\w[^\n]*)\n((?:    \w+ {2,}[^\n]+\n)+)", cs.__doc__, re.M)
     listed = {title: re.findall(r"^    (\w+)", names, re.M) for title, names in groups}
     listed = {"Simulate": listed["Simulate"], **listed}
     listed["Know the error"].append("accuracy")
     listed["Look up"].append("gpu")
-    return {title: [full for name in names for full in full_names(name)] for title, names in listed.items()}
+    return {
+        title: [full for name in names for full in full_names(name)]
+        for title, names in listed.items()
+    }
 
 
 def full_names(name: str) -> list[str]:
@@ -65,7 +79,11 @@ def directive(full: str) -> str:
     if not inspect.isclass(value):
         kind, options = ("autofunction", "") if callable(value) else ("autodata", "")
     else:
-        inherited = "" if issubclass(value, BaseException) else "   :inherited-members: object, tuple, dict\n"
+        inherited = (
+            ""
+            if issubclass(value, BaseException)
+            else "   :inherited-members: object, tuple, dict\n"
+        )
         kind, options = "autoclass", f"   :members:\n{inherited}"
     return f".. {kind}:: {full}\n{options}\n"
 
@@ -77,7 +95,9 @@ def reference(folder: Path) -> None:
     tree = ".. toctree::\n   :hidden:\n\n"
     for title, names in by_use().items():
         file = title.lower().replace(" ", "-")
-        (folder / f"{file}.rst").write_text(f"{title}\n{'=' * len(title)}\n\n" + "".join(map(directive, names)))
+        (folder / f"{file}.rst").write_text(
+            f"{title}\n{'=' * len(title)}\n\n" + "".join(map(directive, names))
+        )
         table = "".join(f"   {name}\n" for name in names if is_called(name))
         index += f"{title}\n{'-' * len(title)}\n\n.. autosummary::\n   :nosignatures:\n\n{table}\n"
         tree += f"   {file}\n"
@@ -86,7 +106,10 @@ def reference(folder: Path) -> None:
 
 def commands(path: Path) -> None:
     """The page of the command line: what each `--help` prints."""
-    page = "# Command line\n\nThis page lists every command with its `--help`. It is for users of the shell.\n"
+    page = (
+        "# Command line\n\nThis page lists every command with its `--help`. It is for users of "
+        "the shell.\n"
+    )
     for name in ("", *COMMANDS):
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
@@ -96,12 +119,15 @@ def commands(path: Path) -> None:
 
 
 def titled(path: Path) -> str:
-    """Return an example whose title is its first sentence; the last picture stands in the gallery."""
+    """Return an example titled by its first sentence; the last picture stands in the gallery."""
     text = path.read_text(encoding="utf8")
     title, _, more = ast.get_docstring(ast.parse(text)).partition("\n\n")
     title = title.replace("\n", " ").rstrip(".")
     code = text.partition('"""')[2].partition('"""')[2]
-    return f'"""\n{title}\n{"=" * len(title)}\n\n{more}\n"""\n# sphinx_gallery_thumbnail_number = -1\n{code}'
+    return (
+        f'"""\n{title}\n{"=" * len(title)}\n\n{more}\n"""\n# sphinx_gallery_thumbnail_number = '
+        f"-1\n{code}"
+    )
 
 
 def gallery(folder: Path) -> None:
@@ -112,12 +138,16 @@ def gallery(folder: Path) -> None:
         for name in listed.split():
             example = titled(ROOT / "examples" / f"{name}.py")
             (folder / str(number) / f"{name}.py").write_text(example, encoding="utf8")
-    (folder / "GALLERY_HEADER.rst").write_text("Gallery\n=======\n\nShort scripts, each with what it prints and draws.\n")
+    (folder / "GALLERY_HEADER.rst").write_text(
+        "Gallery\n=======\n\nShort scripts, each with what it prints and draws.\n"
+    )
 
 
 def relink(page: Path) -> None:
     """Let links to scripts and folders of the repository lead to their pages."""
-    group = {name: number for number, listed in enumerate(GALLERY.values()) for name in listed.split()}
+    group = {
+        name: number for number, listed in enumerate(GALLERY.values()) for name in listed.split()
+    }
     text = page.read_text(encoding="utf8")
     script = re.compile(r"\]\((?:\.\./)*examples/(\w+)\.py\)")
     text = script.sub(lambda found: f"](/gallery/{group[found[1]]}/{found[1]}.rst)", text)
@@ -126,13 +156,15 @@ def relink(page: Path) -> None:
 
 
 def menu(index: str) -> dict[str, list[str]]:
-    """Captions of the menu and their pages: the headings of docs/index.md, and what is linked below each."""
+    """Captions of the menu and their pages: headings of docs/index.md, and the links below each."""
     groups: dict[str, list[str]] = {}
     seen: set[str] = set()
     for part in index.split("\n## ")[1:]:
         links = re.findall(r"\]\((\.\./)?([\w/-]+)\.(?:md|ipynb)[)#]", part)
         pages = dict.fromkeys(path if above else f"docs/{path}" for above, path in links)
-        groups[part.partition("\n")[0].partition(":")[0]] = [page for page in pages if page not in seen]
+        groups[part.partition("\n")[0].partition(":")[0]] = [
+            page for page in pages if page not in seen
+        ]
         seen |= set(pages)
     learn, *_, look_up, maintain = groups.values()
     learn += ["gallery/index", "live"]
@@ -153,15 +185,19 @@ def stage(source: Path) -> None:
     reference(source / "reference")
     commands(source / "reference" / "commands.md")
     (source / "live.md").write_text(
-        "# Live in this browser\n\nThe scenes of the paper, simulated by the compute shader in a browser with WebGPU. "
-        '[How it works](docs/gpu.md#in-a-browser).\n\n<p><a href="live/live.html">Open the live pages</a></p>\n'
+        "# Live in this browser\n\nThe scenes of the paper, simulated by the compute shader "
+        "in a browser with WebGPU. "
+        '[How it works](docs/gpu.md#in-a-browser).\n\n<p><a href="live/live.html">Open the '
+        "live pages</a></p>\n"
     )
     for page in source.rglob("*.md"):
         relink(page)
     front = (source / "README.md").read_text(encoding="utf8")
     for caption, pages in menu((ROOT / "docs" / "index.md").read_text(encoding="utf8")).items():
         title = {page: f"Notebook: {Path(page).stem} " for page in pages if "notebooks/" in page}
-        entries = "\n".join(f"{title[page]}</{page}>" if page in title else f"/{page}" for page in pages)
+        entries = "\n".join(
+            f"{title[page]}</{page}>" if page in title else f"/{page}" for page in pages
+        )
         front += f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n{entries}\n```\n"
     (source / "index.md").write_text(front, encoding="utf8")
     (source / "README.md").unlink()
@@ -175,7 +211,9 @@ def main() -> int:
     live.mkdir(parents=True, exist_ok=True)
     write_gallery(live)
     settings = ["-c", str(ROOT / "docs" / "site"), "-D", f"html_extra_path={live.parent}"]
-    return sphinx(["-W", "--keep-going", "-q", *settings, str(folder / "source"), str(folder / "html")])
+    return sphinx(
+        ["-W", "--keep-going", "-q", *settings, str(folder / "source"), str(folder / "html")]
+    )
 
 
 if __name__ == "__main__":

@@ -90,7 +90,14 @@ from .base.extras import on_demand as _on_demand
 from .base.build import build_config
 from .model.cloth import Cloth
 from .model.fields import sweepable
-from .errors import ContactError, ContactWarning, OrderWarning, RunInterrupted, StabilityWarning, UnstableError
+from .errors import (
+    ContactError,
+    ContactWarning,
+    OrderWarning,
+    RunInterrupted,
+    StabilityWarning,
+    UnstableError,
+)
 from .model.mesh import thread_grid, triangles
 from .methods.integrators import integrators
 from .measure import energy, largest_stretch, penetration
@@ -121,10 +128,26 @@ __version__ = build_config()["version"]
 
 __all__ = ["Cloth", "Plane", "Scene", "Sphere", "load_scene", "save_scene", "scenes"]
 __all__ += ["Keyframes", "Linear", "Reciprocate", "Sinusoid"]
-__all__ += ["Run", "RunInterrupted", "difference", "integrators", "load_run", "max_stable_dt", "settle", "simulate"]
+__all__ += [
+    "Run",
+    "RunInterrupted",
+    "difference",
+    "integrators",
+    "load_run",
+    "max_stable_dt",
+    "settle",
+    "simulate",
+]
 __all__ += ["Snapshot", "Stepper", "acceleration", "reference_step", "step"]
 __all__ += ["energy", "largest_stretch", "penetration"]
-__all__ += ["Convergence", "Reference", "convergence", "reference", "stability_map", "work_precision"]
+__all__ += [
+    "Convergence",
+    "Reference",
+    "convergence",
+    "reference",
+    "stability_map",
+    "work_precision",
+]
 __all__ += ["Fit", "fit", "open_sweep", "sensitivity", "sweep", "sweepable"]
 __all__ += ["Camera", "Picture", "compare", "picture", "view"]
 __all__ += ["build_config", "thread_grid", "triangles"]

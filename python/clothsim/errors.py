@@ -1,4 +1,4 @@
-"""Errors and warnings of a computation. Wrong arguments give a `ValueError` or `TypeError` instead."""
+"""Errors and warnings of computations. Wrong arguments give `ValueError` or `TypeError` instead."""
 
 from __future__ import annotations
 
@@ -14,23 +14,26 @@ import numpy as np
 class StabilityWarning(UserWarning):
     """The time step is above the guaranteed stable step (`max_stable_dt`).
 
-    A run may be stable all the same. The guarantee holds for all but extreme states. A cloth near rest is often stable
-    at twice that step. ``max_stable_dt(scene, integrator, x)`` gives the limit at a state.
+    A run may be stable all the same. The guarantee holds for all but extreme states. A cloth near
+    rest is often stable at twice that step. ``max_stable_dt(scene, integrator, x)`` gives the limit
+    at a state.
 
-    The second cause is a gain of energy: before any sphere has responded, the time step has added more than half of the
-    kinetic and elastic energy.
+    The second cause is a gain of energy: before any sphere has responded, the time step has added
+    more than half of the kinetic and elastic energy.
 
-    `Stepper` and `simulate` give at most one warning of each cause, `step` one per line of your code, which is Python's
-    default. A run that grows further ends with an `UnstableError`.
+    `Stepper` and `simulate` give at most one warning of each cause, `step` one per line of your
+    code, which is Python's default. A run that grows further ends with an `UnstableError`.
 
     Examples
     --------
     >>> import warnings
     >>> with warnings.catch_warnings(record=True) as given:
     ...     cs.Stepper(cs.scenes.paper_swing()).advance(2, 1.5e-3)
-    >>> print(given[0].message)
-    dt = 0.0015 s is above 0.00116 s, up to which rk4 is guaranteed to be stable for this scene; \
-the damping of structural and shear springs, 100 N s/m, limits it; below 37.6 N s/m the stiffness would
+    >>> for part in str(given[0].message).split("; "):
+    ...     print(part)
+    dt = 0.0015 s is above 0.00116 s, up to which rk4 is guaranteed to be stable for this scene
+    the damping of structural and shear springs, 100 N s/m, limits it
+    below 37.6 N s/m the stiffness would
     """
 
 
@@ -46,8 +49,8 @@ def warn_caller(message: str, category: type[Warning]) -> None:
 class OrderWarning(UserWarning):
     """The integrator does not keep its order for this scene.
 
-    `step`, `Stepper`, `simulate` and `sweep` give this warning for "pefrl" with damping: its order is 4 for forces that
-    depend on positions alone, and 1 for damping.
+    `step`, `Stepper`, `simulate` and `sweep` give this warning for "pefrl" with damping: its order
+    is 4 for forces that depend on positions alone, and 1 for damping.
 
     Examples
     --------
@@ -60,13 +63,15 @@ class OrderWarning(UserWarning):
 
 
 class ContactWarning(UserWarning):
-    """A continuous sphere starts on the cloth, has run into a pinned point, or is smaller than a cell that it touches.
+    """A continuous sphere starts on the cloth, has run into a pinned point, or is smaller than a
+    cell that it touches.
 
     Examples
     --------
     >>> import warnings
     >>> with warnings.catch_warnings(record=True) as given:
-    ...     run = cs.simulate(cs.Scene(cs.Cloth((8, 8)), cs.Sphere((0.5, 0.0, 0.5))), 0.001, dt=1e-4)
+    ...     scene = cs.Scene(cs.Cloth((8, 8)), cs.Sphere((0.5, 0.0, 0.5)))
+    ...     run = cs.simulate(scene, 0.001, dt=1e-4)
     >>> given[0].category.__name__
     'ContactWarning'
     """
@@ -78,8 +83,8 @@ class RunInterrupted(KeyboardInterrupt):
     Parameters
     ----------
     run : Run, list of Run or None
-        The run up to its last complete step, with the state there as its last frame. For several scenes, the runs
-        begun so far.
+        The run up to its last complete step, with the state there as its last frame. For several
+        scenes, the runs begun so far.
 
     Examples
     --------
@@ -99,7 +104,9 @@ class RunInterrupted(KeyboardInterrupt):
     def __init__(self, run: Any = None) -> None:
         self.run = run
         last = run[-1] if isinstance(run, list) else run
-        super().__init__("" if last is None else f"simulate was interrupted at t = {last.t[-1]:g} s")
+        super().__init__(
+            "" if last is None else f"simulate was interrupted at t = {last.t[-1]:g} s"
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.run,)
@@ -147,7 +154,8 @@ further apart, or make them smaller
 
     def __post_init__(self) -> None:
         self.args = (
-            f"no place left at step {self.step} (t = {self.time:g} s): mass point {self.point}{self._which} is trapped "
+            f"no place left at step {self.step} (t = {self.time:g} s): mass point "
+            f"{self.point}{self._which} is trapped "
             "between spheres; keep them further apart, or make them smaller",
         )
 
@@ -162,19 +170,21 @@ class UnstableError(_StepError):
     Parameters
     ----------
     step : int
-        The step after which it was found, counted from 1 at the start of the call. A runaway energy may be found up to 128
-        steps late in short calls and, above 16,384 mass points, in continuous contact.
+        The step after which it was found, counted from 1 at the start of the call. A runaway energy
+        may be found up to 128 steps late in short calls and, above 16,384 mass points, in
+        continuous contact.
     time : float
         Time of the scene at the end of that step [s].
     point : tuple of int, optional
-        (row, column) of the first free mass point concerned; None where only a driven pin is not finite.
+        (row, column) of the first free mass point concerned; None where only a driven pin is not
+        finite.
     dt : float
         Time step [s].
     max_stable_dt : float, optional
         The time step guaranteed to be stable [s]; see `clothsim.max_stable_dt`.
     term : str, optional
-        The term that limits the time step, in words: stiffness or damping, its springs, and the value below which it no
-        longer limits; see `Scene.explain`.
+        The term that limits the time step, in words: stiffness or damping, its springs, and the
+        value below which it no longer limits; see `Scene.explain`.
     x, v : numpy.ndarray, optional
         The last finite state: positions [m] and velocities [m/s], shape (rows, columns, 3).
     member : int, optional
@@ -209,11 +219,22 @@ more mass
             cause = f"no time step is guaranteed to be stable: {self.term}"
             remedy = "take another integrator, such as 'rk4' or 'semi_implicit_euler'"
         elif self.dt > limit:
-            cause = f"the time step dt = {self.dt:g} s is above the stability limit, about {limit:g} s"
+            cause = (
+                f"the time step dt = {self.dt:g} s is above the stability limit, about {limit:g} s"
+            )
             remedy = "take a dt below it, or less stiffness or damping, or more mass"
             if self.term:
                 cause += f" ({self.term})"
         else:
-            cause = f"though the time step dt = {self.dt:g} s is within the estimated stability limit, {limit:g} s"
-            remedy = "look for points that coincide or values too large in the initial state, else take a smaller dt"
-        self.args = (f"unstable at step {self.step} (t = {self.time:g} s){where}{self._which}: {cause}; {remedy}",)
+            cause = (
+                f"though the time step dt = {self.dt:g} s is within the estimated stability "
+                f"limit, {limit:g} s"
+            )
+            remedy = (
+                "look for points that coincide or values too large in the initial state, "
+                "else take a smaller dt"
+            )
+        self.args = (
+            f"unstable at step {self.step} (t = {self.time:g} s){where}{self._which}: "
+            f"{cause}; {remedy}",
+        )

@@ -1,4 +1,5 @@
-"""Scenes that strain the method or the arithmetic, each with the settings of its run and bounds on its final state.
+"""Scenes that strain the method or the arithmetic, each with the settings of its run and bounds on
+its final state.
 
 Bounds are about five to twenty times the measured figures, which docs/stability.md lists.
 """
@@ -37,7 +38,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class End:
-    """How a run ended: the state (the last good one after an error), and the error if there was one."""
+    """How a run ended: the state (the last good one after an error), and the error, if any."""
 
     x: Floats
     v: Floats
@@ -62,7 +63,8 @@ Judge = Callable[["HardCase", End], "list[Figure]"]
 
 @dataclass(frozen=True)
 class HardCase:
-    """A scene that is difficult for the method or the arithmetic, with the checks of its final state.
+    """A scene that is difficult for the method or the arithmetic, with the checks of its final
+    state.
 
     Attributes
     ----------
@@ -114,7 +116,9 @@ class HardCase:
                 stepper.advance(self.steps, self.dt)
             except cs.UnstableError as raised:
                 error = raised
-        end = End(stepper.positions, stepper.velocities, error, precision, options.get("kernel", "auto"))
+        end = End(
+            stepper.positions, stepper.velocities, error, precision, options.get("kernel", "auto")
+        )
         figures = [Figure("UnstableError", float(error is not None), self.unstable, self.unstable)]
         for judge in self.judges:
             figures += judge(self, end)
@@ -122,7 +126,11 @@ class HardCase:
 
 
 def within(
-    name: str, measure: Callable[[HardCase, End], Any], double: float, single: float | None = None, low: float = 0.0
+    name: str,
+    measure: Callable[[HardCase, End], Any],
+    double: float,
+    single: float | None = None,
+    low: float = 0.0,
 ) -> Judge:
     """A judge of one figure, at most `double` or, in single, `single`."""
     high = {"double": double, "single": double if single is None else single}
@@ -134,7 +142,9 @@ def moves_like_the_reference(double: float, single: float) -> Judge:
 
     def error(case: HardCase, end: End) -> Any:
         start = case.scene.initial_position
-        expected, _ = cs.reference_step(case.scene, start, case.scene.initial_velocity, case.dt, case.steps, t=0.0)
+        expected, _ = cs.reference_step(
+            case.scene, start, case.scene.initial_velocity, case.dt, case.steps, t=0.0
+        )
         moved = np.abs(expected - start).max()
         return np.abs(end.x - expected).max() / moved if moved > 0 else np.abs(end.x - start).max()
 
@@ -167,11 +177,24 @@ def blows_up(within: int) -> Judge:
         if error is None:
             return []
         assert error.x is not None and error.v is not None
-        reported = error.dt == case.dt and error.max_stable_dt is not None and error.max_stable_dt < case.dt
-        finite = np.isfinite(error.x).all() and np.isfinite(error.v).all() and np.array_equal(error.x, end.x)
+        reported = (
+            error.dt == case.dt
+            and error.max_stable_dt is not None
+            and error.max_stable_dt < case.dt
+        )
+        finite = (
+            np.isfinite(error.x).all()
+            and np.isfinite(error.v).all()
+            and np.array_equal(error.x, end.x)
+        )
         return [
             Figure("at step", error.step, 1, within),
-            Figure("names point, limit, last good state", float(reported and finite and error.point is not None), 1, 1),
+            Figure(
+                "names point, limit, last good state",
+                float(reported and finite and error.point is not None),
+                1,
+                1,
+            ),
             Figure("size of the last good state [m]", float(np.abs(error.x).max()), 0, 2.0),
         ]
 
@@ -228,10 +251,19 @@ def time_steps() -> dict[str, HardCase]:
     limit = cs.max_stable_dt(scene, x=cloth.rest_positions) / 0.97  # which is 3 % below the limit
     return {
         "dt at 0.95 of the limit": HardCase(
-            scene, 0.95 * limit, 4000, "every wave turns by almost half a turn a step", (gains_energy(1e-12, 1e-5),)
+            scene,
+            0.95 * limit,
+            4000,
+            "every wave turns by almost half a turn a step",
+            (gains_energy(1e-12, 1e-5),),
         ),
         "dt at 1.05 of the limit": HardCase(
-            scene, 1.05 * limit, 4000, "the fastest wave grows by two fifths a step", (blows_up(within=300),), unstable=True
+            scene,
+            1.05 * limit,
+            4000,
+            "the fastest wave grows by two fifths a step",
+            (blows_up(within=300),),
+            unstable=True,
         ),
         "dt 5e-6 s in single": HardCase(
             cs.Scene(sheet((12, 12), damping=100.0)),
@@ -242,7 +274,11 @@ def time_steps() -> dict[str, HardCase]:
             precisions=("single",),
         ),
         "a million steps": HardCase(
-            drum((4, 4), damping=0.0), 5e-6, 1_000_000, "rounding adds up", (gains_energy(1e-11, 2e-5, 2e-5),)
+            drum((4, 4), damping=0.0),
+            5e-6,
+            1_000_000,
+            "rounding adds up",
+            (gains_energy(1e-11, 2e-5, 2e-5),),
         ),
         "a million steps in single": HardCase(
             drum((4, 4)),
@@ -256,7 +292,8 @@ def time_steps() -> dict[str, HardCase]:
 
 
 def drum(shape: tuple[int, int], damping: float = 100.0) -> cs.Scene:
-    """A cloth with the paper's springs and masses, stretched by a tenth and pinned along its border.
+    """A cloth with the paper's springs and masses, stretched by a tenth and pinned along its
+    border.
 
     It swings in gravity without folding, so that rounding is not amplified: two computations of it
     can be compared after any time.
@@ -319,7 +356,10 @@ def geometry() -> dict[str, HardCase]:
             0.02 * cs.max_stable_dt(linear),
             5000,
             "springs of 1e-300 m are linear in every direction, also through zero length",
-            (ends_at(_normal_modes, "m from the normal modes", 1e-4, 1e-4), moves_like_the_reference(1e-11, 1e-3)),
+            (
+                ends_at(_normal_modes, "m from the normal modes", 1e-4, 1e-4),
+                moves_like_the_reference(1e-11, 1e-3),
+            ),
         ),
         "coincident points": HardCase(
             cs.Scene(cloth, position=coincident),
@@ -401,7 +441,9 @@ def contact() -> dict[str, HardCase]:
     unit = cs.Sphere((0.0, 0.0, 0.0), 0.5, offset="none", response="ray")
     at_pin = cs.Sphere((0.0, 0.0, 0.0), 0.3, offset="none", restitution=0.5, response="ray")
     in_sheet = cs.Sphere((0.5, 0.0, 0.5), 0.25, offset="none", restitution=0.5, response="ray")
-    fast = cs.Sphere((0.5, -2.0, 0.5), 0.25, cs.Linear((0.0, 100.0, 0.0)), offset="none", response="ray")
+    fast = cs.Sphere(
+        (0.5, -2.0, 0.5), 0.25, cs.Linear((0.0, 100.0, 0.0)), offset="none", response="ray"
+    )
     settled = 0.2 * cs.max_stable_dt(cs.Scene(soft))
     return {
         "pins inside a sphere": HardCase(
@@ -423,14 +465,28 @@ def contact() -> dict[str, HardCase]:
             1e-3,
             1,
             "no velocity, so no ray",
-            (ends_at(lambda case: _only(case, (3 / 26, -4 / 26, 12 / 26)), "m from the foot of the normal", 1e-15, 1e-7),),
+            (
+                ends_at(
+                    lambda case: _only(case, (3 / 26, -4 / 26, 12 / 26)),
+                    "m from the foot of the normal",
+                    1e-15,
+                    1e-7,
+                ),
+            ),
         ),
         "a point at the exact centre": HardCase(
             cs.Scene(loose, unit, NO_GRAVITY, position=centre),
             1e-3,
             1,
             "no velocity and no normal",
-            (ends_at(lambda case: _only(case, (0.0, 0.5, 0.0)), "m from above the centre", 1e-12, 1e-7),),
+            (
+                ends_at(
+                    lambda case: _only(case, (0.0, 0.5, 0.0)),
+                    "m from above the centre",
+                    1e-12,
+                    1e-7,
+                ),
+            ),
         ),
         "a sphere at 100 m/s": HardCase(
             cs.Scene(soft, fast, NO_GRAVITY),
@@ -449,24 +505,34 @@ def _only(case: HardCase, place: tuple[float, float, float]) -> Floats:
 
 
 _PINS_STAY = within(
-    "m that pins moved", lambda case, end: np.abs(end.x - case.scene.initial_position)[case.scene.cloth.pinned].max(), 0.0
+    "m that pins moved",
+    lambda case, end: np.abs(end.x - case.scene.initial_position)[case.scene.cloth.pinned].max(),
+    0.0,
 )
 
 
 def _free_points_out(depth: float) -> Judge:
     def inside(case: HardCase, end: End) -> Any:
         (sphere,) = case.scene.spheres
-        return np.maximum(0.0, -sphere.height(end.x[~case.scene.cloth.pinned], case.steps * case.dt).min())
+        return np.maximum(
+            0.0, -sphere.height(end.x[~case.scene.cloth.pinned], case.steps * case.dt).min()
+        )
 
     return within("m inside", inside, depth)
 
 
 def _speeds(least: float, most: float) -> Judge:
-    return within("fastest point [m/s]", lambda case, end: np.linalg.norm(end.v, axis=-1).max(), most, low=least)
+    return within(
+        "fastest point [m/s]",
+        lambda case, end: np.linalg.norm(end.v, axis=-1).max(),
+        most,
+        low=least,
+    )
 
 
 def hard_cases() -> dict[str, HardCase]:
-    """Scenes that are difficult for the method or the arithmetic, each with checks of its final state, by name.
+    """Scenes that are difficult for the method or the arithmetic, each with checks of its final
+    state, by name.
 
     Returns
     -------

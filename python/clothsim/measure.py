@@ -27,15 +27,16 @@ def energy(scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike) -
     Parameters
     ----------
     scene : Scene or sequence of Scene
-        Its masses, springs, gravity and force are used. Of a sequence, each for its member of the batch.
+        Its masses, springs, gravity and force are used. Of a sequence, each for its member of the
+        batch.
     x, v : array_like
         Positions [m] and velocities [m/s], shape (rows, columns, 3) or (B, rows, columns, 3).
 
     Returns
     -------
     dict
-        "kinetic", "elastic", "gravity", "force" and "total" [J], floats, or arrays of shape (B,) for a
-        batch. The energies of gravity and force are 0 at the origin.
+        "kinetic", "elastic", "gravity", "force" and "total" [J], floats, or arrays of shape (B,)
+        for a batch. The energies of gravity and force are 0 at the origin.
 
     Examples
     --------
@@ -48,18 +49,22 @@ def energy(scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike) -
     x, v = x.astype(np.float64), v.astype(np.float64)
     batch = (x, v) if x.ndim == 4 else (x[None], v[None])
     scenes = scenes if len(scenes) > 1 else scenes * len(batch[0])
-    parts = np.array([_core.energy(s.cloth.core, s.gravity, s.force, *one) for s, *one in zip(scenes, *batch)])
+    parts = np.array(
+        [_core.energy(s.cloth.core, s.gravity, s.force, *one) for s, *one in zip(scenes, *batch)]
+    )
     values = dict(zip(("kinetic", "elastic", "gravity", "force"), parts.T))
     values["total"] = parts.sum(axis=1)
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
-def penetration(x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | None = None) -> dict[str, Value]:
+def penetration(
+    x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | None = None
+) -> dict[str, Value]:
     """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
 
-    Depths count from the sphere's true radius, without the offset. The depth of a triangle is exact: it is the depth of
-    the triangle's place nearest to the centre. The triangles are those of `triangles`. In a chain (one row or column) its
-    links count.
+    Depths count from the sphere's true radius, without the offset. The depth of a triangle is
+    exact: it is the depth of the triangle's place nearest to the centre. The triangles are those of
+    `triangles`. In a chain (one row or column) its links count.
 
     Parameters
     ----------
@@ -79,7 +84,8 @@ def penetration(x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | Non
     Examples
     --------
     >>> sphere = cs.Sphere(center=(0.5, -1.0, 0.5), radius=1.5 ** 0.5)
-    >>> cs.penetration(cs.Cloth(shape=(2, 2)).rest_positions, sphere)["points"]  # its corners just touch
+    >>> corners = cs.Cloth(shape=(2, 2)).rest_positions  # just touch
+    >>> cs.penetration(corners, sphere)["points"]
     0.0
     """
     if not isinstance(sphere, (Sphere, Plane)):
@@ -94,12 +100,16 @@ def penetration(x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | Non
     batch = x.reshape(-1, rows, columns, 3)
     times = np.broadcast_to(np.asarray(_times(t, sphere, x.shape[:-3]), float), len(batch))
     core = core_sphere(sphere)
-    depths = np.array([_core.penetration(rows, columns, one, core, at) for one, at in zip(batch, times)])
+    depths = np.array(
+        [_core.penetration(rows, columns, one, core, at) for one, at in zip(batch, times)]
+    )
     values = dict(zip(("points", "triangles"), depths.T))
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
-def _times(t: npt.ArrayLike | None, sphere: Sphere | Plane, batch: tuple[int, ...]) -> npt.ArrayLike:
+def _times(
+    t: npt.ArrayLike | None, sphere: Sphere | Plane, batch: tuple[int, ...]
+) -> npt.ArrayLike:
     """`t` checked: one time, or one per member of a batch of this shape, () or (B,)."""
     if t is None:
         if sphere.motion is not None:
@@ -126,7 +136,8 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     Returns
     -------
     float or numpy.ndarray
-        Negative where every spring is compressed, 0 for a scene without springs. Of shape (B,) for a batch.
+        Negative where every spring is compressed, 0 for a scene without springs. Of shape (B,) for
+        a batch.
 
     Examples
     --------

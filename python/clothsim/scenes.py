@@ -8,7 +8,15 @@ from .model.ready import PAPER_DT, hanging, oscillator, paper_moving, paper_stat
 if TYPE_CHECKING:
     from .hard_cases import hard_cases
 
-__all__ = ["PAPER_DT", "hanging", "hard_cases", "oscillator", "paper_moving", "paper_static", "paper_swing"]
+__all__ = [
+    "PAPER_DT",
+    "hanging",
+    "hard_cases",
+    "oscillator",
+    "paper_moving",
+    "paper_static",
+    "paper_swing",
+]
 
 __getattr__, __dir__ = _on_demand(globals(), {"clothsim.hard_cases": ("hard_cases",)})
 del TYPE_CHECKING

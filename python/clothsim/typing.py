@@ -55,5 +55,11 @@ Numbers: TypeAlias = Sequence[float] | npt.NDArray[np.integer[Any] | np.floating
 Shape: TypeAlias = Sequence[int] | npt.NDArray[np.integer[Any]]
 """Rows and columns of a grid."""
 
-Pins: TypeAlias = Iterable[Sequence[int]] | npt.NDArray[np.bool_ | np.integer[Any]] | Mapping[tuple[int, int], Any]
-"""Pairs (row, column) of pinned points, a boolean mask of the cloth's shape, or a mapping of pairs to motions or None."""
+Pins: TypeAlias = (
+    Iterable[Sequence[int]]
+    | npt.NDArray[np.bool_ | np.integer[Any]]
+    | Mapping[tuple[int, int], Any]
+)
+"""Pairs (row, column) of pinned points, a boolean mask of the cloth's shape, or a mapping of pairs
+to motions or None.
+"""

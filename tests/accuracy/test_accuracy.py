@@ -53,13 +53,21 @@ def test_the_bound_sees_a_wrong_kernel(swing, monkeypatch):
 def test_a_solution_is_computed_once(monkeypatch):
     scene, computed = cs.scenes.oscillator(), []
     original = solution.solve_in_double
-    monkeypatch.setattr(solution, "solve_in_double", lambda *given: computed.append(given) or original(*given))
+    monkeypatch.setattr(
+        solution, "solve_in_double", lambda *given: computed.append(given) or original(*given)
+    )
     first, again = (cs.reference(cs.scenes.oscillator(), 0.31) for _ in range(2))
     assert len(computed) == 1 and np.array_equal(again.x, first.x)
     with pytest.raises(ValueError, match="read-only"):
         again.x[0] = 0.0
-    assert not any(one.flags.writeable for one in (*again.error_bound.values(), *again.error_estimate.values()))
-    for other, arguments in ((cs.scenes.oscillator(damping=1e-9), (0.31,)), (scene, (0.32,)), (scene, (0.31, 0.1))):
+    assert not any(
+        one.flags.writeable for one in (*again.error_bound.values(), *again.error_estimate.values())
+    )
+    for other, arguments in (
+        (cs.scenes.oscillator(damping=1e-9), (0.31,)),
+        (scene, (0.32,)),
+        (scene, (0.31, 0.1)),
+    ):
         cs.reference(other, *arguments)
     assert len(computed) == 4
 
@@ -72,11 +80,16 @@ def test_contact_is_refused_and_said_why():
 
 def test_a_sphere_out_of_reach_changes_nothing(swing):
     scene, found = swing
-    sphere = cs.Sphere((0.5, -3.0, 0.5), 0.25, motion=cs.Linear((0.0, 1.0, 0.0)), response="ray", offset="edge")
-    other = cs.reference(scene.replace(spheres=[sphere, cs.Plane((0, -9, 0), response="ray")]), DURATION)
+    sphere = cs.Sphere(
+        (0.5, -3.0, 0.5), 0.25, motion=cs.Linear((0.0, 1.0, 0.0)), response="ray", offset="edge"
+    )
+    other = cs.reference(
+        scene.replace(spheres=[sphere, cs.Plane((0, -9, 0), response="ray")]), DURATION
+    )
     assert abs(other.x[-1] - found.x[-1]).max() < 2e-15  # one had a frame on the way
     assert other.scene.spheres[0] == sphere
-    with pytest.raises(ValueError, match="meets a sphere"):  # which is fast enough to jump over the cloth
+    with pytest.raises(ValueError, match="meets a sphere"):
+        # The sphere is fast enough to jump over the cloth.
         cs.reference(scene.replace(spheres=sphere.replace(motion=cs.Linear((0, 2e4, 0)))), DURATION)
 
 
@@ -117,9 +130,16 @@ def test_convergence_shows_the_order(integrator):
     assert found.fitted.sum() >= 4
     assert abs(found.order - cs.integrators()[integrator].order) < 0.15
     assert (np.diff(found.dt) < 0).all() and (found.steps * found.dt).tolist() == [1.0] * 6
-    exact = 1 + 0.1 * math.exp(-1.0) * (math.cos(math.sqrt(99)) + math.sin(math.sqrt(99)) / math.sqrt(99))
+    exact = 1 + 0.1 * math.exp(-1.0) * (
+        math.cos(math.sqrt(99)) + math.sin(math.sqrt(99)) / math.sqrt(99)
+    )
     x, _ = cs.step(
-        scene, scene.initial_position, scene.initial_velocity, found.dt[0], int(found.steps[0]), integrator=integrator
+        scene,
+        scene.initial_position,
+        scene.initial_velocity,
+        found.dt[0],
+        int(found.steps[0]),
+        integrator=integrator,
     )
     assert found.max[0] == pytest.approx(abs(x[0, 1, 0] - exact), rel=1e-6, abs=1e-15)
 

@@ -16,7 +16,8 @@ def solution():
 @pytest.mark.slow
 def test_the_reference_is_more_accurate_than_the_runs_it_judges(solution):
     """What it is likely wrong by is far below the targets; its bound, which is the rounding of the
-    second method in double, is below them too."""
+    second method in double, is below them too.
+    """
     bound = dict(zip(solution.t.tolist(), solution.error_bound["max"], strict=True))
     estimate = dict(zip(solution.t.tolist(), solution.error_estimate["max"], strict=True))
     for t, target in DOUBLE.items():
@@ -54,7 +55,9 @@ def test_single_at_the_step_of_the_paper(solution):
 def test_single_after_a_million_steps_of_the_oscillator(step):
     """Rounding does not add up: a million steps in single err by an ulp or two of the position."""
     scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
-    x, _ = cs.step(scene, scene.initial_position, scene.initial_velocity, step, 1_000_000, precision="single")
+    x, _ = cs.step(
+        scene, scene.initial_position, scene.initial_velocity, step, 1_000_000, precision="single"
+    )
     exact = 1.0 + 0.1 * np.cos(10.0 * step * 1_000_000)
     assert abs(x[0, 1, 0] - exact) <= 2e-7
 

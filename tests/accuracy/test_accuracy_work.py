@@ -40,7 +40,9 @@ def data(scene, solution):
 
 @pytest.fixture
 def known(solution):
-    """A method with the rms error setting^4, and its calls, which take 1 ms / setting, and 0.1 ms more each."""
+    """A method with the rms error setting^4, and its calls, which take 1 ms / setting, and 0.1 ms
+    more each.
+    """
     calls = []
 
     def solve(scene, duration, setting):
@@ -65,9 +67,14 @@ def test_errors_evaluations_and_drift_are_those_of_the_runs(data, scene, solutio
     distance = np.linalg.norm(run.x[-1] - solution.x[-1], axis=-1)
     one = data.sel(solver="rk4 double", level=1)
     assert float(one["max_error"]) == pytest.approx(distance.max(), rel=1e-9, abs=0)
-    assert float(one["rms_error"]) == pytest.approx(math.sqrt((distance**2).mean()), rel=1e-9, abs=0)
+    assert float(one["rms_error"]) == pytest.approx(
+        math.sqrt((distance**2).mean()), rel=1e-9, abs=0
+    )
     assert float(one["force_evaluations"]) == 400
-    drift = run.report["energy"]["end"]["total"] - cs.energy(scene, solution.x[-1], solution.v[-1])["total"]
+    drift = (
+        run.report["energy"]["end"]["total"]
+        - cs.energy(scene, solution.x[-1], solution.v[-1])["total"]
+    )
     assert float(one["energy_drift"]) == pytest.approx(drift, rel=1e-9, abs=0)
     ratio = data["rms_error"].sel(solver="rk4 double")
     assert 14 < float(ratio[1] / ratio[2]) < 18  # order 4
@@ -92,7 +99,9 @@ def test_the_energy_drift_of_an_undamped_scene_is_the_change_of_energy():
 
 def test_a_users_method_and_the_least_of_its_times(scene, solution, known):
     method, calls = known
-    found = cs.work_precision(scene, DURATION, [method], dts=[0.25, 0.5], windows=3, reference=solution)
+    found = cs.work_precision(
+        scene, DURATION, [method], dts=[0.25, 0.5], windows=3, reference=solution
+    )
     assert sorted(calls) == [0.25] * 4 + [0.5] * 4
     assert found["rms_error"][0].values == pytest.approx([0.5**4, 0.25**4], rel=1e-9, abs=0)
     # The first run of each is not timed; the least of the others is one of calls 3 and 4.
@@ -111,19 +120,25 @@ def test_the_largest_error_over_the_frames_and_the_spread_of_the_times(scene):
         x[2, 3, 0] += (4e-3 if duration < 0.6 * DURATION else 1e-3) * math.sqrt(math.prod(SHAPE))
         return x, solution.v[-1], 1, next(seconds)
 
-    found = cs.work_precision(scene, DURATION, [Method("known", solve)], dts=[0.5], windows=3, reference=solution)
+    found = cs.work_precision(
+        scene, DURATION, [Method("known", solve)], dts=[0.5], windows=3, reference=solution
+    )
     assert ends == pytest.approx([DURATION, *solution.t[1:-1], *[DURATION] * 3])
     assert float(found["rms_error"][0, 0]) == pytest.approx(1e-3)
     assert float(found["frames_rms_error"][0, 0]) == pytest.approx(4e-3)
     assert float(found["wall_time"][0, 0]) == pytest.approx(1e-3 / DURATION)
-    assert float(found["wall_time_spread"][0, 0]) == pytest.approx(2e-3 / DURATION)  # of 1.5 and 3.5 ms
+    assert float(found["wall_time_spread"][0, 0]) == pytest.approx(
+        2e-3 / DURATION
+    )  # of 1.5 and 3.5 ms
 
 
 @pytest.mark.parametrize("control", ["dt", "rtol"])
 def test_default_settings_of_a_users_method(scene, solution, known, control, monkeypatch):
     monkeypatch.setattr(work, "_LONGEST", math.inf)
     method, calls = known
-    cs.work_precision(scene, DURATION, [replace(method, control=control)], windows=1, reference=solution)
+    cs.work_precision(
+        scene, DURATION, [replace(method, control=control)], windows=1, reference=solution
+    )
     coarsest = min(0.95 * cs.max_stable_dt(scene), DURATION / 4)
     settings = coarsest / 2 ** np.arange(7) if control == "dt" else 10.0 ** -np.arange(3, 14)
     np.testing.assert_allclose(calls[: len(settings)], settings)
@@ -132,7 +147,9 @@ def test_default_settings_of_a_users_method(scene, solution, known, control, mon
 def test_finer_settings_are_left_out_after_a_long_run(scene, solution, known, monkeypatch):
     monkeypatch.setattr(work, "_LONGEST", 2e-3)
     method, calls = known
-    found = cs.work_precision(scene, DURATION, [method], dts=[0.5, 0.25], windows=1, reference=solution)
+    found = cs.work_precision(
+        scene, DURATION, [method], dts=[0.5, 0.25], windows=1, reference=solution
+    )
     assert calls == [0.5, 0.5]
     assert np.isnan(found["setting"][0, 1]) and np.isfinite(found["wall_time"][0, 0])
 
@@ -147,7 +164,9 @@ def test_a_tolerance_below_rounding_ends(scene, monkeypatch):
     method = own_method("dopri5 adaptive", "single")
     spent = []
     simulate = work.simulate
-    monkeypatch.setattr(work, "simulate", lambda *a, **k: spent.append(simulate(*a, **k)) or spent[-1])
+    monkeypatch.setattr(
+        work, "simulate", lambda *a, **k: spent.append(simulate(*a, **k)) or spent[-1]
+    )
     method.solve(scene, DURATION, 1e-13)
     assert spent[0].report["force_evaluations"] <= 3020
     assert "smallest tolerance" in spent[0].report["error_estimate"]["reason"]

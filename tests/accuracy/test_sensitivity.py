@@ -1,4 +1,6 @@
-"""Derivatives of motions: against formulas and an independent integration, and NaN where they have no meaning."""
+"""Derivatives of motions: against formulas and an independent integration, and NaN where they have
+no meaning.
+"""
 
 import clothsim as cs
 import numpy as np
@@ -10,17 +12,21 @@ integrate = pytest.importorskip("scipy.integrate")
 
 TIMES = np.linspace(0.1, 0.25, 4)
 STIFFNESS = {"structural": 60.0, "shear": 25.0, "bend": 8.0}
-CLOTH = cs.Cloth((3, 4), (0.4, 0.5), 0.2, STIFFNESS, {"structural": 0.02, "shear": 0.01, "bend": 0.03}, 0.05)
+CLOTH = cs.Cloth(
+    (3, 4), (0.4, 0.5), 0.2, STIFFNESS, {"structural": 0.02, "shear": 0.01, "bend": 0.03}, 0.05
+)
 BUMPS = np.random.default_rng(1).normal(0, 0.01, (3, 4, 3)) * ~CLOTH.pinned[..., None]
 SCENE = cs.Scene(CLOTH, position=CLOTH.rest_positions + BUMPS, force=np.full((3, 4, 3), 0.01))
 
 
 def variational(scene, times, names):
-    """d x / d parameter at the times, by the variational equations: shape (names, times, rows, columns, 3)."""
+    """d x / d parameter at the times by variational equations: (names, times, rows, columns, 3)."""
     cloth, table = scene.cloth, scene.cloth.spring_table()
     n = cloth.rows * cloth.columns
     ends = np.eye(n)[table["j"]] - np.eye(n)[table["i"]]  # (springs, points)
-    stiffness, damping, rest = (table[name][:, None] for name in ("stiffness", "damping", "rest_length"))
+    stiffness, damping, rest = (
+        table[name][:, None] for name in ("stiffness", "damping", "rest_length")
+    )
     mass, free = cloth.mass_per_point.reshape(n, 1), ~cloth.pinned.reshape(n, 1)
 
     kinds, families = np.array([(*name.partition("_")[::2],) for name in names]).T[..., None, None]
@@ -39,7 +45,9 @@ def variational(scene, times, names):
         pull = stiffness * (length - rest) + damping * along(w, u)
         total = -ends.T @ (pull * u) - cloth.drag * v + scene.force.reshape(n, 3)
         more = stiffness * along(u, dd) + damping * (along(dw, u) + along(w, du))
-        more += of_family * ((kinds == "stiffness") * (length - rest) + (kinds == "damping") * along(w, u))
+        more += of_family * (
+            (kinds == "stiffness") * (length - rest) + (kinds == "damping") * along(w, u)
+        )
         change = -ends.T @ (more * u + pull * du) - cloth.drag * dv
         change -= (kinds == "drag") * v + (kinds == "mass") * total / mass.sum()
         accelerations = np.concatenate([(total / mass + scene.gravity)[None], change / mass + up])
@@ -50,8 +58,12 @@ def variational(scene, times, names):
     for k, name in enumerate(names, 1):
         if name.startswith("pin"):
             start[k, 0, np.flatnonzero(~free)[int(name[3])], "xyz".index(name[-1])] = 1
-    found = integrate.solve_ivp(slope, (0, times[-1]), start.ravel(), "DOP853", times, rtol=1e-11, atol=1e-13)
-    return found.y.T.reshape(len(times), 1 + len(names), 2, *cloth.shape, 3)[:, 1:, 0].swapaxes(0, 1)
+    found = integrate.solve_ivp(
+        slope, (0, times[-1]), start.ravel(), "DOP853", times, rtol=1e-11, atol=1e-13
+    )
+    return found.y.T.reshape(len(times), 1 + len(names), 2, *cloth.shape, 3)[:, 1:, 0].swapaxes(
+        0, 1
+    )
 
 
 def test_it_agrees_with_the_variational_equations():
@@ -84,12 +96,19 @@ def test_it_agrees_with_the_formula_of_the_oscillator(damping):
 def test_names_stand_for_what_they_say():
     masses = np.linspace(1, 2, 12).reshape(3, 4) / 90
     scene = SCENE.replace(cloth=CLOTH.replace(mass=masses, stiffness=50.0))
-    found = cs.sensitivity(scene, TIMES, ["mass", "stiffness", "stiffness.shear", "stiffness_structural", "stiffness_bend"])
+    found = cs.sensitivity(
+        scene,
+        TIMES,
+        ["mass", "stiffness", "stiffness.shear", "stiffness_structural", "stiffness_bend"],
+    )
     np.testing.assert_allclose(found.value, [masses.sum(), 50, 50, 50, 50])
     whole, parts = found.dx.values[1], found.dx.values[2:].sum(axis=0)
     assert np.abs(whole - parts).max() < 1e-7 * np.abs(whole).max()
     up, down = (
-        cs.simulate(scene.replace(cloth=scene.cloth.replace(mass=masses * f)), TIMES[-1], rtol=1e-10) for f in (1.001, 0.999)
+        cs.simulate(
+            scene.replace(cloth=scene.cloth.replace(mass=masses * f)), TIMES[-1], rtol=1e-10
+        )
+        for f in (1.001, 0.999)
     )
     by_hand = (up.x[-1] - down.x[-1]) / (0.002 * masses.sum())
     assert np.abs(found.dx.values[0, -1] - by_hand).max() < 1e-4 * np.abs(by_hand).max()
@@ -97,28 +116,49 @@ def test_names_stand_for_what_they_say():
 
 def test_a_contact_ends_what_is_known():
     scene = cs.Scene(
-        cs.Cloth((6, 6), mass=18.0, stiffness=3e3, damping=10.0), cs.Sphere((0.5, -0.5, 0.5), 0.25, friction=0.2)
+        cs.Cloth((6, 6), mass=18.0, stiffness=3e3, damping=10.0),
+        cs.Sphere((0.5, -0.5, 0.5), 0.25, friction=0.2),
     )
-    times, names = np.linspace(0.05, 0.4, 8), ["stiffness", "sphere_radius", "sphere0_center_y", "sphere_friction"]
+    times, names = (
+        np.linspace(0.05, 0.4, 8),
+        ["stiffness", "sphere_radius", "sphere0_center_y", "sphere_friction"],
+    )
     contact = cs.simulate(scene, 0.4, dt=1e-4).report["first_contact"]["time"]
     found = cs.sensitivity(scene, times, [*names, "sphere_restitution"])
     before = times < contact - 1e-3
     assert 0 < before.sum() < len(times)
-    assert np.isfinite(found.dx.values[:, before]).all() and (found.dx.values[1:, before] == 0).all()
-    assert np.isnan(found.dx.values[:, ~before]).all() and np.isnan(found.error.values[:, ~before]).all()
+    assert (
+        np.isfinite(found.dx.values[:, before]).all() and (found.dx.values[1:, before] == 0).all()
+    )
+    assert (
+        np.isnan(found.dx.values[:, ~before]).all()
+        and np.isnan(found.error.values[:, ~before]).all()
+    )
     assert (found.known_until == times[before][-1]).all()
     assert all("the cloth meets a sphere at 0.2" in reason for reason in found.reason.values)
 
 
 def test_where_buckling_amplifies_rounding_nothing_is_known():
-    cloth = cs.Cloth((6, 6), (0.5, 0.5), 0.1, 200.0, 0.0, pins=[(row, side) for row in range(6) for side in (0, 5)])
+    cloth = cs.Cloth(
+        (6, 6),
+        (0.5, 0.5),
+        0.1,
+        200.0,
+        0.0,
+        pins=[(row, side) for row in range(6) for side in (0, 5)],
+    )
     position = (
         cloth.rest_positions * (0.7, 1, 1)
         + 1e-9 * np.random.default_rng(0).normal(size=(6, 6, 3)) * ~cloth.pinned[..., None]
     )
-    found = cs.sensitivity(cs.Scene(cloth, position=position), np.linspace(0.1, 2, 6), ["stiffness"])
+    found = cs.sensitivity(
+        cs.Scene(cloth, position=position), np.linspace(0.1, 2, 6), ["stiffness"]
+    )
     assert np.isnan(found.dx.values[0, -1]).all() and np.isfinite(found.dx.values[0, 0]).all()
-    assert found.reason.item().startswith("differences of two orders disagree from") and found.known_until < 2
+    assert (
+        found.reason.item().startswith("differences of two orders disagree from")
+        and found.known_until < 2
+    )
 
 
 def test_a_plane_has_a_friction_alone():
@@ -131,13 +171,17 @@ def test_a_plane_has_a_friction_alone():
 def test_an_unstable_run_ends_what_is_known(monkeypatch):
     monkeypatch.setattr("clothsim.accuracy.fit._LONGEST", 4.0)
     with pytest.warns(cs.StabilityWarning):
-        found = cs.sensitivity(SCENE.replace(cloth=CLOTH.replace(stiffness=1e5)), [0.2, 2.0], ["stiffness"])
+        found = cs.sensitivity(
+            SCENE.replace(cloth=CLOTH.replace(stiffness=1e5)), [0.2, 2.0], ["stiffness"]
+        )
     assert np.isnan(found.dx.values[0, -1]).all() and found.reason.item()
 
 
 def test_steps_end_where_a_pin_turns():
     turn = cs.Keyframes([0.0, 0.1234, 1.0], offsets=[(0, 0, 0), (0, 0.1, 0), (0, 0, 0)])
-    scene = cs.Scene(cs.Cloth((3, 3), mass=0.1, stiffness=50.0, damping=0.01, pins={(0, 0): turn, (2, 0): None}))
+    scene = cs.Scene(
+        cs.Cloth((3, 3), mass=0.1, stiffness=50.0, damping=0.01, pins={(0, 0): turn, (2, 0): None})
+    )
     clock = Clock(scene, checked_times([0.3]), 1e-9)
     assert clock.stops == [0.1234, 0.3]
     x = clock.run([scene], clock.counts(scene)).x[0, 0]
@@ -146,7 +190,9 @@ def test_steps_end_where_a_pin_turns():
 
 def test_the_cost_in_runs(monkeypatch):
     taken, run = [], Clock.run
-    monkeypatch.setattr(Clock, "run", lambda *given: taken.append(len(given[1]) * given[2].sum()) or run(*given))
+    monkeypatch.setattr(
+        Clock, "run", lambda *given: taken.append(len(given[1]) * given[2].sum()) or run(*given)
+    )
     cs.sensitivity(SCENE, TIMES, ["stiffness_shear", "drag", "mass"])
     spent, one = sum(taken), Clock(SCENE, TIMES, 1e-11).counts(SCENE).sum()
     assert 0 < spent <= (3 * 3 + 2.8) * one * 1.05

@@ -31,7 +31,11 @@ def nothing_runs(monkeypatch):
     ("package", "extra", "call"),
     [
         ("xarray", "sweep", lambda path: cs.stability_map(SCENE, [1e3], [1e-3], steps=1)),
-        ("tqdm", "demo", lambda path: cs.stability_map(SCENE, [1e3], [1e-3], steps=1, progress=True)),
+        (
+            "tqdm",
+            "demo",
+            lambda path: cs.stability_map(SCENE, [1e3], [1e-3], steps=1, progress=True),
+        ),
         ("xarray", "sweep", lambda path: cs.work_precision(SCENE, 0.1)),
         ("tqdm", "demo", lambda path: cs.work_precision(SCENE, 0.1, progress=True)),
         ("xarray", "sweep", lambda path: cs.sweep(SCENE, {"dt": [1e-3]}, progress=False)),
@@ -43,7 +47,9 @@ def nothing_runs(monkeypatch):
         ("matplotlib", "plot", lambda path: RUN.plot()),
     ],
 )
-def test_a_missing_package_is_missed_before_the_work(package, extra, call, monkeypatch, nothing_runs, tmp_path):
+def test_a_missing_package_is_missed_before_the_work(
+    package, extra, call, monkeypatch, nothing_runs, tmp_path
+):
     for name in [name for name in sys.modules if name.partition(".")[0] == package]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setitem(sys.modules, package, None)
@@ -70,6 +76,10 @@ def test_a_dataset_of_no_sweep_says_so():
 
 def test_sweepable_names_have_units():
     names = cs.sweepable()
-    assert names["sphere_radius"] == "m" and names["damping_shear"] == "N s/m" and names["kernel"] == ""
+    assert (
+        names["sphere_radius"] == "m"
+        and names["damping_shear"] == "N s/m"
+        and names["kernel"] == ""
+    )
     with pytest.raises(ValueError, match=r"'stiffness'.*clothsim\.sweepable\(\) lists them"):
         cs.sweep(SCENE, {"stifness": [1.0]}, progress=False)

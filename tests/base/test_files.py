@@ -62,7 +62,10 @@ def test_a_full_disk_leaves_the_old_file_and_no_part(name, tmp_path):
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_missing_folder_is_named_before_any_work(name, tmp_path):
-    with pytest.raises((ValueError, FileNotFoundError), match=f"^path must be in an existing folder, got '.*none/{name}'"):
+    with pytest.raises(
+        (ValueError, FileNotFoundError),
+        match=f"^path must be in an existing folder, got '.*none/{name}'",
+    ):
         write(name, tmp_path / "none" / name)
     assert not list(tmp_path.iterdir())
 
@@ -82,7 +85,11 @@ def test_a_symbolic_link_is_replaced_and_not_followed(name, tmp_path):
 def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
     path, failed = tmp_path / name, []
     write(name, path)
-    load = {"scene.toml": cs.load_scene, "run.npz": cs.load_run, "page.html": lambda path: path.read_bytes()}[name]
+    load = {
+        "scene.toml": cs.load_scene,
+        "run.npz": cs.load_run,
+        "page.html": lambda path: path.read_bytes(),
+    }[name]
     expected = load(path)
 
     def save():
@@ -122,7 +129,10 @@ def cuts(data, count):
 RESUMED = RUN.resume(0.001)
 SAVED = {
     "run.npz": (cs.load_run, lambda run: run == RUN and run.resume(0.001) == RESUMED),
-    "snapshot.npz": (cs.Snapshot.load, lambda one: one.scene == SCENE and cs.Stepper.restore(one).time == 0),
+    "snapshot.npz": (
+        cs.Snapshot.load,
+        lambda one: one.scene == SCENE and cs.Stepper.restore(one).time == 0,
+    ),
 }
 
 
@@ -151,7 +161,10 @@ def test_damage_is_a_value_error_with_the_path_or_harmless(name, tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"x": RUN.x[:, :2]}, r"x must be float64 of shape \(4, 3, 3, 3\), got float64 of shape \(4, 2, 3, 3\)"),
+        (
+            {"x": RUN.x[:, :2]},
+            r"x must be float64 of shape \(4, 3, 3, 3\), got float64 of shape \(4, 2, 3, 3\)",
+        ),
         ({"x": np.where(RUN.x == RUN.x[1, 1, 1], np.nan, RUN.x)}, "x must be finite numbers"),
         ({"scene": '{"schema": 2, "cloth": {"shape": [3, 4]}}'}, r"shape \(4, 3, 4, 3\)"),
     ],
@@ -159,5 +172,7 @@ def test_damage_is_a_value_error_with_the_path_or_harmless(name, tmp_path):
 def test_arrays_that_do_not_fit_the_scene_are_refused(change, words, tmp_path):
     arrays = files.read_npz(RUN.save(tmp_path / "run"), "run", ())
     path = files.write_npz(tmp_path / "run.npz", {**arrays, **change})
-    with pytest.raises(ValueError, match=f"^{re.escape(str(path))} is no run of clothsim: .*{words}"):
+    with pytest.raises(
+        ValueError, match=f"^{re.escape(str(path))} is no run of clothsim: .*{words}"
+    ):
         cs.load_run(path)

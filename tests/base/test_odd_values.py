@@ -1,7 +1,8 @@
 """One generator of odd values for every argument of every public callable.
 
-Each argument in turn is replaced by each odd value. The call may refuse it with an error that names the argument, what came
-and what is accepted, or take it where its kind allows it. Nothing that was passed in changes.
+Each argument in turn is replaced by each odd value. The call may refuse it with an error that names
+the argument, what came and what is accepted, or take it where its kind allows it. Nothing that was
+passed in changes.
 """
 
 import decimal
@@ -30,11 +31,52 @@ REFERENCE = cs.reference(cs.scenes.oscillator(), 0.1)
 EMPTY = [np.array([]), [], (), {}, set(), iter([])]
 COUNTS, TRIPLE, ORIGIN = np.array([1, 2]), range(3), (0, 0, 0)
 MOTION, SIZES = cs.Linear((1, 0, 0)), [(10**9, 10**9), (2.0, 3.0)]
-NUMBERS = [0, -1, 2**63, 0.5, -0.5, 1e300, 1e-320, np.int8(-3), np.array(2.5), fractions.Fraction(1, 3), np.longdouble(0.25)]
-NOT_FINITE = [np.nan, np.inf, -np.inf, np.float32(np.inf), np.array(np.nan), 10**400, np.longdouble("1e4000")]
+NUMBERS = [
+    0,
+    -1,
+    2**63,
+    0.5,
+    -0.5,
+    1e300,
+    1e-320,
+    np.int8(-3),
+    np.array(2.5),
+    fractions.Fraction(1, 3),
+    np.longdouble(0.25),
+]
+NOT_FINITE = [
+    np.nan,
+    np.inf,
+    -np.inf,
+    np.float32(np.inf),
+    np.array(np.nan),
+    10**400,
+    np.longdouble("1e4000"),
+]
 TEXTS = ["", "12", "rk5", "a\0b", b"12", np.array("a"), ["a", 1], ("2", "3")]
-OBJECTS = [None, True, np.True_, object(), len, Ellipsis, 1 + 2j, decimal.Decimal("1.5"), SCENE, CLOTH, MOTION]
-NESTED = [[[]], [[1], [2, 3]], [[[0, 1], 2], 3], [None], [10**400], [1.0, np.inf, 2.0], ((0, 0), (5, 5)), [[0, 1, 2]]]
+OBJECTS = [
+    None,
+    True,
+    np.True_,
+    object(),
+    len,
+    Ellipsis,
+    1 + 2j,
+    decimal.Decimal("1.5"),
+    SCENE,
+    CLOTH,
+    MOTION,
+]
+NESTED = [
+    [[]],
+    [[1], [2, 3]],
+    [[[0, 1], 2], 3],
+    [None],
+    [10**400],
+    [1.0, np.inf, 2.0],
+    ((0, 0), (5, 5)),
+    [[0, 1, 2]],
+]
 ARRAYS = [
     np.full((2, 3, 3), np.nan),
     np.array([None, 1], object),
@@ -43,9 +85,23 @@ ARRAYS = [
     np.zeros(7),
 ]
 MAPPINGS = [{"structural": None}, {"a": 1}, {1: 2}, {("dt",): [(1,)]}]
-ODD = [*NUMBERS, *NOT_FINITE, *EMPTY, COUNTS, TRIPLE, ORIGIN, *SIZES, *TEXTS, *OBJECTS, *NESTED, *ARRAYS, *MAPPINGS]
+ODD = [
+    *NUMBERS,
+    *NOT_FINITE,
+    *EMPTY,
+    COUNTS,
+    TRIPLE,
+    ORIGIN,
+    *SIZES,
+    *TEXTS,
+    *OBJECTS,
+    *NESTED,
+    *ARRAYS,
+    *MAPPINGS,
+]
 
-# Arguments that must be given, or whose default is no good value here, of every public callable that takes arguments.
+# Arguments that must be given, or whose default is no good value here, of every public callable
+# that takes arguments.
 CALLS = {
     cs.Cloth: {"shape": (2, 3), "pins": ()},
     CLOTH.spring_count: {},
@@ -99,12 +155,29 @@ CALLS = {
     cs.triangles: {"shape": (2, 3)},
     cs.reference: {"scene": SCENE, "duration": 0.02},
     REFERENCE.error_of: {"x": REFERENCE.x[-1]},
-    cs.convergence: {"scene": REFERENCE.scene, "duration": 0.1, "dts": [0.05], "reference": REFERENCE},
-    cs.work_precision: {"scene": REFERENCE.scene, "duration": 0.1, "methods": ["rk4"], "dts": [0.05], "windows": 1},
+    cs.convergence: {
+        "scene": REFERENCE.scene,
+        "duration": 0.1,
+        "dts": [0.05],
+        "reference": REFERENCE,
+    },
+    cs.work_precision: {
+        "scene": REFERENCE.scene,
+        "duration": 0.1,
+        "methods": ["rk4"],
+        "dts": [0.05],
+        "windows": 1,
+    },
     cs.fit: {"scene": SCENE, "times": RUN.t, "positions": RUN.x, "over": ["stiffness"]},
     cs.sensitivity: {"scene": SCENE, "times": RUN.t, "of": ["stiffness"]},
     cs.stability_map: {"scene": SCENE, "stiffness": [1.0], "dt": [0.01], "steps": 1},
-    cs.sweep: {"scene": SCENE, "over": {"stiffness": [1.0]}, "duration": 0.02, "metrics": "stable", "dt": 0.01},
+    cs.sweep: {
+        "scene": SCENE,
+        "over": {"stiffness": [1.0]},
+        "duration": 0.02,
+        "metrics": "stable",
+        "dt": 0.01,
+    },
     cs.open_sweep: {"path": "/no/such/folder"},
     cs.picture: {"scene": SCENE, "width": 32},
     cs.Camera: {"direction": (0, 1, 0), "target": (0, 0, 0), "width": 1.0, "height": 1.0},
@@ -117,7 +190,14 @@ CALLS = {
 }
 COMMON = {"threads": 1, "progress": False, "reference": REFERENCE}
 NO_ARGUMENTS = {cs.build_config, cs.integrators, cs.sweepable}
-RESULTS = {cs.Convergence, cs.Fit, cs.Picture, cs.Reference, cs.Run, cs.Snapshot}  # users do not call these constructors
+RESULTS = {
+    cs.Convergence,
+    cs.Fit,
+    cs.Picture,
+    cs.Reference,
+    cs.Run,
+    cs.Snapshot,
+}  # users do not call these constructors
 
 
 def number(rule):
@@ -125,7 +205,12 @@ def number(rule):
 
     def allowed(odd):
         real = odd[()] if isinstance(odd, np.ndarray) and odd.ndim == 0 else odd
-        return isinstance(real, numbers.Real) and type(real) is not bool and abs(real) < 1e308 and rule(real)
+        return (
+            isinstance(real, numbers.Real)
+            and type(real) is not bool
+            and abs(real) < 1e308
+            and rule(real)
+        )
 
     return allowed
 
@@ -140,7 +225,10 @@ def truth(odd):
 
 # What an argument of these names takes; of other names, only the errors are judged.
 RULES = [
-    (number(lambda n: n > 0), "radius push_out_speed distance period mass length width dt duration every fps speed"),
+    (
+        number(lambda n: n > 0),
+        "radius push_out_speed distance period mass length width dt duration every fps speed",
+    ),
     (number(lambda n: n > 0), "frequency longest tolerance sigma"),
     (number(lambda n: n >= 0), "stiffness damping drag friction deceleration offset rtol atol"),
     (number(lambda n: n == int(n) and abs(n) < 9), "member row column frame"),
@@ -150,7 +238,11 @@ RULES = [
     (number(lambda n: isinstance(n, int) and n == 0), "steps"),
     (number(lambda n: True), "t"),
     (truth, "as_printed bend progress frames smooth label shadow perspective z_up log difference"),
-    (among(), "threads max_evaluations executor snapshot group precision kernel integrator backend response family"),
+    (
+        among(),
+        "threads max_evaluations executor snapshot group precision kernel integrator backend "
+        "response family",
+    ),
     (among(), "position force"),
     (among(TRIPLE), "direction normal"),
     (among(TRIPLE, ORIGIN), "center velocity gravity center0 target point"),
@@ -161,7 +253,12 @@ RULES = [
     (among(MOTION), "motion"),
 ]
 TAKEN = {name: rule for rule, names in RULES for name in names.split()}
-TAKE_ARRAYS = {("center_at", "t"), ("velocity_at", "t"), ("Sinusoid", "amplitude"), ("Sinusoid", "phase")}
+TAKE_ARRAYS = {
+    ("center_at", "t"),
+    ("velocity_at", "t"),
+    ("Sinusoid", "amplitude"),
+    ("Sinusoid", "phase"),
+}
 TAKE_ARRAYS |= {("penetration", "t"), ("sensitivity", "times"), ("set_force", "force")}
 TAKE_ARRAYS |= {("stability_map", "stiffness"), ("stability_map", "dt")}
 # What an error may name beside the argument: a part of it, or the other argument that does not fit.
@@ -193,20 +290,34 @@ def elsewhere(tmp_path, monkeypatch):
 
 def test_every_public_callable_is_judged():
     public = {value for name in cs.__all__ if callable(value := getattr(cs, name))}
-    errors = {value for value in public if inspect.isclass(value) and issubclass(value, BaseException)}
+    errors = {
+        value for value in public if inspect.isclass(value) and issubclass(value, BaseException)
+    }
     assert public - errors - NO_ARGUMENTS - RESULTS == {one for one in CALLS if one in public}
 
 
-@pytest.mark.parametrize(("function", "given"), CALLS.items(), ids=lambda one: name_of(one) if callable(one) else "")
+@pytest.mark.parametrize(
+    ("function", "given"), CALLS.items(), ids=lambda one: name_of(one) if callable(one) else ""
+)
 def test_every_error_names_its_argument(function, given):
     parameters = inspect.signature(function).parameters.values()
     defaults = {one.name: one.default for one in parameters if one.kind is not one.VAR_KEYWORD}
-    good = {**defaults, **{name: value for name, value in COMMON.items() if name in defaults}, **given}
+    good = {
+        **defaults,
+        **{name: value for name, value in COMMON.items() if name in defaults},
+        **given,
+    }
     assert (
-        inspect.Parameter.empty not in good.values() if not any(isinstance(v, np.ndarray) for v in good.values()) else True
+        inspect.Parameter.empty not in good.values()
+        if not any(isinstance(v, np.ndarray) for v in good.values())
+        else True
     )
     arrays = {name: value.copy() for name, value in good.items() if isinstance(value, np.ndarray)}
-    wrong = [f"{argument}={repr(odd)[:60]}: {found}" for argument in good for odd, found in faults(function, argument, good)]
+    wrong = [
+        f"{argument}={repr(odd)[:60]}: {found}"
+        for argument in good
+        for odd, found in faults(function, argument, good)
+    ]
     assert not wrong, "\n".join(wrong)
     assert all(np.array_equal(good[name], kept) for name, kept in arrays.items())
 
@@ -216,7 +327,9 @@ def faults(function, argument, good):
     case = name_of(function), argument
     takes = None if case in TAKE_ARRAYS else TAKEN.get(argument)
     for odd in ODD:
-        if (argument in ("callback", "force") and callable(odd)) or (case in LONG and number(lambda n: n > 0)(odd)):
+        if (argument in ("callback", "force") and callable(odd)) or (
+            case in LONG and number(lambda n: n > 0)(odd)
+        ):
             continue
         before = repr(odd)
         try:
@@ -225,7 +338,12 @@ def faults(function, argument, good):
                 function(**{**good, argument: odd})
         except (ValueError, TypeError) as error:
             named = re.search(rf"\b({argument}|{ALSO.get(case, argument)})\b", str(error))
-            if not (named and re.search(r"must .*got|(accepted|needed):|must be (given|False)", str(error), re.DOTALL)):
+            if not (
+                named
+                and re.search(
+                    r"must .*got|(accepted|needed):|must be (given|False)", str(error), re.DOTALL
+                )
+            ):
                 yield odd, f"{type(error).__name__}: {error}"
         except (cs.UnstableError, cs.ContactError, OSError, MemoryError):
             pass

@@ -1,4 +1,4 @@
-"""Solvers of other programs on clothsim's scenes, and the script that puts them beside its integrators."""
+"""Solvers of other programs on clothsim's scenes, and the script that puts them beside its own."""
 
 import clothsim as cs
 import numpy as np
@@ -22,7 +22,16 @@ def test_peers_that_are_not_installed_are_named(monkeypatch, capsys, tmp_path):
     assert missing == [f"{name} is not installed" for name in ("numba", "scipy", "diffrax")]
     pytest.importorskip("xarray")
     image = pytest.importorskip("matplotlib.image")
-    options = ["--method", "rk4", "--windows", "1", "--errors", "1e-3", "--out", str(tmp_path / "speed.png")]
+    options = [
+        "--method",
+        "rk4",
+        "--windows",
+        "1",
+        "--errors",
+        "1e-3",
+        "--out",
+        str(tmp_path / "speed.png"),
+    ]
     main(["oscillator", "--duration", "0.2", *options])
     out, err = capsys.readouterr()
     assert "0.001" in out and "rk4" in out and "Not measured: numba is not installed" in err
@@ -31,17 +40,29 @@ def test_peers_that_are_not_installed_are_named(monkeypatch, capsys, tmp_path):
 
 
 def runs():
-    """Two solvers of clothsim and two of others; the second of each pair has one run that counts, or none."""
+    """Two solvers of clothsim and two of others; the second of each pair has one run that counts,
+    or none.
+    """
     xarray = pytest.importorskip("xarray")
     names = ["a", "b", "c", "d"]
     time = np.array([[1.0, 4.0], [2.0, 3.0], [5.0, 6.0], [7.0, np.nan]])
     error = np.array([[1e-3, 1e-9], [1e-2, 1e-6], [1e-3, 1e-6], [1e-3, np.inf]])
-    columns = {"wall_time": time, "rms_error": error, "frames_rms_error": 2 * error, "wall_time_spread": time / 20}
+    columns = {
+        "wall_time": time,
+        "rms_error": error,
+        "frames_rms_error": 2 * error,
+        "wall_time_spread": time / 20,
+    }
     columns |= {"setting": time, "force_evaluations": 1e3 * time, "pareto": time < 0}
     labels = dict.fromkeys(("solver", "integrator"), ("solver", names))
-    labels |= {"library": ("solver", ["clothsim"] * 2 + ["other"] * 2), "control": ("solver", ["dt"] * 4)}
+    labels |= {
+        "library": ("solver", ["clothsim"] * 2 + ["other"] * 2),
+        "control": ("solver", ["dt"] * 4),
+    }
     labels |= {"precision": ("solver", ["double"] * 4), "level": [0, 1]}
-    return xarray.Dataset({key: (("solver", "level"), value) for key, value in columns.items()}, labels)
+    return xarray.Dataset(
+        {key: (("solver", "level"), value) for key, value in columns.items()}, labels
+    )
 
 
 def test_the_figure_has_the_front_of_clothsim_and_the_best_peers():

@@ -40,28 +40,46 @@ def test_every_command_prints_strict_json(capsys, tmp_path, command):
     report = _strict(out)
     assert code == 0 and report
     if command.startswith("run paper_static"):
-        assert report["energy"]["gained"] is None and "a sphere responded" in report["energy"]["reason"]
+        assert (
+            report["energy"]["gained"] is None
+            and "a sphere responded" in report["energy"]["reason"]
+        )
 
 
 def test_a_scene_is_changed_and_saved_as_a_file_to_edit(capsys, tmp_path):
     path = tmp_path / "my.toml"
-    changes = "--set sphere_response=continuous --set gravity=(0,-1,0) --set stiffness_shear=2e4 --set shape=(16,16)"
+    changes = (
+        "--set sphere_response=continuous --set gravity=(0,-1,0) --set stiffness_shear=2e4 "
+        "--set shape=(16,16)"
+    )
     command = f"run paper_static {changes} --dt 1e-3 --duration 0.005 --save-scene {path}"
     code, out, err = run(capsys, command)
     assert (code, err) == (0, "") and out.endswith(f"Written: {path}\n")
     scene = cs.load_scene(path)
-    assert (scene.cloth.shape, scene.gravity, scene.spheres[0].response) == ((16, 16), (0, -1, 0), "continuous")
+    assert (scene.cloth.shape, scene.gravity, scene.spheres[0].response) == (
+        (16, 16),
+        (0, -1, 0),
+        "continuous",
+    )
     assert scene.cloth.family_stiffness == {"structural": 35_000.0, "shear": 2e4}
     saved = tmp_path / "run.npz"
     assert run(capsys, f"run {path} --dt 1e-3 --duration 0.005 --out {saved}")[0] == 0
     assert cs.load_run(saved).scene == scene
-    assert run(capsys, "run", "1e6 m away", "--dt", "1e-3", "--duration", "0.005", "--out", saved)[0] == 0
+    assert (
+        run(capsys, "run", "1e6 m away", "--dt", "1e-3", "--duration", "0.005", "--out", saved)[0]
+        == 0
+    )
     assert cs.load_run(saved).scene == cs.scenes.hard_cases()["1e6 m away"].scene
 
 
 def test_a_missing_file_is_code_1(capsys):
     code, _, err = run(capsys, "run none.toml")
-    assert code == 1 and err.startswith("clothsim run: error: ") and "none.toml" in err and err.count("\n") == 1
+    assert (
+        code == 1
+        and err.startswith("clothsim run: error: ")
+        and "none.toml" in err
+        and err.count("\n") == 1
+    )
 
 
 @pytest.mark.parametrize("name", IN_PYTHON)
@@ -87,7 +105,10 @@ def test_info(capsys):
 
 def test_run_saves_the_result_of_simulate(capsys, tmp_path):
     path = tmp_path / "swing.npz"
-    given = "--duration 0.01 --dt 5e-4 --every 4 --threads 1 --integrator velocity_verlet --kernel gather"
+    given = (
+        "--duration 0.01 --dt 5e-4 --every 4 --threads 1 --integrator velocity_verlet "
+        "--kernel gather"
+    )
     code, out, err = run(capsys, f"run paper_swing {given} --json --out", path)
     assert (code, err) == (0, "")
     report = json.loads(out)
@@ -101,10 +122,14 @@ def test_run_saves_the_result_of_simulate(capsys, tmp_path):
 
 
 def test_run_prints_the_run_as_text(capsys):
-    code, out, _ = run(capsys, "run", "oscillator", "--duration", "0.1", "--precision", "single", "--dt", "1e-3")
+    code, out, _ = run(
+        capsys, "run", "oscillator", "--duration", "0.1", "--precision", "single", "--dt", "1e-3"
+    )
     assert code == 0
     expected = str(cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-3, precision="single"))
-    shown, expected = (re.sub(r"\d[\d.,e-]* (us|ms|s|steps/s)", "", text) for text in (out.rstrip(), expected))
+    shown, expected = (
+        re.sub(r"\d[\d.,e-]* (us|ms|s|steps/s)", "", text) for text in (out.rstrip(), expected)
+    )
     assert shown == expected and len(shown.splitlines()) > 3
 
 
@@ -115,7 +140,10 @@ def test_run_prints_the_run_as_text(capsys):
         (("run", "no_such_scene"), "no_such_scene"),
         (("run", "1e6 m awy"), "'1e6 m away'"),
         (("run", "paper_swing", "--set", "shape"), "--set must be NAME=VALUE"),
-        (("run", "paper_swing", "--set", "dt=1e-3"), "--set must name an argument of the scene, got 'dt'"),
+        (
+            ("run", "paper_swing", "--set", "dt=1e-3"),
+            "--set must name an argument of the scene, got 'dt'",
+        ),
         (("run", "paper_swing", "--out", "no/such/folder/x.npz"), "--out"),
         (("run", "paper_swing", "--duration", "1e6", "--out", "a.h5"), "--out must end in .npz"),
         (("reproduce", "--experiment", "6"), "--experiment"),
@@ -138,7 +166,9 @@ def test_unstable_run_is_code_1_and_one_line(capsys):
 
 def test_missing_extra_is_code_1_and_names_the_remedy(capsys, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "PIL.Image", None)  # which may be loaded by now
-    code, out, err = run(capsys, "run", "oscillator", "--duration", "0.1", "--film", tmp_path / "a.gif")
+    code, out, err = run(
+        capsys, "run", "oscillator", "--duration", "0.1", "--film", tmp_path / "a.gif"
+    )
     assert (code, out) == (1, "") and not list(tmp_path.iterdir())
     assert "pip install 'clothsim[plot]'" in err and err.count("\n") == 1
 
@@ -160,7 +190,18 @@ def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_jso
     small = module.Settings(runs=2, speedup_steps=5, dt=(2e-4, 2e-4, 2e-4))
     monkeypatch.setattr(module, "QUICK", small)
     options = ["--json"] if as_json else []
-    code, out, _ = run(capsys, "reproduce", "--quick", "--experiment", 4, "--threads", 1, "--out", tmp_path, *options)
+    code, out, _ = run(
+        capsys,
+        "reproduce",
+        "--quick",
+        "--experiment",
+        4,
+        "--threads",
+        1,
+        "--out",
+        tmp_path,
+        *options,
+    )
     assert code == 0
     if as_json:
         report = json.loads(out)
@@ -173,12 +214,16 @@ def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_jso
 
 
 def test_module_is_the_command():
-    done = subprocess.run([sys.executable, "-m", "clothsim", "info", "--json"], capture_output=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "clothsim", "info", "--json"], capture_output=True, check=True
+    )
     assert json.loads(done.stdout)["version"] == cs.__version__
 
 
 def test_reader_that_leaves_early_is_no_error():
-    process = subprocess.Popen([sys.executable, "-m", "clothsim", "info"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "clothsim", "info"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
     process.stdout.close()
     assert process.stderr.read() == b""
     process.stderr.close()
@@ -217,7 +262,9 @@ def test_run_writes_a_page_a_picture_and_a_film(capsys, tmp_path):
     assert json.loads(out)["files"] == [str(page), str(picture), str(film)]
     saved = tmp_path / "b.npz"
     code, out, err = run(capsys, *arguments[:-1], "--html", page, "--out", saved)
-    assert out.endswith(f"Written: {saved}\nWritten: {page}\n") and picture.read_bytes().startswith(b"\x89PNG")
+    assert out.endswith(f"Written: {saved}\nWritten: {page}\n") and picture.read_bytes().startswith(
+        b"\x89PNG"
+    )
     assert '"t":[0.0,0.0166666667,' in page.read_text(encoding="utf-8")  # 60 frames a second
     assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert image.open(film).n_frames == 4  # 0.1 s at 30 frames a second, both ends

@@ -21,11 +21,25 @@ def printed(code, **environment):
 
 
 def test_import_loads_numpy_and_light_parts_of_the_standard_library():
-    """An import takes as long as what it loads; these take the longest of all that come with Python."""
-    code = "import sys, numpy; before = set(sys.modules); import clothsim; print(*sorted(set(sys.modules) - before))"
+    """An import takes as long as what it loads; these take longest of all that come with Python."""
+    code = (
+        "import sys, numpy; before = set(sys.modules); import clothsim; "
+        "print(*sorted(set(sys.modules) - before))"
+    )
     roots = {name.partition(".")[0] for name in printed(code).split()}
     assert roots - {"clothsim", "numpy"} <= sys.stdlib_module_names
-    heavy = {"asyncio", "concurrent", "email", "http", "multiprocessing", "socket", "sqlite3", "ssl", "unittest", "xml"}
+    heavy = {
+        "asyncio",
+        "concurrent",
+        "email",
+        "http",
+        "multiprocessing",
+        "socket",
+        "sqlite3",
+        "ssl",
+        "unittest",
+        "xml",
+    }
     assert not roots & heavy
 
 
@@ -109,7 +123,9 @@ def test_kernel_objects_have_no_function_in_common(path):
 def test_the_module_exports_only_its_entry_point():
     if not shutil.which("nm"):
         pytest.skip("no nm here")
-    run = subprocess.run(["nm", "-CD", "--defined-only", _core.__file__], capture_output=True, text=True)
+    run = subprocess.run(
+        ["nm", "-CD", "--defined-only", _core.__file__], capture_output=True, text=True
+    )
     names = [line.split(maxsplit=2)[2] for line in run.stdout.splitlines()]
     assert [n for n in names if "clothsim" in n] == []
     assert "PyInit__core" in names
@@ -117,7 +133,11 @@ def test_the_module_exports_only_its_entry_point():
 
 def test_an_import_without_the_core_says_how_to_build_it(tmp_path):
     package = Path(cs.__file__).parent
-    shutil.copytree(package, tmp_path / "clothsim", ignore=shutil.ignore_patterns("_core*", "__pycache__"))
+    shutil.copytree(
+        package, tmp_path / "clothsim", ignore=shutil.ignore_patterns("_core*", "__pycache__")
+    )
     code = "try:\n    import clothsim\nexcept ImportError as error:\n    print(error)"
     said = printed(code, PYTHONPATH=str(tmp_path))
-    assert said.startswith("the core of clothsim is not built here: run `pip install .` in the clone")
+    assert said.startswith(
+        "the core of clothsim is not built here: run `pip install .` in the clone"
+    )

@@ -12,7 +12,7 @@ def arrays(stepper):
 
 
 def stiff(*spheres):
-    """An undamped sheet, disturbed, and a time step at which it flies apart until numbers overflow."""
+    """An undamped sheet, disturbed, and a step at which it flies apart until numbers overflow."""
     cloth = cs.Cloth((9, 20), stiffness=900.0, damping=0.0, mass=18.0)
     scene = cs.Scene(cloth, spheres)
     x = scene.initial_position + 1e-3 * np.random.default_rng(1).normal(size=(9, 20, 3))

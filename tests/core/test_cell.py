@@ -10,7 +10,9 @@ from contact.drape_cost import SCENES
 
 
 def sheet(n=12, **changes):
-    return cs.Cloth(shape=(n, n), **{"mass": 0.3, "stiffness": 60.0, "damping": 0.02, "pins": (), **changes})
+    return cs.Cloth(
+        shape=(n, n), **{"mass": 0.3, "stiffness": 60.0, "damping": 0.02, "pins": (), **changes}
+    )
 
 
 def falling(speed=5.0, **changes):
@@ -22,9 +24,15 @@ def falling(speed=5.0, **changes):
 
 def test_circles_of_known_triangles():
     triangles = np.array(
-        [[[0, 0, 0], [3, 0, 0], [0, 4, 0]], [[0, 0, 0], [2, 0, 0], [1, 0, 3**0.5]], [[0, 0, 0], [4, 0, 0], [1, 0, 0.1]]]
+        [
+            [[0, 0, 0], [3, 0, 0], [0, 4, 0]],
+            [[0, 0, 0], [2, 0, 0], [1, 0, 3**0.5]],
+            [[0, 0, 0], [4, 0, 0], [1, 0, 0.1]],
+        ]
     )
-    assert circle_radius(*np.moveaxis(triangles, 1, 0)) == pytest.approx([2.5, 2 / 3**0.5, 2.0], rel=1e-12)
+    assert circle_radius(*np.moveaxis(triangles, 1, 0)) == pytest.approx(
+        [2.5, 2 / 3**0.5, 2.0], rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.4])
@@ -36,7 +44,9 @@ def test_core_follows_the_oracle(friction):
     for k in range(150):
         x, v = cs.step(scene, x, v, dt, t=k * dt)
         y, w = cs.step(free, expected_x, expected_v, dt)
-        expected_x, expected_v = respond(sphere, expected_x, expected_v, y, w, dt, k * dt, ~scene.cloth.pinned)
+        expected_x, expected_v = respond(
+            sphere, expected_x, expected_v, y, w, dt, k * dt, ~scene.cloth.pinned
+        )
     lying = np.linalg.norm(x - sphere.center_at(0), axis=-1) < 0.27
     assert lying.sum() > 20
     assert abs(x - expected_x).max() < 2e-6  # the stand-off is 8 mm
@@ -74,7 +84,9 @@ def test_no_triangle_is_inside_at_any_step_of_a_drape(name):
 def test_between_several_spheres():
     spheres = [cs.Sphere((x, -0.16, 0.5), 0.15, friction=0.2) for x in (0.3, 0.65)]
     scene = cs.Scene(
-        sheet(), [*spheres, cs.Sphere((0.5, -0.3, 0.2), 0.2, offset="edge")], velocity=np.full((12, 12, 3), (0, -5.0, 0))
+        sheet(),
+        [*spheres, cs.Sphere((0.5, -0.3, 0.2), 0.2, offset="edge")],
+        velocity=np.full((12, 12, 3), (0, -5.0, 0)),
     )
     stepper = cs.Stepper(scene)
     for _ in range(300):
@@ -121,7 +133,9 @@ def test_a_cloth_nearer_than_its_cells_allow_warns():
         cs.Stepper(cs.Scene(sheet(9), slow.replace(center=(0.5, -0.27, 0.5)))).advance(1, 1e-6)
 
 
-@pytest.mark.parametrize("stretch, match", [(1, "diagonal below 0.1 m"), (20, "a stretch of its cells below 1.41")])
+@pytest.mark.parametrize(
+    "stretch, match", [(1, "diagonal below 0.1 m"), (20, "a stretch of its cells below 1.41")]
+)
 def test_a_sphere_in_the_middle_of_a_cell_warns(stretch, match):
     """All points of the cell are farther off than any point keeps from the sphere."""
     cloth = sheet(4, size=(3.0 / stretch, 3.0 / stretch), stiffness=1e-3)
@@ -134,21 +148,31 @@ def test_a_sphere_in_the_middle_of_a_cell_warns(stretch, match):
     assert run.report["penetration"]["triangles"] == pytest.approx(0.05, rel=0.03)
 
 
-@pytest.mark.parametrize("below", [None, -9.0, -0.3])  # a second sphere: far away; near the same points
+@pytest.mark.parametrize(
+    "below", [None, -9.0, -0.3]
+)  # a second sphere: far away; near the same points
 def test_the_work_of_lifts_depends_on_no_time_step(kernel, precision, below):
     """A damped sheet of bend springs alone, whose cells grow on a sphere at rest."""
-    cloth = cs.Cloth((12, 12), mass=0.3, stiffness=60.0, damping=0.2, drag=0.01, springs=("bend",), pins=())
+    cloth = cs.Cloth(
+        (12, 12), mass=0.3, stiffness=60.0, damping=0.2, drag=0.01, springs=("bend",), pins=()
+    )
     spheres = [cs.Sphere((0.5, y, 0.5), 0.25) for y in (-0.26, below) if y]
     scene = cs.Scene(cloth, spheres, velocity=np.broadcast_to((0.0, -1.5, 0.0), (*cloth.shape, 3)))
     made = []
     for dt in (4e-4, 1e-4):
-        with pytest.warns(cs.ContactWarning, match="cells that grow on a sphere have lifted .* more than 1 %"):
-            made.append(cs.simulate(scene, 0.4, dt, kernel=kernel, precision=precision).report["lift_work"])
+        with pytest.warns(
+            cs.ContactWarning, match="cells that grow on a sphere have lifted .* more than 1 %"
+        ):
+            made.append(
+                cs.simulate(scene, 0.4, dt, kernel=kernel, precision=precision).report["lift_work"]
+            )
     assert made == pytest.approx([0.074] * 2, rel=0.04)
 
 
 def test_a_chain_keeps_its_links_out():
-    cloth = cs.Cloth(shape=(1, 12), size=(1.0, 1.0), mass=0.1, stiffness=100.0, damping=0.01, pins=())
+    cloth = cs.Cloth(
+        shape=(1, 12), size=(1.0, 1.0), mass=0.1, stiffness=100.0, damping=0.01, pins=()
+    )
     sphere = cs.Sphere((0.5, -0.11, 0.0), 0.1)
     stepper = cs.Stepper(cs.Scene(cloth, sphere))
     nearest = 1.0

@@ -24,7 +24,7 @@ def cloud(seed=1, shape=(11, 19), reach=1.0):
 
 
 def answered(x, v, sphere, t, radius=RADIUS):
-    """Kim et al., eq 7-12 with their errata corrected, restitution and Coulomb friction, per point."""
+    """Kim et al., eq 7-12 with errata corrected, restitution and Coulomb friction, per point."""
     center, velocity = sphere.center_at(t), sphere.velocity_at(t)
     if sphere.as_printed:
         velocity = np.zeros(3)
@@ -51,18 +51,33 @@ def answered(x, v, sphere, t, radius=RADIUS):
         taken = min(slip, sphere.friction * abs(impulse))
         v[at] = v[at] - impulse * n - taken * tangential / slip
         if sphere.response == "ray" and travels:  # the rest of the step
-            x[at] += min(s, DT) * (v[at] - velocity)  # a point that was inside before: the whole step
+            x[at] += min(s, DT) * (
+                v[at] - velocity
+            )  # a point that was inside before: the whole step
     return x, v
 
 
 SLIDES = [(1.0, 0.0), (0.4, 0.0), (0.7, 0.3), (0.0, 9.0)]  # restitution, friction
 
 
-@cases(precision=["double"], response=["reflect", "ray"], moving=[False, True], as_printed=[False, True])
+@cases(
+    precision=["double"],
+    response=["reflect", "ray"],
+    moving=[False, True],
+    as_printed=[False, True],
+)
 @each("restitution, friction", SLIDES)
-def test_responses_are_those_of_the_formulas(variant, response, moving, as_printed, restitution, friction):
+def test_responses_are_those_of_the_formulas(
+    variant, response, moving, as_printed, restitution, friction
+):
     motion = cs.Linear((1.5, -0.7, 0.4)) if moving else None
-    sphere = ball(response=response, motion=motion, restitution=restitution, friction=friction, as_printed=as_printed)
+    sphere = ball(
+        response=response,
+        motion=motion,
+        restitution=restitution,
+        friction=friction,
+        as_printed=as_printed,
+    )
     x, v = cloud()
     t = 0.03
     expected = answered(x + DT * v, v, sphere, t + DT)
@@ -172,12 +187,29 @@ def test_the_offset_is_where_contact_begins(variant, response, offset, reach):
 
 @cases(response=["reflect", "ray"])
 @each("as_printed, motion", itertools.product((False, True), (None, cs.Linear((0.0, 1.5, 0.3)))))
-def test_kernels_agree_with_the_reference_over_contact(variant, crumpled, relative, response, as_printed, motion):
+def test_kernels_agree_with_the_reference_over_contact(
+    variant, crumpled, relative, response, as_printed, motion
+):
     spheres = [
         cs.Sphere(
-            (0.6, -0.2, 0.4), 0.25, motion, response, friction=0.1, as_printed=as_printed, offset="edge", restitution=1.0
+            (0.6, -0.2, 0.4),
+            0.25,
+            motion,
+            response,
+            friction=0.1,
+            as_printed=as_printed,
+            offset="edge",
+            restitution=1.0,
         ),
-        cs.Sphere((0.1, 0.15, 0.7), 0.2, None, response, restitution=0.5, as_printed=as_printed, offset="edge"),
+        cs.Sphere(
+            (0.1, 0.15, 0.7),
+            0.2,
+            None,
+            response,
+            restitution=0.5,
+            as_printed=as_printed,
+            offset="edge",
+        ),
     ]
     scene, x, v, dt = crumpled(spheres=spheres)
     free = cs.reference_step(scene.replace(spheres=()), x, v, dt, 40)

@@ -9,11 +9,13 @@ POINT = (1, 1)  # the free one of a cloth of 2 x 2
 
 
 def ball(center, radius=0.5, motion=None, **arguments):
-    return cs.Sphere(center, radius, motion, "continuous", "none", **{"restitution": 1.0, **arguments})
+    return cs.Sphere(
+        center, radius, motion, "continuous", "none", **{"restitution": 1.0, **arguments}
+    )
 
 
 class Rules:
-    """docs/contact-law.md, "A step with continuous contact", for the free point of a cloth of 2 x 2."""
+    """docs/contact-law.md, "A step with continuous contact", for the free point of 2 x 2."""
 
     def __init__(self, scene, x, v, dt, precision):
         self.scene, self.dt, self.start = scene.replace(spheres=()), dt, x
@@ -32,7 +34,9 @@ class Rules:
     def surface(self, sphere):
         """The radius, 2 ulp of |place| + size, and the band over that: where points are put."""
         size = min(sphere.radius, 4 * np.hypot(*self.scene.cloth.size))
-        top = sphere.center_at(self.dt) - sphere.radius * np.array(self.scene.gravity) / np.linalg.norm(self.scene.gravity)
+        top = sphere.center_at(self.dt) - sphere.radius * np.array(
+            self.scene.gravity
+        ) / np.linalg.norm(self.scene.gravity)
         return sphere.radius + self.epsilon * (2 * (np.abs(top).sum() + size) + 4 * size)
 
     def path(self, sphere):

@@ -11,7 +11,9 @@ DT = 1e-3
 
 
 def ball(**arguments):
-    return cs.Sphere(**{"center": CENTER, "radius": RADIUS, "offset": "none", "restitution": 1.0, **arguments})
+    return cs.Sphere(
+        **{"center": CENTER, "radius": RADIUS, "offset": "none", "restitution": 1.0, **arguments}
+    )
 
 
 @pytest.mark.parametrize("miss", [1e-9, 1e-6, 1e-3, -1e-9, -1e-6, -1e-3])
@@ -25,10 +27,14 @@ def test_grazing_is_decided_to_rounding(miss, far):
 
 @pytest.mark.parametrize(
     "count, options",
-    [(400_000, {}), (400_000, {"seed": 3, "precision": "single"}), pytest.param(10**8, {"seed": 2}, marks=pytest.mark.slow)],
+    [
+        (400_000, {}),
+        (400_000, {"seed": 3, "precision": "single"}),
+        pytest.param(10**8, {"seed": 2}, marks=pytest.mark.slow),
+    ],
 )
 def test_nothing_passes(count, options):
-    """In single the state is compensated, and the time of impact is found in double all the same."""
+    """In single the state is compensated, and the time of impact is found in double anyway."""
     result = crossings(count, **options)
     assert result["hits"] > count / 5
     assert result["inside"] == 0 and result["crossings"] == 0 and result["deepest"] <= 0
@@ -43,7 +49,8 @@ def test_the_check_of_passing_can_fail(response):
 def test_a_test_per_step_misses_q2_over_3_of_fast_points():
     """q: step over radius. Averaged over the disc that a sphere shows, the first half of the
     chord, where a point still approaches, is missed with the probability q^2/3; literally, where
-    the second half counts too, q^2/12. "continuous" misses none."""
+    the second half counts too, q^2/12. "continuous" misses none.
+    """
     rng = np.random.default_rng(5)
     n, q = 40_000, 0.9
     x = np.zeros((n // 200, 200, 3))
@@ -74,8 +81,8 @@ def test_a_test_per_step_misses_q2_over_3_of_fast_points():
     ],
 )
 def test_contact_makes_no_energy(dt, offset, bound):
-    """1e-6 of m g h is asked for at 5e-6 s; four times the step already has it. A radius rho that grows moves points
-    against their springs: 6e-6 of m g h.
+    """1e-6 of m g h is asked for at 5e-6 s; four times the step already has it. A radius rho that
+    grows moves points against their springs: 6e-6 of m g h.
     """
     result = drop(dt, offset=offset)
     assert result["elastic_afterwards"] > 100
@@ -95,4 +102,8 @@ def test_a_state_at_rest_stays_at_rest(steps, offset, precision):
     """`python benchmarks/contact --full` watches 1e6 steps too."""
     result = resting(steps, precision=precision, offset=offset)
     assert result["touching"] == 64 and result["depth"] == 0
-    assert result["normal_jitter"] < 1e-6 if offset == "none" else result["normal_jitter"] == result["jitter"] == 0
+    assert (
+        result["normal_jitter"] < 1e-6
+        if offset == "none"
+        else result["normal_jitter"] == result["jitter"] == 0
+    )

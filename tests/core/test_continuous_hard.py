@@ -25,12 +25,16 @@ def ball(center, radius=0.5, **arguments):
 
 
 def distances(stepper, spheres):
-    return [float(np.linalg.norm(stepper.positions[0, 0] - s.center_at(stepper.time))) for s in spheres]
+    return [
+        float(np.linalg.norm(stepper.positions[0, 0] - s.center_at(stepper.time))) for s in spheres
+    ]
 
 
 def test_a_point_falls_into_the_wedge_of_two_spheres_and_rests_there(kernel, precision):
     spheres = [ball((-0.4, 0, 0), restitution=0.0), ball((0.4, 0, 0), restitution=0.0)]
-    stepper = cs.Stepper(lone((0.02, 0.6, 0.0), spheres, gravity=(0, -9.8, 0)), kernel=kernel, precision=precision)
+    stepper = cs.Stepper(
+        lone((0.02, 0.6, 0.0), spheres, gravity=(0, -9.8, 0)), kernel=kernel, precision=precision
+    )
     for _ in range(200):
         stepper.advance(50, 1e-4)
         assert min(distances(stepper, spheres)) >= 0.5
@@ -45,13 +49,15 @@ def test_a_point_inside_one_of_two_spheres_goes_out_no_faster_than_the_push():
     stepper = cs.Stepper(lone((0.8, 0, 0), spheres))
     for step in range(1, 4):
         stepper.advance(1, 1e-3)
-        np.testing.assert_allclose(stepper.positions[0, 0], (0.8 + 1e-3 * step, 0, 0), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            stepper.positions[0, 0], (0.8 + 1e-3 * step, 0, 0), rtol=0, atol=1e-12
+        )
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize("kernel", ["edge", "gather", "reference"])
 def test_a_point_between_two_spheres_ends_on_their_common_circle(kernel):
-    """The push out of one leads into the other, again and again, for the wedge between them is sharp."""
+    """The push out of one leads into the other, again and again, as the wedge between is sharp."""
     spheres = [ball((0, 0, 0), 0.5, push_out_speed=1e6), ball((0.85, 0, 0), 0.4)]
     scene = lone((0.44, 0.02, -0.01), spheres)
     state = scene.initial_position, scene.initial_velocity
@@ -59,7 +65,9 @@ def test_a_point_between_two_spheres_ends_on_their_common_circle(kernel):
     x, _ = step(scene, *state, 1e-3, t=0.0)
     along = (0.85**2 + 0.5**2 - 0.4**2) / (2 * 0.85)
     height = np.sqrt(0.5**2 - along**2)
-    np.testing.assert_allclose(x[0, 0], (along, height * 2 / np.sqrt(5), -height / np.sqrt(5)), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        x[0, 0], (along, height * 2 / np.sqrt(5), -height / np.sqrt(5)), rtol=0, atol=1e-12
+    )
 
 
 def test_a_point_that_is_trapped_is_refused_with_a_clear_word(trap):
@@ -94,11 +102,15 @@ def test_a_sphere_that_runs_into_a_pinned_point_warns_once_and_the_point_stays()
 def test_a_start_inside_warns_and_is_pushed_out_without_a_burst(precision, offset):
     """No point is moved faster than push_out_speed, and nothing is thrown."""
     cloth = cs.Cloth((16, 16), mass=4.0, stiffness=100.0, damping=0.5, pins=())
-    sphere = cs.Sphere((0.5, -0.2, 0.5), 0.25, None, "continuous", offset, restitution=0.0, push_out_speed=0.4)
+    sphere = cs.Sphere(
+        (0.5, -0.2, 0.5), 0.25, None, "continuous", offset, restitution=0.0, push_out_speed=0.4
+    )
     scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
     center = np.array(sphere.center)
     depth = sphere.radius - np.linalg.norm(cloth.rest_positions - center, axis=-1)
-    count, deep = (int((depth > 0).sum()), f"{depth.max():.3g}") if offset == "none" else (r"\d+", r"[\d.]+")
+    count, deep = (
+        (int((depth > 0).sum()), f"{depth.max():.3g}") if offset == "none" else (r"\d+", r"[\d.]+")
+    )
     message = rf"spheres\[0\].*{count} mass points.*\([78], [78]\), by {deep} m.*0.4 m/s"
     stepper = cs.Stepper(scene, precision=precision)
     with pytest.warns(cs.ContactWarning, match=message) as caught:
@@ -107,7 +119,9 @@ def test_a_start_inside_warns_and_is_pushed_out_without_a_burst(precision, offse
     if offset == "none":
         with warnings.catch_warnings(record=True) as again:
             warnings.simplefilter("always")
-            cs.step(scene, *cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-3), 1e-3)
+            cs.step(
+                scene, *cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-3), 1e-3
+            )
         assert len(again) == 2  # each call
     dt = 1e-3
     for _ in range(400):

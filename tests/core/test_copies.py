@@ -52,7 +52,7 @@ def test_a_state_comes_out_as_it_went_in(variant, shape):
 
 @cases(precision=["single"])
 def test_copies_are_exact_far_from_the_origin(variant):
-    """Single keeps positions relative to the middle of the cloth there; every component has its own."""
+    """Single keeps positions relative to the cloth's middle there; every component has its own."""
     for shape, dtype in itertools.product(SHAPES, (np.float64, np.float32)):
         scene, x, v = state(shape, dtype)
         x = x + np.array([1e4, -3e5, 7e3], dtype)

@@ -1,4 +1,6 @@
-"""Large spheres and planes: contact is measured from a place on the surface, so that no curvature is too small."""
+"""Large spheres and planes: contact is measured from a place on the surface, so that no curvature
+is too small.
+"""
 
 import clothsim as cs
 import numpy as np
@@ -20,7 +22,9 @@ def fallen(obstacle, duration=0.2, **options):
     """A sheet that is thrown on an obstacle; its stepper."""
     x = CLOTH.rest_positions + (0, 0.1, 0)
     x[..., 1] += 0.05 * np.sin(5 * x[..., 0])
-    scene = cs.Scene(CLOTH, obstacle, position=x, velocity=np.broadcast_to((0.3, -1.0, 0.1), x.shape))
+    scene = cs.Scene(
+        CLOTH, obstacle, position=x, velocity=np.broadcast_to((0.3, -1.0, 0.1), x.shape)
+    )
     stepper = cs.Stepper(scene, t=0.0, **options)
     stepper.advance(round(duration / 5e-4), 5e-4)
     return stepper
@@ -63,7 +67,9 @@ def test_steps_on_a_plane_are_those_of_the_reference(variant, contact):
     scene = drifting(x, plane)
     expected = cs.reference_step(scene, x, v, 0.1, t=0.0)
     assert 20 < (np.abs(expected[1] - v).max(axis=-1) > 1e-6).sum() < 160
-    for mine, theirs in zip(cs.step(scene, x, v, 0.1, t=0.0, **variant.options), expected, strict=True):
+    for mine, theirs in zip(
+        cs.step(scene, x, v, 0.1, t=0.0, **variant.options), expected, strict=True
+    ):
         np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-10)  # points stand off by 1e-11
 
 
@@ -78,5 +84,8 @@ def test_a_plane_in_files_batches_and_runs(tmp_path, same_bits):
         assert same_bits([part[k] for part in batch], cs.step(scene, x[k], 0 * x[k], 1e-3, 200))
         run = cs.simulate(scene, 0.3, rtol=1e-3)
         plane = scene.spheres[0]
-        assert run.x[-1][..., 1].min() >= plane.point[1] and run.report["penetration"]["triangles"] == 0
+        assert (
+            run.x[-1][..., 1].min() >= plane.point[1]
+            and run.report["penetration"]["triangles"] == 0
+        )
         assert run.report["impulse"][0][1] < 0

@@ -15,7 +15,8 @@ def for_ever(call, *arguments):
         call(*arguments)
 
 for call in [
-    (cs.Stepper(scene, threads=2).advance, 10**9, 1e-6),  # ends late, unless the interpreter's lock is released
+    # Ends late, unless the interpreter's lock is released.
+    (cs.Stepper(scene, threads=2).advance, 10**9, 1e-6),
     (cs.simulate, scene, 10.0, 1e-5),
     (for_ever, cs.step, scene, x, v, 1e-5, 20),
     (for_ever, cs.acceleration, large, large.initial_position, large.initial_velocity),

@@ -1,4 +1,4 @@
-"""Impulses on spheres: the momentum that a cloth without pins and gravity has lost, sphere by sphere."""
+"""Impulses on spheres: momentum that a cloth without pins and gravity lost, sphere by sphere."""
 
 import clothsim as cs
 import numpy as np
@@ -6,12 +6,29 @@ import pytest
 from variants import cases, pairs
 
 DT, STEPS = 5e-4, 240
-CONTACTS = [("reflect", "edge"), ("ray", "none"), *(("continuous", offset) for offset in ("none", 0.01, "cell"))]
-CLOTH = cs.Cloth((12, 20), mass=np.linspace(1e-3, 5e-3, 240).reshape(12, 20), stiffness=60.0, damping=0.02, pins=())
-ROUNDING = {"double": 1e-12, "single": 1e-7}  # in single the forces of the springs are not exactly opposite
+CONTACTS = [
+    ("reflect", "edge"),
+    ("ray", "none"),
+    *(("continuous", offset) for offset in ("none", 0.01, "cell")),
+]
+CLOTH = cs.Cloth(
+    (12, 20),
+    mass=np.linspace(1e-3, 5e-3, 240).reshape(12, 20),
+    stiffness=60.0,
+    damping=0.02,
+    pins=(),
+)
+ROUNDING = {
+    "double": 1e-12,
+    "single": 1e-7,
+}  # in single the forces of the springs are not exactly opposite
 PLACES = {
     1: [((0.5, -0.3, 0.5), 0.25, (0.2, 0.5, 0.1))],
-    3: [((0.3, -0.3, 0.3), 0.2, (0.0, 0.4, 0.0)), ((0.7, -0.3, 0.6), 0.25, (0, 0, 0)), ((0.5, -0.3, 0.5), 0.2, (0, 0, 0))],
+    3: [
+        ((0.3, -0.3, 0.3), 0.2, (0.0, 0.4, 0.0)),
+        ((0.7, -0.3, 0.6), 0.25, (0, 0, 0)),
+        ((0.5, -0.3, 0.5), 0.2, (0, 0, 0)),
+    ],
 }
 
 
@@ -19,7 +36,9 @@ def scene_of(contact, count, cloth=CLOTH, **material):
     """A sheet that falls at 2 m/s on one sphere, or on three that overlap."""
     response, offset = contact
     material = {"restitution": 0.3, "friction": 0.2, **material}
-    spheres = [cs.Sphere(c, r, cs.Linear(v), response, offset, **material) for c, r, v in PLACES[count]]
+    spheres = [
+        cs.Sphere(c, r, cs.Linear(v), response, offset, **material) for c, r, v in PLACES[count]
+    ]
     v = np.where(cloth.pinned[..., None], 0.0, (0.1, -2.0, 0.0))
     return cs.Scene(cloth, spheres, gravity=(0, 0, 0), velocity=v)
 
@@ -30,7 +49,9 @@ def momentum(cloth, v):
 
 
 def lost(stepper, scene):
-    return -(momentum(scene.cloth, stepper.velocities) - momentum(scene.cloth, scene.initial_velocity))
+    return -(
+        momentum(scene.cloth, stepper.velocities) - momentum(scene.cloth, scene.initial_velocity)
+    )
 
 
 def off(impulses, momentum_lost):
@@ -47,11 +68,19 @@ def test_impulses_are_the_momentum_that_the_cloth_has_lost(variant, contact, cou
     stepper.advance(STEPS, DT)
     assert stepper.impulses.shape == (count, 3)
     weight = CLOTH.mass_per_point.sum() * gravity
-    assert off(stepper.impulses, lost(stepper, scene) + weight * STEPS * DT) < ROUNDING[variant.precision]
+    assert (
+        off(stepper.impulses, lost(stepper, scene) + weight * STEPS * DT)
+        < ROUNDING[variant.precision]
+    )
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
-@pairs(integrator=list(cs.integrators()), contact=CONTACTS, count=[1, 3], precision=["double", "single"])
+@pairs(
+    integrator=list(cs.integrators()),
+    contact=CONTACTS,
+    count=[1, 3],
+    precision=["double", "single"],
+)
 def test_with_every_integrator(integrator, contact, count, precision):
     scene = scene_of(contact, count)
     stepper = cs.Stepper(scene, integrator=integrator, precision=precision)
@@ -66,21 +95,28 @@ def test_members_of_a_batch_with_fewer_spheres_have_no_impulses_of_the_others(co
     for stepper in (batch, *alone):
         stepper.advance(STEPS, DT)
     assert batch.impulses.shape == (2, 3, 3) and np.isnan(batch.impulses[0, 1:]).all()
-    assert (batch.impulses[0, :1] == alone[0].impulses).all() and (batch.impulses[1] == alone[1].impulses).all()
+    assert (batch.impulses[0, :1] == alone[0].impulses).all() and (
+        batch.impulses[1] == alone[1].impulses
+    ).all()
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
 def test_spheres_apart_get_what_each_gets_alone(contact):
     """Without springs the points above one sphere know nothing of the others."""
     cloth = cs.Cloth((12, 40), mass=1.0, stiffness=0.0, damping=0.0, pins=())
-    spheres = [cs.Sphere((x, -0.2, 0.5), 0.15, None, *contact, restitution=0.4, friction=0.2) for x in (0.2, 0.5, 0.8)]
+    spheres = [
+        cs.Sphere((x, -0.2, 0.5), 0.15, None, *contact, restitution=0.4, friction=0.2)
+        for x in (0.2, 0.5, 0.8)
+    ]
     v = np.zeros((*cloth.shape, 3)) + (0.1, -2.0, 0.0)
     together = cs.Stepper(cs.Scene(cloth, spheres, velocity=v))
     together.advance(100, DT)
     for sphere, impulse in zip(spheres, together.impulses, strict=True):
         alone = cs.Stepper(cs.Scene(cloth, sphere, velocity=v))
         alone.advance(100, DT)
-        np.testing.assert_allclose(impulse, alone.impulses[0], rtol=0, atol=np.abs(impulse).max() * 1e-12)
+        np.testing.assert_allclose(
+            impulse, alone.impulses[0], rtol=0, atol=np.abs(impulse).max() * 1e-12
+        )
         assert impulse[1] < -0.01
 
 
@@ -109,7 +145,9 @@ def test_points_that_start_inside_lose_their_inward_motion_to_the_spheres(contac
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-@pytest.mark.parametrize("options", [{"dt": DT}, {"rtol": 1e-4}, {"rtol": 1e-4, "integrator": "dopri5"}])
+@pytest.mark.parametrize(
+    "options", [{"dt": DT}, {"rtol": 1e-4}, {"rtol": 1e-4, "integrator": "dopri5"}]
+)
 def test_the_report_has_the_momentum_of_its_run(contact, options):
     scene = scene_of(contact, 1)
     run = cs.simulate(scene, 0.1, **options)
@@ -122,8 +160,12 @@ def test_the_report_has_the_momentum_of_its_run(contact, options):
 
 
 def test_each_row_of_points_has_sums_of_its_own():
-    cloth = cs.Cloth((128, 128), mass=1.0, stiffness=60.0, damping=0.01, pins=())  # 8192 points for each of two threads
-    ball = cs.Sphere((0.5, -10.02, 0.5), 10.0, response="continuous", offset=0.01, restitution=0.0, friction=0.3)
+    cloth = cs.Cloth(
+        (128, 128), mass=1.0, stiffness=60.0, damping=0.01, pins=()
+    )  # 8192 points for each of two threads
+    ball = cs.Sphere(
+        (0.5, -10.02, 0.5), 10.0, response="continuous", offset=0.01, restitution=0.0, friction=0.3
+    )
     scene = cs.Scene(cloth, ball, velocity=np.broadcast_to((0.1, -2.0, 0.0), (128, 128, 3)))
     one, two = (cs.Stepper(scene, threads=threads) for threads in (1, 2))
     for stepper in (one, two):

@@ -1,4 +1,4 @@
-"""Every integrator: its order, its stability as the table tells it, its bits, and what it conserves."""
+"""Every integrator: its order, stability as the table tells it, bits, and what it conserves."""
 
 import math
 
@@ -16,9 +16,15 @@ OSCILLATOR = {"stiffness": 100.0, "mass": 1.0, "amplitude": 0.1}
 
 BOUNDED = [name for name in EXPLICIT if cs.integrators()[name].imaginary_limit > 0]
 
-# Time steps a second, by order, in which the error of the order shows: below, the next order adds to it, above,
-# rounding does.
-COUNTS = {1: (4096, 8192, 16384), 2: (256, 512, 1024), 4: (64, 96, 128), 5: (128, 192, 256), 8: (16, 20, 24, 28)}
+# Time steps a second, by order, in which the error of the order shows: below, the next order adds
+# to it, above, rounding does.
+COUNTS = {
+    1: (4096, 8192, 16384),
+    2: (256, 512, 1024),
+    4: (64, 96, 128),
+    5: (128, 192, 256),
+    8: (16, 20, 24, 28),
+}
 
 
 def oscillation(t, stiffness, mass, amplitude, damping):
@@ -71,12 +77,18 @@ def amplification(*mode):
 def test_everything_below_the_guaranteed_step_is_stable(integrator):
     part = np.linspace(0, 1, 101)
     beyond = 1.02 * part
-    for omega, delta in [*((10.0, ratio) for ratio in (0.0, 1e-5, 0.3, 1.0, 3.0, 10.0, 30.0, 1e3)), (0.0, 7.0)]:
+    for omega, delta in [
+        *((10.0, ratio) for ratio in (0.0, 1e-5, 0.3, 1.0, 3.0, 10.0, 30.0, 1e3)),
+        (0.0, 7.0),
+    ]:
         # A hair below: at the border two eigenvalues meet, and rounding counts by its root.
         dt = (1 - 1e-6) * box_limit(integrator, omega, delta)
         grid = amplification(integrator, part[:, None] * omega * dt, part * delta * dt)
         assert grid.max() <= 1 + 1e-6
-        assert amplification(integrator, beyond[:, None] * omega * dt, beyond * delta * dt).max() > 1 + 1e-7
+        assert (
+            amplification(integrator, beyond[:, None] * omega * dt, beyond * delta * dt).max()
+            > 1 + 1e-7
+        )
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.OrderWarning", "ignore::clothsim.StabilityWarning")
@@ -148,9 +160,17 @@ def test_explicit_euler_says_why_no_step_is_stable():
     assert explained["limited_by"] == cause
     for call in (
         lambda: cs.simulate(scene, 0.1, integrator="explicit_euler"),
-        lambda: cs.sweep(scene, {"stiffness": [1e3]}, duration=0.1, integrator="explicit_euler", progress=False),
+        lambda: cs.sweep(
+            scene, {"stiffness": [1e3]}, duration=0.1, integrator="explicit_euler", progress=False
+        ),
     ):
-        with pytest.raises(ValueError, match="dt must be given with integrator 'explicit_euler', which has no stable"):
+        with pytest.raises(
+            ValueError,
+            match="dt must be given with integrator 'explicit_euler', which has no stable",
+        ):
             call()
-    with pytest.warns(cs.StabilityWarning, match=cause), pytest.raises(cs.UnstableError, match=cause):
+    with (
+        pytest.warns(cs.StabilityWarning, match=cause),
+        pytest.raises(cs.UnstableError, match=cause),
+    ):
         cs.simulate(scene, 1.0, dt=2e-3, integrator="explicit_euler")

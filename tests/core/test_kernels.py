@@ -49,8 +49,12 @@ def test_every_shape_agrees_with_the_reference(variant, crumpled, relative, shap
 
 @cases()
 @each("damping", ["nothing", "springs"])
-def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(variant, crumpled, relative, damping):
-    """There the edge kernel's four stages follow each other a few rows apart: also half of it, and of 2 MiB."""
+def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(
+    variant, crumpled, relative, damping
+):
+    """There the edge kernel's four stages follow each other a few rows apart: also half of it, and
+    of 2 MiB.
+    """
     (scene, x, v, dt), expected = _reference(crumpled, 6, shape=(340, 100), damped_by=damping)
     for threads in (1, 2):
         result = cs.step(scene, x, v, dt, 6, **{**variant.options, "threads": threads})
@@ -60,7 +64,8 @@ def test_a_cloth_that_does_not_fit_in_cache_agrees_with_the_reference(variant, c
 @cases(springs=SUBSETS)
 @each("damping", DAMPING)
 def test_every_feature_agrees_with_the_reference(variant, crumpled, relative, springs, damping):
-    # A sheet without bend springs magnifies rounding: in single to 1.5e-5 in 40 steps, to 6e-5 in 100.
+    # A sheet without bend springs magnifies rounding: in single to 1.5e-5 in 40 steps, to 6e-5 in
+    # 100.
     steps = 40
     # Rows that end within a vector, and the paper's, whose kernel is compiled apart.
     for shape, mass in itertools.product([(6, 19), (9, 32)], MASS):
@@ -70,11 +75,14 @@ def test_every_feature_agrees_with_the_reference(variant, crumpled, relative, sp
         assert relative(result, expected, x) < BOUND[variant.precision], (shape, mass)
 
 
-# The shapes: rows that end within a vector, of as many vectors as the paper's (31) and of more or fewer.
+# The shapes: rows that end within a vector, of as many vectors as the paper's (31) and of more or
+# fewer.
 @cases()
 @each("shape", [(6, 19), (9, 32), (7, 31), (6, 33), (5, 50), (6, 64), (5, 9), (40, 7)])
 def test_equal_damping_of_all_families(variant, crumpled, relative, shape):
-    """It is taken out of the springs' coefficients; a damping so small that single could not hold them stays in."""
+    """It is taken out of the springs' coefficients; a damping so small that single could not hold
+    them stays in.
+    """
     for mass, damping in itertools.product(MASS, (0.4, 1e-30)):
         (scene, x, v, dt), expected = _shared_damping(crumpled, shape, mass, damping)
         result = cs.step(scene, x, v, dt, 40, **variant.options)
@@ -128,7 +136,10 @@ def test_strict_is_refused_and_gather_named(crumpled):
 
 def test_auto_is_the_edge_kernel(crumpled, same_bits, precision):
     scene, x, v, dt = crumpled()
-    auto, edge, gather = (cs.step(scene, x, v, dt, 50, precision=precision, kernel=k) for k in ("auto", "edge", "gather"))
+    auto, edge, gather = (
+        cs.step(scene, x, v, dt, 50, precision=precision, kernel=k)
+        for k in ("auto", "edge", "gather")
+    )
     assert same_bits(auto, edge) and not same_bits(auto, gather)
 
 
@@ -155,7 +166,10 @@ def test_the_reference_is_newton_integrated(crumpled, oracle):
         y, w = x + part * dt * dx, v + part * dt * dv
         k.append((w, oracle.acceleration(scene, y, w)))
     weights = np.array([1, 2, 2, 1]) / 6
-    expected = [start + dt * sum(w * slope[i] for w, slope in zip(weights, k)) for i, start in enumerate((x, v))]
+    expected = [
+        start + dt * sum(w * slope[i] for w, slope in zip(weights, k))
+        for i, start in enumerate((x, v))
+    ]
     for result, wanted in zip(cs.reference_step(scene, x, v, dt), expected):
         np.testing.assert_allclose(result, wanted, rtol=0, atol=1e-14 * np.abs(wanted).max())
 
@@ -171,8 +185,8 @@ def test_the_papers_printed_form_is_rk4_with_the_squared_step(crumpled, relative
 def test_a_sheet_at_rest_stays_at_rest(variant, shape):
     """Exactly in double and in the gather kernel: rest lengths are rounded like lengths of springs.
 
-    The edge kernel in single: the length is l^2 times a rounded 1/l, which differs from the rest length by one
-    unit in the last place (by up to three with AVX2's estimate).
+    The edge kernel in single: the length is l^2 times a rounded 1/l, which differs from the rest
+    length by one unit in the last place (by up to three with AVX2's estimate).
     """
     rows, columns = shape
     cloth = cs.Cloth(shape, size=((rows - 1) / 16 or 1, (columns - 1) / 16 or 1), pins=())

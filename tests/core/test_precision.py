@@ -71,7 +71,9 @@ def test_a_state_beyond_float32_is_not_finite(crumpled, value):
             assert np.isfinite(raised.value.x).all()
 
 
-FAR = np.array((1000.0, 0.0, 0.0))  # m: "single" keeps positions relative to the cloth's middle there
+FAR = np.array(
+    (1000.0, 0.0, 0.0)
+)  # m: "single" keeps positions relative to the cloth's middle there
 
 
 @pytest.mark.parametrize("integrator", ["dopri5", "dop853"])
@@ -86,9 +88,20 @@ def test_frames_within_the_steps_of_a_far_cloth_are_where_it_is(integrator):
 def test_a_step_of_an_implicit_method_starts_where_the_far_cloth_was():
     cloth = cs.Cloth((20, 20), mass=0.4, stiffness=60.0, damping=0.01, pins=())
     velocity = np.broadcast_to((0.1, -4.0, 0.0), (20, 20, 3))  # 8 mm a step
-    ball = cs.Sphere(FAR + (0.5, -0.3, 0.5), 0.25, response="continuous", offset="cell", restitution=0.0, friction=0.3)
+    ball = cs.Sphere(
+        FAR + (0.5, -0.3, 0.5),
+        0.25,
+        response="continuous",
+        offset="cell",
+        restitution=0.0,
+        friction=0.3,
+    )
     scene = cs.Scene(cloth, ball, position=cloth.rest_positions + FAR, velocity=velocity)
-    double, single = (cs.Stepper(scene, integrator="implicit_midpoint", precision=p) for p in ("double", "single"))
+    double, single = (
+        cs.Stepper(scene, integrator="implicit_midpoint", precision=p) for p in ("double", "single")
+    )
     for stepper in (double, single):
         stepper.advance(100, 2e-3)
-    np.testing.assert_allclose(single.impulses, double.impulses, atol=1e-3 * np.abs(double.impulses).max())
+    np.testing.assert_allclose(
+        single.impulses, double.impulses, atol=1e-3 * np.abs(double.impulses).max()
+    )

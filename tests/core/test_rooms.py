@@ -1,4 +1,4 @@
-"""The folders of the core, and the one list of springs: what a change of them reaches, or breaks aloud."""
+"""The core's folders, and the one list of springs: what a change reaches, or breaks aloud."""
 
 import re
 
@@ -9,7 +9,9 @@ from clothsim.gpu.shader import springs
 
 
 def written_springs(text, rows, columns, x, y):
-    """(index of the neighbour, family, kind) in the order in which the shader's text adds springs at a mass point."""
+    """(index of the neighbour, family, kind) in the order in which the shader's text adds springs
+    at a mass point.
+    """
     names = {"rows": rows, "columns": columns, "id_x": x, "id_y": y, "at": y * columns + x}
 
     def value(wgsl):
@@ -21,7 +23,9 @@ def written_springs(text, rows, columns, x, y):
     for line in text.splitlines():
         if opened := re.fullmatch(r"    if \((\w+)\) \{", line):
             family = opened[1]
-        elif pull := re.fullmatch(r" +if \((.+)\) \{ a = pulled\(a, x, v, (.+), first \+ (\d+)u\); \}", line):
+        elif pull := re.fullmatch(
+            r" +if \((.+)\) \{ a = pulled\(a, x, v, (.+), first \+ (\d+)u\); \}", line
+        ):
             condition, place, first = map(value, pull.groups())
             found += [(place, family, first // 3)] if condition else []
     return found
@@ -29,14 +33,18 @@ def written_springs(text, rows, columns, x, y):
 
 @pytest.mark.parametrize("more", [False, True])
 def test_the_shader_follows_the_list_of_springs(more):
-    """Each mass point of a cloth, its neighbours in order: those of the core, or of a list with a further family."""
+    """Each mass point of a cloth, its neighbours in order: those of the core, or of a list with a
+    further family.
+    """
     neighbours, kinds = list(_core.neighbours), len(_core.spring_kinds)
     if more:
         neighbours += [(down, 3 * right, "skew", kinds) for down in (1, -1) for right in (1, -1)]
     text, rows, columns = springs(neighbours), 4, 5
     for y, x in np.ndindex(rows, columns):
         ends = [(y + row, x + column, family, kind) for row, column, family, kind in neighbours]
-        inside = [(r * columns + c, f, k) for r, c, f, k in ends if 0 <= r < rows and 0 <= c < columns]
+        inside = [
+            (r * columns + c, f, k) for r, c, f, k in ends if 0 <= r < rows and 0 <= c < columns
+        ]
         assert written_springs(text, rows, columns, x, y) == inside
     assert f"first + {3 * (kinds + more - 1)}u" in text
     assert ("override skew: bool = true;" in text) == more

@@ -1,4 +1,6 @@
-"""What slides on a sphere or a floor: the speed and the way of the exact motion, to first order in the time step."""
+"""What slides on a sphere or a floor: the speed and the way of the exact motion, to first order in
+the time step.
+"""
 
 import clothsim as cs
 import numpy as np
@@ -12,11 +14,13 @@ def alone(spheres, x, v=(0.0, 0.0, 0.0)):
     """One free point; the other of the chain is pinned far away and has no spring."""
     cloth = cs.Cloth((1, 2), mass=2.0, stiffness=0.0, damping=0.0, pins=((0, 1),))
     far = (100.0, 100.0, 100.0)
-    return cs.Scene(cloth, spheres, (0, -G, 0), np.array([[x, far]]), np.array([[v, (0.0, 0.0, 0.0)]]))
+    return cs.Scene(
+        cloth, spheres, (0, -G, 0), np.array([[x, far]]), np.array([[v, (0.0, 0.0, 0.0)]])
+    )
 
 
 def exact_angle(start, duration, steps=100_000):
-    """theta'' = g/R sin theta from rest, by steps of second order that are far finer than those under test."""
+    """theta'' = g/R sin theta from rest, by second-order steps far finer than those under test."""
     h = duration / steps
     theta, rate = start, 0.5 * h * G / R * np.sin(start)
     for _ in range(steps):
@@ -50,7 +54,9 @@ def test_a_frictionless_slide_is_of_first_order(response, restitution):
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_slip_on_a_floor_that_starts_to_move(response, restitution):
     radius, speed, mu = 1e5, 1.0, 0.5  # flat to 3e-6 m over the way
-    floor = cs.Sphere((0, -radius, 0), radius, cs.Linear((speed, 0, 0)), response, "none", restitution, mu)
+    floor = cs.Sphere(
+        (0, -radius, 0), radius, cs.Linear((speed, 0, 0)), response, "none", restitution, mu
+    )
     slips = []
     for dt in (1e-3, 1e-4):
         stepper = cs.Stepper(alone(floor, (0.0, 1e-9, 0.0)))
@@ -65,12 +71,21 @@ def test_slip_on_a_floor_that_starts_to_move(response, restitution):
 
 @pytest.mark.parametrize("integrator", ["rk4", "velocity_verlet", "dop853"])
 def test_a_point_that_starts_inside_goes_on_for_one_step_alone(integrator, precision):
-    """It has no time of entry. The ray takes it to the surface, and from there it goes on for the step."""
+    """It has no time of entry. The ray takes it to the surface; there it goes on for the step."""
     cloth = cs.Cloth((2, 2), mass=4.0, stiffness=0.0, damping=0.0, pins=())
     ball = cs.Sphere((0.0, 0.0, 0.0), 0.5, None, "ray", "none", restitution=0.5)
     x = np.array([[[0.0, 0.3, 0.0], [9.0, 0, 0]], [[0, 0, 9.0], [9.0, 0, 9.0]]])
     v = np.zeros_like(x)
     v[0, 0] = (0.0, -1.0, 0.0)
-    x, v = cs.step(cs.Scene(cloth, ball, gravity=(0, 0, 0)), x, v, 1e-6, integrator=integrator, precision=precision)
-    assert x[0, 0] == pytest.approx([0.0, 0.5 + 0.5e-6, 0.0], abs=1e-8 if precision == "single" else 1e-14)
+    x, v = cs.step(
+        cs.Scene(cloth, ball, gravity=(0, 0, 0)),
+        x,
+        v,
+        1e-6,
+        integrator=integrator,
+        precision=precision,
+    )
+    assert x[0, 0] == pytest.approx(
+        [0.0, 0.5 + 0.5e-6, 0.0], abs=1e-8 if precision == "single" else 1e-14
+    )
     assert v[0, 0] == pytest.approx([0.0, 0.5, 0.0])

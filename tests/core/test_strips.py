@@ -9,14 +9,18 @@ from variants import INSTRUCTION_SETS, NAMED_KERNELS, PRECISIONS, cases, pairs
 
 BOUND = {"double": 1e-12, "single": 5e-5}
 
-# More than 4 MiB each. The first is no multiple of a vector wide, and with the four doubles of AVX2 its strips
-# overlap by 16 columns, so that a halo of 7 would do harm; of the second each band of rows fits into cache; the third
-# has several strips whatever the size of the second-level cache.
+# More than 4 MiB each. The first is no multiple of a vector wide, and with the four doubles of AVX2
+# its strips overlap by 16 columns, so that a halo of 7 would do harm; of the second each band of
+# rows fits into cache; the third has several strips whatever the size of the second-level cache.
 SHAPES = [(61, 1521), (16, 5464), (40, 2600)]
 STEPS = 4
 
 UNIFORM = {"mass": "uniform", "pins": ()}
-FEATURES = {"per point": {}, "uniform": UNIFORM, "no bend": {**UNIFORM, "springs": ("structural", "shear")}}
+FEATURES = {
+    "per point": {},
+    "uniform": UNIFORM,
+    "no bend": {**UNIFORM, "springs": ("structural", "shear")},
+}
 
 
 @pytest.fixture(params=PRECISIONS)
@@ -88,7 +92,9 @@ def test_points_in_halos_get_one_response(options, crumpled, relative, response)
     threads=[1, 2, 3],
     kernel=NAMED_KERNELS,
 )
-def test_one_number_that_is_not_finite_is_found(monkeypatch, overflowing, isa, precision, shape, threads, kernel):
+def test_one_number_that_is_not_finite_is_found(
+    monkeypatch, overflowing, isa, precision, shape, threads, kernel
+):
     """Each thread looks at its rows when the last step of a call is done with them."""
     monkeypatch.setenv("CLOTHSIM_ISA", isa)
     rows, columns = shape
@@ -96,7 +102,9 @@ def test_one_number_that_is_not_finite_is_found(monkeypatch, overflowing, isa, p
     inside = {(row, inner) for row in (middle - 1, middle, 2 * rows // 3, rows - 1)}
     for point in inside | {(0, columns - 1), (1, columns // 3)}:
         scene, v = overflowing(shape, point, precision, mass=float(rows * columns))
-        stepper = cs.Stepper(scene, scene.initial_position, v, kernel=kernel, precision=precision, threads=threads)
+        stepper = cs.Stepper(
+            scene, scene.initial_position, v, kernel=kernel, precision=precision, threads=threads
+        )
         with pytest.raises(cs.UnstableError) as raised:
             stepper.advance(5, 0.9)
         assert raised.value.point == point
@@ -112,6 +120,9 @@ def test_driven_pins_move_in_the_halos_too(crumpled, relative, same_bits, precis
     for pin in pins:
         v[pin] = shake.velocity_at(0.0)
     expected = cs.reference_step(scene, x, v, dt, STEPS, t=0.0)
-    found = [cs.step(scene, x, v, dt, STEPS, t=0.0, precision=precision, threads=threads) for threads in (1, 2)]
+    found = [
+        cs.step(scene, x, v, dt, STEPS, t=0.0, precision=precision, threads=threads)
+        for threads in (1, 2)
+    ]
     assert relative(found[0], expected, x) < BOUND[precision]
     assert same_bits(*found)

@@ -14,7 +14,9 @@ METHODS = ("rk4", "velocity_verlet", "dopri5")
 def faint(precision, shape=(17, 20)):
     """A flat sheet whose heights and speeds are subnormal, or soon will be."""
     tiny = np.finfo({"single": np.float32, "double": np.float64}[precision]).tiny
-    scene = cs.Scene(cs.Cloth(shape, mass=1.0, stiffness=50.0, damping=0.1, drag=0.5), gravity=(0, 0, 0))
+    scene = cs.Scene(
+        cs.Cloth(shape, mass=1.0, stiffness=50.0, damping=0.1, drag=0.5), gravity=(0, 0, 0)
+    )
     rng = np.random.default_rng(0)
     x, v = scene.initial_position.copy(), np.zeros((*shape, 3))
     free = ~scene.cloth.pinned
@@ -35,7 +37,9 @@ def test_no_result_is_subnormal_and_threads_agree(variant, same_bits):
         one = cs.step(scene, x, v, 1e-3, 20, **options)
         assert is_flushed(one, tiny), method
         assert same_bits(cs.step(scene, x, v, 1e-3, 20, **options | {"threads": 3}), one), method
-        batch = cs.step(scene, np.stack([x, x]), np.stack([v, v]), 1e-3, 20, **options | {"threads": 2})
+        batch = cs.step(
+            scene, np.stack([x, x]), np.stack([v, v]), 1e-3, 20, **options | {"threads": 2}
+        )
         assert all(same_bits([part[k] for part in batch], one) for k in (0, 1)), method
 
 
@@ -62,7 +66,9 @@ def test_the_setting_of_the_caller_comes_back():
         "advance": lambda: stepper.advance(300, 1e-3),
         "positions": lambda: stepper.positions,
         "acceleration": lambda: cs.acceleration(scene, x, v),
-        "error control": lambda: cs.simulate(scene, 0.01, rtol=1e-3, callback=lambda *_: seen.append(flushes())),
+        "error control": lambda: cs.simulate(
+            scene, 0.01, rtol=1e-3, callback=lambda *_: seen.append(flushes())
+        ),
         "reference": lambda: cs.reference(scene, 0.01),
         "picture": lambda: cs.simulate(scene, 0.01, dt=1e-3).picture(),
         "an error": lambda: cs.step(scene, x, np.full_like(v, np.nan), 1e-3),

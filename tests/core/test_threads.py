@@ -1,4 +1,4 @@
-"""Threads, batches, forks and Ctrl-C; tests/engine/test_same_bits.py has the bits of every feature."""
+"""Threads, batches, forks and Ctrl-C; tests/engine/test_same_bits.py has every feature's bits."""
 
 import os
 import signal
@@ -30,7 +30,13 @@ def test_any_number_of_threads_gives_the_same_bits(variant, crumpled, same_bits,
 
 FEATURES = [
     {"springs": families, "damped_by": damping}
-    for families in (("structural", "shear", "bend"), ("structural", "shear"), ("shear", "bend"), ("bend",), ("structural",))
+    for families in (
+        ("structural", "shear", "bend"),
+        ("structural", "shear"),
+        ("shear", "bend"),
+        ("bend",),
+        ("structural",),
+    )
     for damping in ("springs", "nothing")
 ] + [{"damped_by": "points"}, {"damped_by": "both"}]
 
@@ -40,7 +46,8 @@ def test_threads_exchange_the_halo_rows_of_every_set_of_springs(variant, crumple
     for feature in FEATURES:
         scene, x, v, dt = crumpled(shape=(32, 32), **feature)
         one = cs.step(scene, x, v, dt, 6, **variant.options)
-        for threads in (2, 3):  # the second of three meets a neighbour where it begins and where it ends
+        # The second of three meets a neighbour where it begins and where it ends.
+        for threads in (2, 3):
             several = cs.step(scene, x, v, dt, 6, **variant.options | {"threads": threads})
             assert same_bits(several, one), (threads, feature)
 
@@ -82,7 +89,9 @@ def test_an_unstable_member_that_a_team_steps_is_named(crumpled):
 )
 def test_without_a_number_the_size_decides(monkeypatch, processors, limit, shape, members, threads):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(processors)), raising=False)
-    monkeypatch.setenv("OMP_NUM_THREADS", limit) if limit else monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", limit) if limit else monkeypatch.delenv(
+        "OMP_NUM_THREADS", raising=False
+    )
     assert Options().threads_for(shape, members) == threads
     assert Options(threads=5).threads_for(shape, members) == 5
 
@@ -177,7 +186,8 @@ with warnings.catch_warnings(record=True) as given:
     batch.advance(100, 1e-4)
     assert (batch.positions[2] == one.x[-1]).all()
     reference(scene, 0.0011)
-print(*(warning.message for warning in given if issubclass(warning.category, RuntimeWarning)), sep="\\n")
+of_threads = (one.message for one in given if issubclass(one.category, RuntimeWarning))
+print(*of_threads, sep="\\n")
 """
 
 
@@ -186,4 +196,6 @@ def test_a_refused_thread_is_a_warning_and_one_thread_less():
     run = python(_REFUSED)
     assert run.returncode == 0, run.stderr
     warnings = run.stdout.splitlines()
-    assert len(warnings) == 1 and warnings[0].startswith("threads: this process can start 1 of "), run.stdout
+    assert len(warnings) == 1 and warnings[0].startswith("threads: this process can start 1 of "), (
+        run.stdout
+    )

@@ -31,7 +31,9 @@ def members():
 
 
 def methods(name, cls):
-    for attribute, value in inspect.getmembers(cls, lambda one: inspect.isfunction(one) or inspect.ismethod(one)):
+    for attribute, value in inspect.getmembers(
+        cls, lambda one: inspect.isfunction(one) or inspect.ismethod(one)
+    ):
         if not attribute.startswith("_") and value.__module__.startswith("clothsim"):
             yield f"{name}.{attribute}", value
 
@@ -55,7 +57,9 @@ def test_it_has_an_example(name):
 def documented(text):
     """Names of the sections Parameters and Attributes."""
     found = set()
-    for section in re.findall(r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=^\w[^\n]*\n---|\Z)", text, re.M | re.S):
+    for section in re.findall(
+        r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=^\w[^\n]*\n---|\Z)", text, re.M | re.S
+    ):
         for names in re.findall(r"^(\*{0,2}\w[^:\n]*?)(?: :|$)", section, re.M):
             found |= {one.strip(" *`") for one in names.split(",")}
     return found
@@ -64,7 +68,9 @@ def documented(text):
 @each("name", MEMBERS)
 def test_its_arguments_are_documented(name):
     value = MEMBERS[name]
-    if value in (cs.Snapshot, accuracy.Method) or (inspect.isclass(value) and issubclass(value, Warning)):
+    if value in (cs.Snapshot, accuracy.Method) or (
+        inspect.isclass(value) and issubclass(value, Warning)
+    ):
         return  # users do not call these constructors
     parameters = inspect.signature(value).parameters.items()
     arguments = {name for name, one in parameters if one.annotation != "NoReturn"} - {"self", "cls"}

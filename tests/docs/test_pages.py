@@ -33,7 +33,9 @@ def test_links_lead_somewhere(page):
             assert anchor in anchors(target), f"{link}: no such heading"
 
 
-PLACE = re.compile(r"(?:cpp|python|tests|benchmarks|docs|examples|notebooks|tools|cmake)/[\w./*<>-]+$")
+PLACE = re.compile(
+    r"(?:cpp|python|tests|benchmarks|docs|examples|notebooks|tools|cmake)/[\w./*<>-]+$"
+)
 
 
 @each("page", [*PAGES, ROOT / "CONTRIBUTING.md"])

@@ -1,4 +1,4 @@
-"""The site's sources hold every public name, command and example; `make docs` builds the site of them."""
+"""The site's sources hold every public name, command and example; `make docs` builds the site."""
 
 import importlib.util
 import re
@@ -23,7 +23,9 @@ def source(tmp_path_factory):
 
 
 def test_the_reference_has_every_public_name_once(source):
-    pages = "".join(page.read_text(encoding="utf8") for page in (source / "reference").glob("*.rst"))
+    pages = "".join(
+        page.read_text(encoding="utf8") for page in (source / "reference").glob("*.rst")
+    )
     names = re.findall(r"^\.\. auto\w+:: clothsim\.(\w+)$", pages, re.M)
     assert sorted([*names, "scenes"]) == sorted(cs.__all__)  # ready scenes have a page of their own
 
@@ -41,5 +43,7 @@ def test_every_example_has_a_title(source):
 
 
 def test_links_to_examples_lead_to_the_gallery(source):
-    links = re.findall(r"\]\((/gallery/[^)]+)\.rst\)", (source / "index.md").read_text(encoding="utf8"))
+    links = re.findall(
+        r"\]\((/gallery/[^)]+)\.rst\)", (source / "index.md").read_text(encoding="utf8")
+    )
     assert "/gallery/0/flag" in links

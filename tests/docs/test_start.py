@@ -34,7 +34,9 @@ def test_the_readme_prints_the_stated_output(tmp_path, monkeypatch):
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(code, {})  # of this repository
-    *lines, _, error = printed.getvalue().splitlines()  # the last line but one has times of a machine
+    *lines, _, error = (
+        printed.getvalue().splitlines()
+    )  # the last line but one has times of a machine
     assert lines == expected.splitlines()
     # Rounding depends on the instruction set, the digits that the README shows hardly.
     assert float(error) == pytest.approx(float(re.search(r"# (\S+): metres", code)[1]), rel=0.02)

@@ -1,4 +1,4 @@
-"""Driven pins: place and velocity at every stage, in every method, kernel, run, file and picture."""
+"""Driven pins: place and velocity at each stage, in every method, kernel, run, file and picture."""
 
 import pickle
 
@@ -13,12 +13,20 @@ ORDERS = {name: one.order for name, one in cs.integrators().items()}
 SWING = cs.Reciprocate((1.0, 0.5, -0.3), distance=0.3, period=1.0, deceleration=3.0)
 SHAKE = cs.Sinusoid((0.05, -0.02, 0.03), frequency=3.0, phase=0.1)
 LIFT = cs.Keyframes([0.0, 0.1, 0.3], offsets=[(0, 0, 0), (0, 0.02, 0), (0.1, 0.02, 0.05)])
-CURVE = cs.Keyframes([0.0, 0.01, 0.02, 0.05], offsets=[(0, 0, 0), (0, 0.02, 0), (0.02, 0.01, 0), (0, 0, 0.01)], smooth=True)
+CURVE = cs.Keyframes(
+    [0.0, 0.01, 0.02, 0.05],
+    offsets=[(0, 0, 0), (0, 0.02, 0), (0.02, 0.01, 0), (0, 0, 0.01)],
+    smooth=True,
+)
 
 
 def driven(crumpled, shape=(6, 7), motions=None, **features):
     """A crumpled sheet that begins at its own state, with two driven pins and one that rests."""
-    pins = {(0, 0): SWING, (-1, -1): cs.Linear((0.2, -0.4, 0.1)), (2, 3): None} if motions is None else motions
+    pins = (
+        {(0, 0): SWING, (-1, -1): cs.Linear((0.2, -0.4, 0.1)), (2, 3): None}
+        if motions is None
+        else motions
+    )
     scene, x, v, dt = crumpled(shape=shape, pins=list(pins), **features)
     cloth = scene.cloth.replace(pins=pins)
     for pin, motion in cloth.driven.items():
@@ -27,7 +35,7 @@ def driven(crumpled, shape=(6, 7), motions=None, **features):
 
 
 def oracle_solution(scene, oracle, duration):
-    """Positions at the end by SciPy: the driven pins follow their motions, which are written out here."""
+    """Positions at the end by SciPy: driven pins follow their motions, written out here."""
     shape = (2, *scene.cloth.shape, 3)
 
     def place(x, v, t):
@@ -43,13 +51,19 @@ def oracle_solution(scene, oracle, duration):
         return np.stack([v, oracle.acceleration(scene, x, v)]).ravel()
 
     start = np.stack([scene.initial_position, scene.initial_velocity]).ravel()
-    x, v = solve_ivp(rate, (0, duration), start, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1].reshape(shape)
+    x, v = (
+        solve_ivp(rate, (0, duration), start, "DOP853", rtol=1e-12, atol=1e-13)
+        .y[:, -1]
+        .reshape(shape)
+    )
     place(x, v, duration)
     return x
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-@pytest.mark.parametrize("motion", [SWING, SHAKE, "spline"], ids=["reciprocate", "sinusoid", "spline"])
+@pytest.mark.parametrize(
+    "motion", [SWING, SHAKE, "spline"], ids=["reciprocate", "sinusoid", "spline"]
+)
 @pytest.mark.parametrize("integrator", ORDERS)
 def test_every_method_keeps_its_order(integrator, motion, kernel, crumpled, oracle):
     method = cs.integrators()[integrator]
@@ -58,8 +72,14 @@ def test_every_method_keeps_its_order(integrator, motion, kernel, crumpled, orac
     duration = (2 if method.order == 1 else 8) * dt
     if motion == "spline":  # one of its pieces ends where a step does
         times = np.array([0.0, 0.5, 1.0, 3.0, 4.0]) * duration
-        motion = cs.Keyframes(times, offsets=np.outer(np.sin(40 * times), (0.05, -0.02, 0.03)), smooth=True)
-    scene, _ = driven(crumpled, motions={(0, 0): motion, (-1, -1): cs.Linear((0.2, -0.4, 0.1))}, damped_by=damped_by)
+        motion = cs.Keyframes(
+            times, offsets=np.outer(np.sin(40 * times), (0.05, -0.02, 0.03)), smooth=True
+        )
+    scene, _ = driven(
+        crumpled,
+        motions={(0, 0): motion, (-1, -1): cs.Linear((0.2, -0.4, 0.1))},
+        damped_by=damped_by,
+    )
     exact = oracle_solution(scene, oracle, duration)
     first = {1: 64, 2: 32, 4: 48, 5: 12, 8: 6}[method.order]
     counts, errors = np.array([first, 3 * first // 2, 2 * first]), []
@@ -81,8 +101,13 @@ def test_steps_agree_with_the_reference(variant, crumpled, relative):
         scene, dt = driven(crumpled, shape, motions, damped_by="both")
         state = scene.initial_position, scene.initial_velocity
         expected = cs.reference_step(scene, *state, dt, 60, t=0.0)
-        assert relative(cs.step(scene, *state, dt, 60, t=0.0, **variant.options), expected, state[0]) < bound
-        resting = scene.replace(cloth=scene.cloth.replace(pins=list(scene.cloth.pins)), velocity=None)
+        assert (
+            relative(cs.step(scene, *state, dt, 60, t=0.0, **variant.options), expected, state[0])
+            < bound
+        )
+        resting = scene.replace(
+            cloth=scene.cloth.replace(pins=list(scene.cloth.pins)), velocity=None
+        )
         still = cs.step(resting, state[0], 0 * state[1], dt, 60, **variant.options)
         assert relative(still, expected, state[0]) > 1e-2
 
@@ -98,21 +123,30 @@ def test_the_trusted_solution_agrees_with_scipy_and_runs_reach_it(crumpled, orac
     for t, x, v in zip(run.t, run.x, run.v):
         assert np.abs(x[0, 0] - LIFT.center_at(t, scene.initial_position[0, 0])).max() < 1e-12
         assert np.abs(v[3, 3] - SWING.velocity_at(t)).max() < 1e-9
-    found = cs.convergence(scene, 0.2, [2e-3, 1e-3, 5e-4], integrator="rk4")  # steps end where a velocity jumps
+    found = cs.convergence(
+        scene, 0.2, [2e-3, 1e-3, 5e-4], integrator="rk4"
+    )  # steps end where a velocity jumps
     assert abs(found.order - 4) < 0.3
 
 
 def test_members_have_driven_pins_of_their_own_and_runs_go_on(crumpled, same_bits, tmp_path):
     scene, dt = driven(crumpled)
-    other = scene.replace(cloth=scene.cloth.replace(pins={(0, 0): LIFT, (5, 5): None}), velocity=None)
-    xs, vs = (np.stack([getattr(s, name) for s in (scene, other)]) for name in ("initial_position", "initial_velocity"))
+    other = scene.replace(
+        cloth=scene.cloth.replace(pins={(0, 0): LIFT, (5, 5): None}), velocity=None
+    )
+    xs, vs = (
+        np.stack([getattr(s, name) for s in (scene, other)])
+        for name in ("initial_position", "initial_velocity")
+    )
     together = cs.step([scene, other], xs, vs, dt, 9, t=0.0)
     for k, one in enumerate((scene, other)):
         assert same_bits([part[k] for part in together], cs.step(one, xs[k], vs[k], dt, 9, t=0.0))
     run = cs.simulate(scene, 20 * dt, dt, every=4)
     part = cs.load_run(cs.simulate(scene, 8 * dt, dt).save(tmp_path / "run.npz")).resume(12 * dt)
     assert same_bits([part.x[-1]], [run.x[-1]])
-    assert run.report["energy"]["reason"] == "driven pins do work on the cloth" and np.isnan(run.report["energy"]["gained"])
+    assert run.report["energy"]["reason"] == "driven pins do work on the cloth" and np.isnan(
+        run.report["energy"]["gained"]
+    )
     assert run.picture() is not None and run.export(tmp_path / "run.obj")
 
 
@@ -122,12 +156,29 @@ def test_scenes_with_driven_pins_are_plain_data(tmp_path, crumpled):
     path = cs.save_scene(scene, tmp_path / "scene.toml")
     assert "[[cloth.pins]]" in path.read_text() and "[cloth.pins.motion]" in path.read_text()
     assert path.read_text().count("offsets") == 1  # a shared motion is written once
-    for again in (cs.load_scene(path), cs.Scene.from_dict(scene.to_dict()), pickle.loads(pickle.dumps(scene))):
-        assert again == scene and hash(again) == hash(scene) and again.cloth.driven == scene.cloth.driven
-    assert scene.cloth.pinned.sum() == 8 and set(scene.cloth.driven) == {(3, 0), *((r, 6) for r in range(6))}
+    for again in (
+        cs.load_scene(path),
+        cs.Scene.from_dict(scene.to_dict()),
+        pickle.loads(pickle.dumps(scene)),
+    ):
+        assert (
+            again == scene
+            and hash(again) == hash(scene)
+            and again.cloth.driven == scene.cloth.driven
+        )
+    assert scene.cloth.pinned.sum() == 8 and set(scene.cloth.driven) == {
+        (3, 0),
+        *((r, 6) for r in range(6)),
+    }
     assert cs.Cloth(pins={(0, 0): None, (-1, 0): None}) == cs.Cloth()
     names = {"still": [(0, 0)], "moved": {(0, 0): cs.Linear((0, 0.1, 0))}}
-    table = cs.sweep(cs.Scene(cs.Cloth((4, 5))), over={"pins": names}, duration=0.01, metrics=("stable",), progress=False)
+    table = cs.sweep(
+        cs.Scene(cs.Cloth((4, 5))),
+        over={"pins": names},
+        duration=0.01,
+        metrics=("stable",),
+        progress=False,
+    )
     assert table["stable"].values.all()
 
 
@@ -143,15 +194,26 @@ def test_set_state_leaves_pins_where_they_are():
         changed = array.copy()
         changed[pin][1] += 0.01
         name = "x" if array is x else "v"
-        with pytest.raises(ValueError, match=rf"{name} must be \[.*\] at the pin \({pin[0]}, 0\), got .*; driven pins move"):
+        with pytest.raises(
+            ValueError,
+            match=rf"{name} must be \[.*\] at the pin \({pin[0]}, 0\), got .*; driven pins move",
+        ):
             stepper.set_state(**{name: changed})
     x[1, 1, 1] += 0.01
     stepper.set_state(x)
-    assert stepper.positions[1, 1, 1] == x[1, 1, 1] and stepper.velocities[0, 0].tolist() == [1.0, 0.0, 0.0]
+    assert stepper.positions[1, 1, 1] == x[1, 1, 1] and stepper.velocities[0, 0].tolist() == [
+        1.0,
+        0.0,
+        0.0,
+    ]
 
 
 def test_a_frozen_member_keeps_its_driven_pins(same_bits):
-    scene = cs.Scene(cs.Cloth((4, 4), mass=0.3, stiffness=60.0, damping=0.02, pins={(0, 0): cs.Linear((0.2, 0, 0))}))
+    scene = cs.Scene(
+        cs.Cloth(
+            (4, 4), mass=0.3, stiffness=60.0, damping=0.02, pins={(0, 0): cs.Linear((0.2, 0, 0))}
+        )
+    )
     batch = cs.Stepper([scene, scene])
     batch.advance(50, 1e-3)
     batch.freeze(1)

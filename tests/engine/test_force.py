@@ -1,4 +1,6 @@
-"""Forces on points: in every kernel and method, in energies, files and the reference; changed between calls."""
+"""Forces on points: in every kernel and method, in energies, files and the reference; changed
+between calls.
+"""
 
 import clothsim as cs
 import numpy as np
@@ -14,7 +16,11 @@ def forces(scene, seed=5):
 @cases()
 def test_steps_agree_with_the_reference(variant, crumpled, relative):
     bound = {"double": 1e-12, "single": 5e-5}[variant.precision]
-    for features in ({}, {"mass": "uniform", "damped_by": "both"}, {"shape": (5, 37), "pins": (), "mass": "uniform"}):
+    for features in (
+        {},
+        {"mass": "uniform", "damped_by": "both"},
+        {"shape": (5, 37), "pins": (), "mass": "uniform"},
+    ):
         scene, x, v, dt = crumpled(**features)
         forced = scene.replace(force=forces(scene))
         expected = cs.reference_step(forced, x, v, dt, 50)
@@ -31,7 +37,10 @@ def test_a_force_in_proportion_to_mass_acts_like_gravity(integrator, kernel, cru
     heavy = scene.replace(gravity=np.array(scene.gravity) + extra)
     forced = scene.replace(force=scene.cloth.mass_per_point[..., None] * extra)
     options = {"steps": 20, "integrator": integrator, "kernel": kernel}
-    assert relative(cs.step(forced, x, v, dt, **options), cs.step(heavy, x, v, dt, **options), x) < 1e-12
+    assert (
+        relative(cs.step(forced, x, v, dt, **options), cs.step(heavy, x, v, dt, **options), x)
+        < 1e-12
+    )
 
 
 def test_runs_and_the_trusted_solution_know_it(tmp_path, crumpled):

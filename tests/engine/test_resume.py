@@ -11,7 +11,9 @@ from clothsim.methods.integrators import integrators
 
 SCENE = cs.scenes.paper_swing()
 CLOTH = SCENE.cloth.replace(shape=(6, 7), mass=21.0)
-BALL = cs.Sphere((0.5, -0.3, 0.5), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
+BALL = cs.Sphere(
+    (0.5, -0.3, 0.5), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge"
+)
 SMALL = cs.Scene(CLOTH, BALL)
 
 
@@ -30,7 +32,11 @@ def test_a_resumed_run_equals_an_uninterrupted_run(integrator, precision, same_b
     whole = cs.simulate(SMALL, 0.5, t=0.25, fps=50, **options)
     first = cs.simulate(SMALL, 0.3, t=0.25, fps=50, **options)
     assert cs.simulate(SMALL, 0.3, t=0.25, **options).report["penetration"] is not None
-    for run in (first, cs.load_run(first.save(tmp_path / "first")), pickle.loads(pickle.dumps(first))):
+    for run in (
+        first,
+        cs.load_run(first.save(tmp_path / "first")),
+        pickle.loads(pickle.dumps(first)),
+    ):
         rest = run.resume(0.2)
         assert same_bits([rest.t, rest.x, rest.v], [a[15:] for a in (whole.t, whole.x, whole.v)])
         assert rest.report["steps"] == 200
@@ -92,7 +98,8 @@ def test_a_snapshot_from_a_file_goes_on_with_the_same_bits(batch, precision, tmp
         stepper.freeze(1)
     snapshot = cs.Snapshot.load(stepper.snapshot().save(tmp_path / "state"))
     stepper.advance(200, 1e-3)
-    for again in (snapshot, pickle.loads(pickle.dumps(snapshot)), snapshot):  # a snapshot is not used up
+    # A snapshot is not used up.
+    for again in (snapshot, pickle.loads(pickle.dumps(snapshot)), snapshot):
         other = cs.Stepper.restore(again)
         other.advance(steps=200, dt=1e-3)
         assert same_bits((other.x, other.v), (stepper.positions, stepper.velocities))
@@ -149,7 +156,9 @@ def test_set_state(precision, same_bits):
         one.advance(100, 1e-3)
     assert same_bits([other.positions], [stepper.positions])
     # What is not given stays, with the compensation of "single".
-    single = cs.Stepper(SMALL, x.astype(np.float32), v.astype(np.float32), t=0.0, precision=precision, threads=1)
+    single = cs.Stepper(
+        SMALL, x.astype(np.float32), v.astype(np.float32), t=0.0, precision=precision, threads=1
+    )
     single.advance(100, 1e-3)
     twin = cs.Stepper.restore(single.snapshot())
     single.set_state()
@@ -207,4 +216,6 @@ def test_pickles_of_a_stepper_are_refused_and_those_of_a_snapshot_pass():
     for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
         with pytest.raises(TypeError, match=r"pickle stepper\.snapshot\(\)"):
             pickle.dumps(stepper, protocol)
-        assert cs.Stepper.restore(pickle.loads(pickle.dumps(stepper.snapshot(), protocol))).time == 0.0
+        assert (
+            cs.Stepper.restore(pickle.loads(pickle.dumps(stepper.snapshot(), protocol))).time == 0.0
+        )

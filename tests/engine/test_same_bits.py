@@ -1,4 +1,6 @@
-"""One set of bits of every feature: on any number of threads, cut into calls, from a snapshot's file, and in a batch."""
+"""One set of bits of every feature: on any number of threads, cut into calls, from a snapshot's
+file, and in a batch.
+"""
 
 import functools
 import itertools
@@ -24,7 +26,10 @@ def hit(_, response, offset, shape=(40, 37)):
     """A sheet that falls on three spheres, two of which overlap and one of which moves."""
     material = {"response": response, "offset": offset, "restitution": 0.3, "friction": 0.2}
     places = ((0.3, 0.2, 0.4), (0.7, 0.25, 0.0), (0.5, 0.2, 0.0))
-    spheres = [cs.Sphere((x, -0.3, 0.5), radius, cs.Linear((0, speed, 0)), **material) for x, radius, speed in places]
+    spheres = [
+        cs.Sphere((x, -0.3, 0.5), radius, cs.Linear((0, speed, 0)), **material)
+        for x, radius, speed in places
+    ]
     cloth = cs.Cloth(shape, mass=1.0, stiffness=100.0, damping=0.02, pins=())
     return cs.Scene(cloth, spheres, velocity=np.zeros((*shape, 3)) + (0.1, -2.0, 0.0)), 5e-4, 80
 
@@ -33,7 +38,13 @@ def driven(crumpled):
     side = [(row, 0) for row in range(33)]
     scene, x, v, dt = crumpled(shape=(33, 40), pins=side)
     v[:, 0] = SWING.velocity_at(0.0)
-    return scene.replace(cloth=scene.cloth.replace(pins=dict.fromkeys(side, SWING)), position=x, velocity=v), dt, 9
+    return (
+        scene.replace(
+            cloth=scene.cloth.replace(pins=dict.fromkeys(side, SWING)), position=x, velocity=v
+        ),
+        dt,
+        9,
+    )
 
 
 def forced(crumpled, place):
@@ -43,17 +54,27 @@ def forced(crumpled, place):
 
 
 def cases():
-    for integrator, kernel, precision in pairwise(list(cs.integrators()), NAMED_KERNELS, PRECISIONS):
+    for integrator, kernel, precision in pairwise(
+        list(cs.integrators()), NAMED_KERNELS, PRECISIONS
+    ):
         yield touching, {"integrator": integrator, "kernel": kernel, "precision": precision}
-    for integrator, precision in itertools.product(("rk4", "velocity_verlet", "pefrl", "dopri5"), PRECISIONS):
+    for integrator, precision in itertools.product(
+        ("rk4", "velocity_verlet", "pefrl", "dopri5"), PRECISIONS
+    ):
         yield driven, {"integrator": integrator, "precision": precision}
-    contacts = [("reflect", "edge"), ("ray", "none"), *(("continuous", o) for o in ("none", 0.01, "edge", "cell"))]
+    contacts = [
+        ("reflect", "edge"),
+        ("ray", "none"),
+        *(("continuous", o) for o in ("none", 0.01, "edge", "cell")),
+    ]
     for (response, offset), kernel, precision in pairwise(contacts, NAMED_KERNELS, PRECISIONS):
         make = functools.partial(hit, response=response, offset=offset)
         yield make, {"kernel": kernel, "precision": precision}
     for offset in ("none", "cell"):  # contact has a second thread from 2 x 8,192 points on
         yield functools.partial(hit, response="continuous", offset=offset, shape=(129, 131)), {}
-    for place, kernel, precision in pairwise([(0, 0, 0), (1e6, -1e5, 0)], NAMED_KERNELS, PRECISIONS):
+    for place, kernel, precision in pairwise(
+        [(0, 0, 0), (1e6, -1e5, 0)], NAMED_KERNELS, PRECISIONS
+    ):
         yield functools.partial(forced, place=place), {"kernel": kernel, "precision": precision}
 
 
@@ -68,7 +89,9 @@ def test_one_set_of_bits(make, options, crumpled, same_bits, tmp_path):
         stepper = cs.Stepper(scenes, threads=threads, **options)
         for k, count in enumerate(cuts):
             if k > 0:
-                stepper = cs.Stepper.restore(cs.Snapshot.load(stepper.snapshot().save(tmp_path / "state")))
+                stepper = cs.Stepper.restore(
+                    cs.Snapshot.load(stepper.snapshot().save(tmp_path / "state"))
+                )
             stepper.advance(count, dt)
         return stepper.positions, stepper.velocities, stepper.impulses
 

@@ -24,7 +24,9 @@ def continued(stepper, steps=200):
     return stepper.positions, stepper.velocities
 
 
-@pytest.mark.parametrize("scenes", [SCENE, [SCENE, SCENE.replace(spheres=BALL.replace(center=(0.6, -0.4, 0.5)))]])
+@pytest.mark.parametrize(
+    "scenes", [SCENE, [SCENE, SCENE.replace(spheres=BALL.replace(center=(0.6, -0.4, 0.5)))]]
+)
 def test_the_scene_as_it_is_changes_no_bit_of_a_sheet_in_contact(scenes, precision, same_bits):
     stepper = resting(scenes, precision=precision)
     there = cs.Stepper.restore(stepper.snapshot())
@@ -81,7 +83,11 @@ def test_beside_an_advance_of_another_thread_a_call_is_done_or_refused(name, sam
                 CALLS[name](stepper)
                 done += 1
             except RuntimeError as error:
-                assert str(error) == "this state is being advanced by another thread; give each thread a Stepper of its own"
+                assert (
+                    str(error)
+                    == "this state is being advanced by another thread; give each thread a "
+                    "Stepper of its own"
+                )
                 refused += 1
     if name == "set_state of the clock":
         assert stepper.time < 0 if done else round(stepper.time / 1e-4) == other.steps

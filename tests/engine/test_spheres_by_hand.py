@@ -9,17 +9,25 @@ STEPS, DT = 20, 5e-4
 
 
 def scene_of(response, offset="edge", friction=0.3):
-    cloth = cs.Cloth((9, 9), (0.5, 0.5), mass=0.2, stiffness=60.0, damping=0.01, pins=[(0, 0), (-1, 0)])
-    return cs.Scene(cloth, cs.Sphere(tuple(PLACE), 0.2, response=response, offset=offset, friction=friction))
+    cloth = cs.Cloth(
+        (9, 9), (0.5, 0.5), mass=0.2, stiffness=60.0, damping=0.01, pins=[(0, 0), (-1, 0)]
+    )
+    return cs.Scene(
+        cloth, cs.Sphere(tuple(PLACE), 0.2, response=response, offset=offset, friction=friction)
+    )
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
-@pytest.mark.parametrize("response, offset", [("ray", "edge"), ("reflect", "edge"), ("continuous", "edge")])
+@pytest.mark.parametrize(
+    "response, offset", [("ray", "edge"), ("reflect", "edge"), ("continuous", "edge")]
+)
 def test_a_frame_per_call_is_the_motion_of_one_run(response, offset, kernel):
     scene = scene_of(response, offset)
     by_hand = cs.Stepper(scene, kernel=kernel)
     jumps = cs.Stepper(scene, kernel=kernel)
-    moving = cs.Stepper(scene.replace(spheres=scene.spheres[0].replace(motion=cs.Linear(VELOCITY))), kernel=kernel)
+    moving = cs.Stepper(
+        scene.replace(spheres=scene.spheres[0].replace(motion=cs.Linear(VELOCITY))), kernel=kernel
+    )
     for frame in range(1, 13):
         center = PLACE + frame * STEPS * DT * VELOCITY
         by_hand.advance(STEPS, DT, centers={0: center})
@@ -36,7 +44,8 @@ def test_a_frame_per_call_is_the_motion_of_one_run(response, offset, kernel):
 def test_a_step_that_fails_leaves_the_sphere_on_its_way():
     cloth = cs.Cloth((5, 5), mass=1.0, stiffness=5e4, damping=0.0)
     stepper = cs.Stepper(
-        cs.Scene(cloth, cs.Sphere((0, -9, 0), 0.1)), *(cs.Cloth((5, 5)).rest_positions * s for s in (1.01, 0))
+        cs.Scene(cloth, cs.Sphere((0, -9, 0), 0.1)),
+        *(cs.Cloth((5, 5)).rest_positions * s for s in (1.01, 0)),
     )
     with pytest.warns(cs.StabilityWarning), pytest.raises(cs.UnstableError):
         stepper.advance(4000, 0.02, centers={0: (0, -8, 0)})

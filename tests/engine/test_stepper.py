@@ -22,7 +22,9 @@ def stiff(shape=(9, 20)):
 
 
 def disturbed(scene, size=1e-3):
-    return scene.initial_position + size * np.random.default_rng(1).normal(size=scene.initial_position.shape)
+    return scene.initial_position + size * np.random.default_rng(1).normal(
+        size=scene.initial_position.shape
+    )
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")

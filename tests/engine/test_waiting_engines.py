@@ -1,4 +1,6 @@
-"""Engines wait at their scene for the next call of `step` or `acceleration`: nothing of one call reaches the next."""
+"""Engines wait at their scene for the next call of `step` or `acceleration`: nothing of one call
+reaches the next.
+"""
 
 import pickle
 import threading
@@ -30,7 +32,10 @@ def fresh(scene, x, v, steps=3, **options):
     return stepper.positions, stepper.velocities
 
 
-@pytest.mark.parametrize("options", [{}, {"precision": "single"}, {"integrator": "velocity_verlet"}, {"kernel": "gather"}])
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"precision": "single"}, {"integrator": "velocity_verlet"}, {"kernel": "gather"}],
+)
 def test_later_calls_have_the_bits_of_a_new_engine(scene, options):
     for seed in range(3):
         x, v = state(scene, seed)
@@ -39,7 +44,13 @@ def test_later_calls_have_the_bits_of_a_new_engine(scene, options):
             assert np.array_equal(mine, theirs)
         a = cs.acceleration(scene, x, v, precision=options.get("precision", "double"))
         assert np.array_equal(
-            a, cs.acceleration(pickle.loads(pickle.dumps(scene)), x, v, precision=options.get("precision", "double"))
+            a,
+            cs.acceleration(
+                pickle.loads(pickle.dumps(scene)),
+                x,
+                v,
+                precision=options.get("precision", "double"),
+            ),
         )
     assert 1 <= len(scene.engines) <= 2
     assert all(len(waiting) == 1 for waiting in scene.engines.values())
@@ -65,8 +76,17 @@ def test_one_scene_serves_several_threads(scene):
 
 
 def test_steps_are_taken_back_to_the_arrays_of_the_call(kernel, precision, same_bits):
-    """A sphere comes near, so that steps without its contact pass are done again, from the arrays that the caller keeps."""
-    sphere = cs.Sphere((0.5, -0.3, 0.5), 0.28, cs.Linear((0, 6.0, 0)), response="continuous", offset="cell", restitution=1.0)
+    """A sphere comes near, so that steps without its contact pass are done again, from the arrays
+    that the caller keeps.
+    """
+    sphere = cs.Sphere(
+        (0.5, -0.3, 0.5),
+        0.28,
+        cs.Linear((0, 6.0, 0)),
+        response="continuous",
+        offset="cell",
+        restitution=1.0,
+    )
     scene = cs.Scene(cs.Cloth((12, 14), mass=20.0), sphere)
     x, v = scene.initial_position, scene.initial_velocity
     options = {"kernel": kernel, "precision": precision, "threads": 1}

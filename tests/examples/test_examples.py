@@ -34,7 +34,11 @@ def test_example(path, tmp_path, monkeypatch, capsys):
 
 
 def test_the_example_of_orders_is_a_test_too():
-    tests = [value for name, value in runpy.run_path(str(FOLDER / "order.py")).items() if name.startswith("test_")]
+    tests = [
+        value
+        for name, value in runpy.run_path(str(FOLDER / "order.py")).items()
+        if name.startswith("test_")
+    ]
     for test in tests:
         test()
     assert len(tests) == 2

@@ -1,4 +1,4 @@
-"""Figures beside the golden rows: error control, stable steps, a sweep, errors of methods, and pictures."""
+"""Figures beside golden rows: error control, stable steps, a sweep, errors of methods, pictures."""
 
 import functools
 import json
@@ -15,14 +15,30 @@ DURATION = 0.125
 ALWAYS = "structural+shear+bend"
 
 # Largest relative difference of a figure. Those that are not named are equal up to rounding.
-TOLERANCES = {"evaluations": 0.1, "estimate": 0.2, "error": 0.2, "rms_error": 0.2, "max_error": 0.2, "error_rms": 0.2}
+TOLERANCES = {
+    "evaluations": 0.1,
+    "estimate": 0.2,
+    "error": 0.2,
+    "rms_error": 0.2,
+    "max_error": 0.2,
+    "error_rms": 0.2,
+}
 ROUNDING = 1e-5
 # Smaller differences of errors are rounding [m].
 LEAST_ERROR = 1e-9
 
 # rtol and integrator, contact, feature, motion, shape, springs
 ERROR_CONTROL = (
-    ("default -", "1e-3 -", "1e-6 -", "1e-9 -", "1e-6 dopri5", "1e-4 rk4", "1e-8 dop853", "1e-4 velocity_verlet"),
+    (
+        "default -",
+        "1e-3 -",
+        "1e-6 -",
+        "1e-9 -",
+        "1e-6 dopri5",
+        "1e-4 rk4",
+        "1e-8 dop853",
+        "1e-4 velocity_verlet",
+    ),
     ("free", "ray", "free", "cell"),
     ("pins", "driven", "force", "mass", "drag"),
     ("still", "linear", "keyframes"),
@@ -35,7 +51,9 @@ def error_control(rtol, integrator, *scene):
     reference = references()[" ".join(("error_control", rtol, integrator, *scene))]
     asked = None if rtol == "default" else float(rtol)
     integrator = None if integrator == "-" else integrator
-    run = cs.simulate(_scene(*scene), DURATION, rtol=asked, integrator=integrator, **arithmetic("gather"))
+    run = cs.simulate(
+        _scene(*scene), DURATION, rtol=asked, integrator=integrator, **arithmetic("gather")
+    )
     report, estimate = run.report, run.report["error_estimate"]
     return {
         "asked": report["tolerance"]["asked"],
@@ -58,7 +76,9 @@ def solution(*arguments):
     if not scene.spheres:
         return cs.reference(scene, DURATION).x[-1]
     dt = 2.0**-18
-    return cs.step(scene, scene.initial_position, scene.initial_velocity, dt, round(DURATION / dt), 0.0)[0]
+    return cs.step(
+        scene, scene.initial_position, scene.initial_velocity, dt, round(DURATION / dt), 0.0
+    )[0]
 
 
 def max_stable_dt(integrator):
@@ -70,7 +90,15 @@ def max_stable_dt(integrator):
 
 
 def sweep(contact):
-    metrics = ["stable", "energy_drift", "energy_gained", "largest_stretch", "penetration", "sag", "first_contact"]
+    metrics = [
+        "stable",
+        "energy_drift",
+        "energy_gained",
+        "largest_stretch",
+        "penetration",
+        "sag",
+        "first_contact",
+    ]
     metrics.append("error" if contact == "free" else "impulse")
     over = {"stiffness_structural": [450.0, 900.0], "dt": [2.0**-12, 2.0**-5]}
     scene = _scene(contact, "pins", "linear", "8x5", ALWAYS)
@@ -78,14 +106,25 @@ def sweep(contact):
 
 
 def work_precision():
-    methods, scene = ["rk4", "velocity_verlet", "dop853 adaptive"], _scene("free", "pins", "linear", "8x5", ALWAYS)
-    settings = {"precisions": ["double", "single"], "dts": [2.0**-8, 2.0**-9], "rtols": [1e-4, 1e-6]}
+    methods, scene = (
+        ["rk4", "velocity_verlet", "dop853 adaptive"],
+        _scene("free", "pins", "linear", "8x5", ALWAYS),
+    )
+    settings = {
+        "precisions": ["double", "single"],
+        "dts": [2.0**-8, 2.0**-9],
+        "rtols": [1e-4, 1e-6],
+    }
     data = cs.work_precision(scene, DURATION, methods, **settings, windows=1)
     return _numbers(data[["setting", "rms_error", "max_error", "force_evaluations"]])
 
 
 def _numbers(data):
-    return {str(name): values.values.tolist() for name, values in data.items() if values.dtype.kind in "bif"}
+    return {
+        str(name): values.values.tolist()
+        for name, values in data.items()
+        if values.dtype.kind in "bif"
+    }
 
 
 def _scene(contact, feature, motion, shape, springs):
@@ -126,4 +165,6 @@ def picture(name):
     """Pixels of a sheet upon two spheres; 3 mm lower, so that it is red in places."""
     scene = _scene("ray", "force", "linear", "16x20", ALWAYS)
     x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 2.0**-11, 150, 0.0)
-    return cs.picture(scene, x - (0, 0.003, 0), 150 / 2**11, v=v, **{"width": 160, **PICTURES[name]})
+    return cs.picture(
+        scene, x - (0, 0.003, 0), 150 / 2**11, v=v, **{"width": 160, **PICTURES[name]}
+    )

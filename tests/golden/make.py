@@ -33,11 +33,17 @@ def hashes():
 
 def make_figures():
     figures.references.cache_clear()
-    solutions = {row: figures.solution(*row.split()[3:]) for row in figures.ROWS if row.startswith("error_control")}
+    solutions = {
+        row: figures.solution(*row.split()[3:])
+        for row in figures.ROWS
+        if row.startswith("error_control")
+    }
     np.savez_compressed(figures.REFERENCES, **solutions)
     lines = [f"{json.dumps(row)}: {json.dumps(figures.compute(row))}" for row in figures.ROWS]
     text = "{\n" + ",\n".join(lines) + "\n}\n"
-    figures.FILE.write_text(re.sub(r"\d+\.\d+(e-\d+)?", lambda number: f"{float(number[0]):.7g}", text))
+    figures.FILE.write_text(
+        re.sub(r"\d+\.\d+(e-\d+)?", lambda number: f"{float(number[0]):.7g}", text)
+    )
     for name in figures.PICTURES:
         figures.picture(name).save(figures.FOLDER / f"{name}.png")
 

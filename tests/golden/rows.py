@@ -1,7 +1,8 @@
 """The scenes of hashes.txt: each row's name says what it computes.
 
-Only operations that IEEE 754 defines make these scenes, so that every machine has the same bits. The edge kernel begins with
-the processor's estimate of a reciprocal root where its instruction set has one: its hashes are those of a vendor.
+Only operations that IEEE 754 defines make these scenes, so that every machine has the same bits.
+The edge kernel begins with the processor's estimate of a reciprocal root where its instruction set
+has one: its hashes are those of a vendor.
 """
 
 import hashlib
@@ -23,7 +24,10 @@ COLUMNS = (
     ("structural", "structural+shear", "structural+shear+bend"),
 )
 # Each is computed by 1, 2 and 3 threads.
-OF_THREADS = [f"{kernel} double rk4 cell mass linear 40x32 structural+shear+bend" for kernel in ("edge", "gather")]
+OF_THREADS = [
+    f"{kernel} double rk4 cell mass linear 40x32 structural+shear+bend"
+    for kernel in ("edge", "gather")
+]
 SPACING = 3 / 64, 4 / 64  # diagonals of 5 / 64
 STIFFNESS = {"structural": 900.0, "shear": 350.0, "bend": 130.0}
 DAMPING = {"structural": 0.5, "shear": 0.25, "bend": 0.125}
@@ -42,7 +46,9 @@ def key(row, isa):
 
 def golden():
     """The stored hashes of each row, by key."""
-    lines = (line.rsplit(": ", 1) for line in FILE.read_text().splitlines() if line and line[0] != "#")
+    lines = (
+        line.rsplit(": ", 1) for line in FILE.read_text().splitlines() if line and line[0] != "#"
+    )
     return {row: dict(pair.split("=") for pair in hashes.split()) for row, hashes in lines}
 
 
@@ -52,13 +58,18 @@ def scene_of(row):
     rows, columns = shape = tuple(map(int, shape.split("x")))
     springs = springs.split("+")
     noise = (
-        np.frombuffer(hashlib.shake_256(row.encode()).digest(10 * rows * columns), np.int8).reshape(10, rows, columns) / 128
+        np.frombuffer(hashlib.shake_256(row.encode()).digest(10 * rows * columns), np.int8).reshape(
+            10, rows, columns
+        )
+        / 128
     )
     noise = np.moveaxis(noise, 0, -1)
     pins = {(0, 0): None, (-1, -1): None, (rows // 2, 1): None}
     if feature == "driven":
         pins[0, 0] = cs.Linear((0.5, 1.0, -0.25))
-        pins[-1, -1] = cs.Keyframes((0, 1 / 64, 1 / 16), offsets=((0, 0, 0), (1 / 128, 0, 1 / 64), (0, -1 / 64, 0)))
+        pins[-1, -1] = cs.Keyframes(
+            (0, 1 / 64, 1 / 16), offsets=((0, 0, 0), (1 / 128, 0, 1 / 64), (0, -1 / 64, 0))
+        )
     undamped = feature in ("drag", "force")
     cloth = cs.Cloth(
         shape,
@@ -92,14 +103,20 @@ def _spheres(contact, motion, cloth):
     moves = {
         "still": None,
         "linear": cs.Linear((0.25, 1.0, -0.5)),
-        "keyframes": cs.Keyframes((0, 1 / 64, 1 / 16), centers=(place, (x, y + 1 / 64, z - 1 / 128), place)),
+        "keyframes": cs.Keyframes(
+            (0, 1 / 64, 1 / 16), centers=(place, (x, y + 1 / 64, z - 1 / 128), place)
+        ),
     }
     offset = contact if contact in ("none", "edge", "cell") else "edge"
     first = cs.Sphere(
         place,
         3 / 16,
         moves[motion],
-        "reflect" if contact == "printed" else contact if contact in ("reflect", "ray") else "continuous",
+        "reflect"
+        if contact == "printed"
+        else contact
+        if contact in ("reflect", "ray")
+        else "continuous",
         offset,
         restitution=0.0 if motion == "still" else 0.5,
         friction=0.25,
@@ -114,11 +131,15 @@ def arithmetic(kernel):
 
 
 def digest(row, threads=1, scene=None):
-    """Hash of the state after 300 steps, 100 of an implicit method, on the instruction set of CLOTHSIM_ISA."""
+    """Hash of the state after 300 steps, 100 of an implicit method, on the instruction set of
+    CLOTHSIM_ISA.
+    """
     kernel, precision, integrator = row.split()[:3]
     scene = scene or scene_of(row)
     dt = 2.0**-14 if integrator == "explicit_euler" else 2.0**-12
     steps = 100 if integrator == "implicit_midpoint" else 300
     state = scene.initial_position, scene.initial_velocity
-    x, v = cs.step(scene, *state, dt, steps, 0.0, integrator, precision, threads, **arithmetic(kernel))
+    x, v = cs.step(
+        scene, *state, dt, steps, 0.0, integrator, precision, threads, **arithmetic(kernel)
+    )
     return hashlib.sha256(x.tobytes() + v.tobytes()).hexdigest()[:16]

@@ -5,7 +5,10 @@ import pytest
 from golden import figures, rows
 from variants import INSTRUCTION_SETS
 
-pytestmark = [pytest.mark.filterwarnings(f"ignore::clothsim.{kind}Warning") for kind in ("Stability", "Order", "Contact")]
+pytestmark = [
+    pytest.mark.filterwarnings(f"ignore::clothsim.{kind}Warning")
+    for kind in ("Stability", "Order", "Contact")
+]
 
 
 @pytest.mark.parametrize("isa", ["avx512", "avx2", "sse2"])
@@ -27,7 +30,10 @@ def test_figures(row):
         pytest.importorskip("xarray")
     found = figures.compute(row)
     for name, value in figures.golden()[row].items():
-        rel, least = figures.TOLERANCES.get(name, figures.ROUNDING), figures.LEAST_ERROR if "error" in name else 1e-12
+        rel, least = (
+            figures.TOLERANCES.get(name, figures.ROUNDING),
+            figures.LEAST_ERROR if "error" in name else 1e-12,
+        )
         np.testing.assert_allclose(found[name], value, rel, least, err_msg=f"{row}: {name}")
     if found.get("told"):
         assert found["error"] <= found["estimate"]

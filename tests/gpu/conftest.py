@@ -1,5 +1,6 @@
 """Every test here needs wgpu and an adapter, and is skipped with the reason where one is missing;
-CLOTHSIM_TEST_GPU=1 (as `make test-gpu` sets it) makes that a failure."""
+CLOTHSIM_TEST_GPU=1 (as `make test-gpu` sets it) makes that a failure.
+"""
 
 import os
 import pathlib
@@ -18,7 +19,9 @@ def pytest_collection_modifyitems(items):
     from clothsim.gpu.device import opened
 
     here = pathlib.Path(__file__).parent
-    mine = [i for i in items if here in i.path.parents and not i.get_closest_marker("needs_no_adapter")]
+    mine = [
+        i for i in items if here in i.path.parents and not i.get_closest_marker("needs_no_adapter")
+    ]
     try:
         if mine:
             opened()

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from commands import python
 
-BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
+BALL = cs.Sphere(
+    (0.6, -0.2, 0.4), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge"
+)
 GPU = {"backend": "gpu", "precision": "single"}
 
 
@@ -32,7 +34,9 @@ def test_a_new_scene_keeps_the_state_and_one_that_is_refused_changes_nothing(cru
         stepper.set_scene(scene.replace(force=np.ones_like(x)))
     stepper.set_scene(scene)
     stepper.advance(40, dt)
-    assert stepper.time == 80 * dt and same_bits(arrays(stepper), cs.step(scene, x, v, dt, 80, t=0.0, **GPU))
+    assert stepper.time == 80 * dt and same_bits(
+        arrays(stepper), cs.step(scene, x, v, dt, 80, t=0.0, **GPU)
+    )
     stepper.set_scene(scene.replace(cloth=scene.cloth.replace(pins=((3, 3),))))
     held = stepper.positions[3, 3]
     assert not stepper.velocities[3, 3].any()
@@ -41,10 +45,17 @@ def test_a_new_scene_keeps_the_state_and_one_that_is_refused_changes_nothing(cru
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
-@pytest.mark.parametrize("ball", [BALL, BALL.replace(response="continuous", offset="cell")], ids=lambda ball: ball.response)
+@pytest.mark.parametrize(
+    "ball",
+    [BALL, BALL.replace(response="continuous", offset="cell")],
+    ids=lambda ball: ball.response,
+)
 def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(ball, crumpled, same_bits):
     """Scenes of equal features share a dispatch, and none of their numbers."""
-    states = [crumpled(seed=k, spheres=ball.replace(radius=0.2 + 0.02 * k, restitution=0.2 * k)) for k in range(4)]
+    states = [
+        crumpled(seed=k, spheres=ball.replace(radius=0.2 + 0.02 * k, restitution=0.2 * k))
+        for k in range(4)
+    ]
     scenes = [s.scene for s in states]
     cloth = scenes[2].cloth
     softer = {family: 0.5 * k for family, k in cloth.family_stiffness.items()}
@@ -58,7 +69,9 @@ def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(ball, crumpled, s
         assert same_bits([part[k] for part in result], alone), k
 
 
-def test_a_frozen_member_rests_and_a_restored_snapshot_continues_with_the_same_bits(crumpled, same_bits):
+def test_a_frozen_member_rests_and_a_restored_snapshot_continues_with_the_same_bits(
+    crumpled, same_bits
+):
     states = [crumpled(seed=seed, spheres=BALL) for seed in (1, 2, 3)]
     scenes, dt = [s.scene for s in states], min(s.dt for s in states)
     x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
@@ -99,7 +112,10 @@ def test_simulate_reports_the_backend(device):
         ({"rtol": 1e-3}, "rtol and atol must be None"),
         ({"integrator": "auto"}, "integrator must be 'rk4' with backend 'gpu'"),
         ({"dt": 1e-4, "integrator": "pefrl"}, "must be 'rk4' with backend 'gpu', got 'pefrl'"),
-        *(({"dt": 1e-4, name: value}, f"^{name} must be") for name, value in (("kernel", "edge"), ("threads", 2))),
+        *(
+            ({"dt": 1e-4, name: value}, f"^{name} must be")
+            for name, value in (("kernel", "edge"), ("threads", 2))
+        ),
     ],
 )
 @pytest.mark.needs_no_adapter
@@ -110,7 +126,9 @@ def test_an_option_that_it_does_not_have_is_refused(asked, accepted):
 
 SWING = cs.scenes.paper_swing()
 REFUSED = {
-    r"^pins\[\(0, 0\)\] must be None": SWING.replace(cloth=SWING.cloth.replace(pins={(0, 0): cs.Linear((0, 1, 0))})),
+    r"^pins\[\(0, 0\)\] must be None": SWING.replace(
+        cloth=SWING.cloth.replace(pins={(0, 0): cs.Linear((0, 1, 0))})
+    ),
     r"^drag of all members must be equal .* got True for member 1": [
         SWING,
         SWING.replace(cloth=SWING.cloth.replace(drag=1.0)),

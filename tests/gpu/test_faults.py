@@ -34,7 +34,9 @@ def disturbed(scene):
 
 @quiet
 def test_an_unstable_run_has_the_error_of_the_core(same_bits):
-    """The speed of a point ends this run on both: it begins in contact, after which the core compares no energies."""
+    """The speed of a point ends this run on both: it begins in contact, after which the core
+    compares no energies.
+    """
     ball = cs.Sphere((0.5, -0.2, 0.5), 0.21, response="ray", offset="edge")
     scene = stiff().replace(spheres=ball)
     x, dt = disturbed(scene), 1.9 * cs.max_stable_dt(scene)
@@ -64,7 +66,10 @@ def test_a_point_that_spheres_trap_has_the_error_of_the_core(trap):
             stepper.advance(400, 1e-3)
         errors.append(raised.value)
     cpu, gpu = errors
-    assert 1 < gpu.step == cpu.step and (gpu.point, gpu.time) == (cpu.point, cpu.time) == ((0, 0), gpu.time)
+    assert 1 < gpu.step == cpu.step and (gpu.point, gpu.time) == (cpu.point, cpu.time) == (
+        (0, 0),
+        gpu.time,
+    )
 
 
 def test_a_state_that_is_not_finite_at_once_is_found():
@@ -93,7 +98,10 @@ def test_an_unstable_batch_names_its_member_and_goes_on_without_it(same_bits):
     stepper.freeze(1)
     stepper.advance(5, dt)
     alone = cs.step(soft, x, 0 * x, dt, raised.value.step + 4, **GPU)
-    assert same_bits([stepper.positions[0]], [alone[0]]) and stepper.time == (raised.value.step + 4) * dt
+    assert (
+        same_bits([stepper.positions[0]], [alone[0]])
+        and stepper.time == (raised.value.step + 4) * dt
+    )
 
 
 def test_ctrl_c_ends_a_long_advance_at_a_whole_step(same_bits):
@@ -120,8 +128,14 @@ def test_a_lost_adapter_is_an_error_that_asks_for_another_process(device, monkey
     scene = cs.scenes.paper_static()
     stepper = cs.Stepper(scene, t=0.1, **GPU)
     lost.handle.destroy()
-    for use in (lambda: stepper.advance(10, 1e-4), lambda: stepper.positions, lambda: cs.Stepper(scene, **GPU)):
-        with pytest.raises(RuntimeError, match="was lost; restart the process, and go on from a snapshot"):
+    for use in (
+        lambda: stepper.advance(10, 1e-4),
+        lambda: stepper.positions,
+        lambda: cs.Stepper(scene, **GPU),
+    ):
+        with pytest.raises(
+            RuntimeError, match="was lost; restart the process, and go on from a snapshot"
+        ):
             use()
 
 
@@ -136,7 +150,10 @@ def test_a_forked_process_gets_an_error_that_asks_for_spawn(monkeypatch):
 
 def test_a_cloth_of_more_bytes_than_a_buffer_is_refused(device):
     cloth = cs.Cloth((1000, device.adapter.largest_buffer // (6 * 4 * 1000) + 1))
-    told = rf"too large for the graphics adapter: 1 of shape 1000 x .* at most {device.adapter.largest_buffer:,}"
+    told = (
+        "too large for the graphics adapter: 1 of shape 1000 x .* "
+        f"at most {device.adapter.largest_buffer:,}"
+    )
     with pytest.raises(ValueError, match=told):
         Simulation([cs.Scene(cloth)], 0.0, "single")
 
@@ -144,24 +161,36 @@ def test_a_cloth_of_more_bytes_than_a_buffer_is_refused(device):
 @pytest.mark.parametrize(
     "sphere, shape, said",
     [
-        (cs.Sphere((0.2, -0.35, 0.2), 0.25, cs.Linear((-1.0, 1.5, -1.0))), (20, 20), "has run into the pinned mass point"),
+        (
+            cs.Sphere((0.2, -0.35, 0.2), 0.25, cs.Linear((-1.0, 1.5, -1.0))),
+            (20, 20),
+            "has run into the pinned mass point",
+        ),
         (cs.Sphere((0.5, -0.05, 0.5), 0.03), (9, 9), "is larger than the sphere that it touches"),
     ],
 )
 def test_it_warns_as_the_core_does(sphere, shape, said):
     for backend in ("cpu", "gpu"):
-        stepper = cs.Stepper(cs.Scene(cs.Cloth(shape), sphere), t=0.0, precision="single", backend=backend)
+        stepper = cs.Stepper(
+            cs.Scene(cs.Cloth(shape), sphere), t=0.0, precision="single", backend=backend
+        )
         with pytest.warns(cs.ContactWarning, match=said):
             stepper.advance(500, 4e-4)
 
 
-@pytest.mark.parametrize("asked, name", [("", "RTX"), ("0", "RTX"), ("2", "soft"), ("iris", "Iris Xe"), ("sof", "soft")])
+@pytest.mark.parametrize(
+    "asked, name", [("", "RTX"), ("0", "RTX"), ("2", "soft"), ("iris", "Iris Xe"), ("sof", "soft")]
+)
 def test_the_best_adapter_is_used_or_the_one_that_is_asked_for(asked, name, device, monkeypatch):
     def handle(name, kind):
         info = {"device": name, "adapter_type": kind, "backend_type": "Vulkan", "description": ""}
         return SimpleNamespace(info=info, features=(), limits=device.adapter.handle.limits)
 
-    handles = [handle("soft", "CPU"), handle("Iris Xe", "IntegratedGPU"), handle("RTX", "DiscreteGPU")]
+    handles = [
+        handle("soft", "CPU"),
+        handle("Iris Xe", "IntegratedGPU"),
+        handle("RTX", "DiscreteGPU"),
+    ]
     wgpu = SimpleNamespace(gpu=SimpleNamespace(enumerate_adapters_sync=lambda: handles))
     monkeypatch.setattr(devices, "load_wgpu", lambda: wgpu)
     monkeypatch.setenv("CLOTHSIM_GPU_ADAPTER", asked)
@@ -173,8 +202,18 @@ def test_the_best_adapter_is_used_or_the_one_that_is_asked_for(asked, name, devi
 def test_without_an_adapter_tests_skip_and_commands_report_the_reason():
     env = {k: v for k, v in os.environ.items() if k != "CLOTHSIM_TEST_GPU"}
     env |= {"VK_ICD_FILENAMES": "/nonexistent", "VK_DRIVER_FILES": "/nonexistent"}
-    command = [sys.executable, "-m", "pytest", "-rs", "-p", "no:cacheprovider", "tests/gpu/test_backend.py"]
-    done = subprocess.run(command, cwd=Path(__file__).parents[2], env=env, capture_output=True, text=True, timeout=300)
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-rs",
+        "-p",
+        "no:cacheprovider",
+        "tests/gpu/test_backend.py",
+    ]
+    done = subprocess.run(
+        command, cwd=Path(__file__).parents[2], env=env, capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "backend 'gpu' found no Vulkan, Metal or Direct3D 12 adapter; install" in done.stdout
     counts = {word: int(n) for n, word in re.findall(r"(\d+) (passed|skipped|failed)", done.stdout)}

@@ -1,4 +1,6 @@
-"""The shader's results are those of the core's gather kernel, bit for bit where the adapter rounds correctly."""
+"""The shader's results are those of the core's gather kernel, bit for bit where the adapter rounds
+correctly.
+"""
 
 import clothsim as cs
 import numpy as np
@@ -19,7 +21,10 @@ def pair(scene, precision="single", x=None, v=None, steps=0):
     core = cs.Stepper(scene, x, v, t=0.0, threads=1, **options)
     core.advance(steps, DT)  # the adapter, which may be a CPU, need not do that too
     state = core.positions, core.velocities
-    return [cs.Stepper(scene, *state, t=core.time, backend=backend, **options) for backend in ("cpu", "gpu")]
+    return [
+        cs.Stepper(scene, *state, t=core.time, backend=backend, **options)
+        for backend in ("cpu", "gpu")
+    ]
 
 
 def assert_same_bits(cpu, gpu):
@@ -53,17 +58,25 @@ SPHERES = {
     "reflect": draped(ball(response="reflect", offset="edge")),
     "ray": draped(ball(response="ray", offset="edge")),
     "reflect as_printed": draped(ball(response="reflect", as_printed=True, offset="none")),
-    "ray as_printed, moving": draped(ball(response="ray", as_printed=True, offset=0.01, motion=RISING)),
+    "ray as_printed, moving": draped(
+        ball(response="ray", as_printed=True, offset=0.01, motion=RISING)
+    ),
     "two, rough, moving": draped(
         ball(response="ray", restitution=0.4, friction=0.3, motion=RISING),
-        cs.Sphere((0.4, -0.4, 0.2), 0.15, cs.Linear((0, 0.1, 0)), "reflect", friction=0.2, offset="edge"),
+        cs.Sphere(
+            (0.4, -0.4, 0.2), 0.15, cs.Linear((0, 0.1, 0)), "reflect", friction=0.2, offset="edge"
+        ),
     ),
     "cell": draped(ball(), shape=(32, 32)),
     "cell, rough, moving": draped(ball(friction=0.3, motion=RISING), shape=(33, 17)),
     "cell, begins inside": draped(ball(-0.2)),
-    "cell, mass per point": draped(ball(), shape=(10, 12), mass=np.linspace(0.5, 2.0, 120).reshape(10, 12)),
+    "cell, mass per point": draped(
+        ball(), shape=(10, 12), mass=np.linspace(0.5, 2.0, 120).reshape(10, 12)
+    ),
     "continuous, edge": draped(ball(offset="edge", friction=0.2, motion=RISING)),
-    "continuous after ray": draped(ball(), cs.Sphere((0.9, -0.15, 0.6), 0.1, response="ray", motion=RISING)),
+    "continuous after ray": draped(
+        ball(), cs.Sphere((0.9, -0.15, 0.6), 0.1, response="ray", motion=RISING)
+    ),
     "chain": draped(cs.Sphere((0.5, -0.29, 0.0), 0.25), shape=(1, 20), pins=((0, 0), (0, 19))),
     "plane": draped(cs.Plane((0.0, -0.12, 0.0))),
     "several, moving": draped(
@@ -71,24 +84,44 @@ SPHERES = {
         cs.Sphere((0.2, -0.2, 0.2), 0.1, cs.Linear((0.0, 0.3, 0.1)), friction=0.3),
         cs.Sphere((0.8, -0.15, 0.8), 0.08, response="ray"),
     ),
-    "several, overlapping": draped(*(cs.Sphere((x, -0.2, 0.5), 0.15, friction=0.2) for x in (0.4, 0.6))),
+    "several, overlapping": draped(
+        *(cs.Sphere((x, -0.2, 0.5), 0.15, friction=0.2) for x in (0.4, 0.6))
+    ),
     "several, rain": draped(
-        *(cs.Sphere((x, -0.12, 0.5), 0.15, offset="none") for x in (0.37, 0.63)), stiffness=0, damping=0, pins=()
-    ).replace(velocity=np.random.default_rng(3).uniform((-300, -700, -300), (300, -100, 300), (20, 20, 3))),
+        *(cs.Sphere((x, -0.12, 0.5), 0.15, offset="none") for x in (0.37, 0.63)),
+        stiffness=0,
+        damping=0,
+        pins=(),
+    ).replace(
+        velocity=np.random.default_rng(3).uniform((-300, -700, -300), (300, -100, 300), (20, 20, 3))
+    ),
     "several, begins inside": draped(ball(-0.2, offset="edge"), cs.Sphere((0.15, -0.1, 0.8), 0.12)),
-    "floor and ball": draped(ball(0.35, motion=cs.Linear((0.0, -0.5, 0.0))), cs.Plane((0.0, -0.05, 0.0)), pins=()),
+    "floor and ball": draped(
+        ball(0.35, motion=cs.Linear((0.0, -0.5, 0.0))), cs.Plane((0.0, -0.05, 0.0)), pins=()
+    ),
 }
-DOUBLE = ("two, rough, moving", "cell, rough, moving", "several, moving", "several, overlapping", "several, rain")
+DOUBLE = (
+    "two, rough, moving",
+    "cell, rough, moving",
+    "several, moving",
+    "several, overlapping",
+    "several, rain",
+)
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize(
-    "name, precision", [*((name, "single") for name in SPHERES), *((name, "double") for name in DOUBLE)]
+    "name, precision",
+    [*((name, "single") for name in SPHERES), *((name, "double") for name in DOUBLE)],
 )
 def test_contact_has_the_bits_of_the_core(name, precision, needs_exact):
     scene = SPHERES[name]
-    cpu, gpu = pair(scene, precision, steps=0 if "rain" in name else 150)  # it falls through within some steps
-    free = cs.Stepper(scene.replace(spheres=()), cpu.positions, cpu.velocities, t=cpu.time, precision=precision)
+    cpu, gpu = pair(
+        scene, precision, steps=0 if "rain" in name else 150
+    )  # it falls through within some steps
+    free = cs.Stepper(
+        scene.replace(spheres=()), cpu.positions, cpu.velocities, t=cpu.time, precision=precision
+    )
     for one in (cpu, gpu, free):
         one.advance(300, DT)
     assert_same_bits(cpu, gpu)
@@ -111,7 +144,9 @@ def test_rounds_are_repeated_until_no_point_is_too_deep(needs_exact, monkeypatch
 
 @pytest.mark.parametrize("offset", ["cell", "edge"])
 def test_a_bounce_follows_the_core_but_for_the_energy_of_springs(offset):
-    """The force of the step balances a bounce. The core takes the springs' energy, with neighbours that have responded."""
+    """The force of the step balances a bounce. The core takes the springs' energy, with neighbours
+    that have responded.
+    """
     cpu, gpu = pair(draped(ball(offset=offset, restitution=0.5)))
     still = cs.Stepper(draped(ball(offset=offset)), t=0.0, precision="single")
     for one in (cpu, gpu, still):
@@ -153,7 +188,9 @@ def test_far_away_single_has_the_bits_of_the_core(crumpled, needs_exact):
     """Without an origin of its own, float32 would tell points apart by 2e-4 m there."""
     far = np.array([3000.0, -200.0, 0.0])
     center = tuple(np.array([0.6, -0.2, 0.4]) + far)
-    scene, x, v, dt = crumpled(spheres=cs.Sphere(center, 0.25, cs.Linear((0, 0.5, 0.1)), "ray", offset="edge"))
+    scene, x, v, dt = crumpled(
+        spheres=cs.Sphere(center, 0.25, cs.Linear((0, 0.5, 0.1)), "ray", offset="edge")
+    )
     cpu, gpu = pair(scene, "single", x + far, v)
     for one in (cpu, gpu):
         one.advance(60, dt)

@@ -10,7 +10,10 @@ pytestmark = pytest.mark.usefixtures("narrow")
 
 
 def test_double_is_refused():
-    with pytest.raises(ValueError, match="^precision must be 'single' on the graphics adapter .* no float64, got 'double'$"):
+    with pytest.raises(
+        ValueError,
+        match="^precision must be 'single' on the graphics adapter .* no float64, got 'double'$",
+    ):
         cs.Stepper(cs.scenes.paper_swing(), backend="gpu")
 
 
@@ -24,7 +27,13 @@ def test_a_response_errs_by_units_in_the_last_place(response):
     rng = np.random.default_rng(5)
     cloth = cs.Cloth(shape, stiffness=0.0, damping=0.0, pins=())
     ball = cs.Sphere(
-        (1.1, -2.3, 3.7), 0.25, cs.Linear((0.3, 0.1, 0.2)), response, friction=0.2, offset="edge", restitution=1.0
+        (1.1, -2.3, 3.7),
+        0.25,
+        cs.Linear((0.3, 0.1, 0.2)),
+        response,
+        friction=0.2,
+        offset="edge",
+        restitution=1.0,
     )
     scene = cs.Scene(cloth, ball, gravity=(0, 0, 0))
     direction = rng.normal(size=(*shape, 3))
@@ -32,7 +41,9 @@ def test_a_response_errs_by_units_in_the_last_place(response):
     x = np.array(ball.center) + direction * rng.uniform(0.05, 0.24, shape)[..., None]
     v = rng.normal(size=(*shape, 3))
     dt = 1e-6
-    gpu, cpu = (cs.Stepper(scene, x, v, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu"))
+    gpu, cpu = (
+        cs.Stepper(scene, x, v, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu")
+    )
     for stepper in (gpu, cpu):
         stepper.advance(1, dt)
     x_gpu, v_gpu = gpu.positions, gpu.velocities
@@ -54,7 +65,9 @@ def test_a_response_errs_by_units_in_the_last_place(response):
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize("offset, friction", [("cell", 0.3), ("edge", 0.2), ("none", 0.0)])
 def test_continuous_contact_is_near_the_core_and_outside(offset, friction):
-    ball = cs.Sphere((0.5, -0.29, 0.5), 0.25, cs.Linear((0.1, 0.5, 0.0)), friction=friction, offset=offset)
+    ball = cs.Sphere(
+        (0.5, -0.29, 0.5), 0.25, cs.Linear((0.1, 0.5, 0.0)), friction=friction, offset=offset
+    )
     scene = cs.Scene(cs.Cloth((20, 20)), ball)
     gpu, cpu = (cs.Stepper(scene, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu"))
     free = cs.Stepper(scene.replace(spheres=()), t=0.0)

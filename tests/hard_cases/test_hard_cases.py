@@ -7,11 +7,20 @@ import clothsim as cs
 import pytest
 
 CASES = cs.scenes.hard_cases()
-LONG, MILLION = 10_000, 10**6  # steps, from which on the default kernel is enough, and from which on a case is slow
+LONG, MILLION = (
+    10_000,
+    10**6,
+)  # steps, from which on the default kernel is enough, and from which on a case is slow
 SLOW = pytest.mark.slow
 KERNELS = {"double": "edge", "single": "gather"}
 RUNS = [
-    pytest.param(name, precision, kernel, id=f"{name}-{precision}-{kernel}", marks=SLOW if case.steps >= MILLION else ())
+    pytest.param(
+        name,
+        precision,
+        kernel,
+        id=f"{name}-{precision}-{kernel}",
+        marks=SLOW if case.steps >= MILLION else (),
+    )
     for name, case in CASES.items()
     for precision, kernel in (
         [(precision, "auto") for precision in case.precisions]
@@ -34,7 +43,9 @@ def test_hard_case(name, precision, kernel):
 def test_a_wrong_outcome_is_seen():
     """The judges of one case over the run of another."""
     case = CASES["a point at rest inside"]
-    assert not dataclasses.replace(case, scene=CASES["a point at the exact centre"].scene).run().passed
+    assert (
+        not dataclasses.replace(case, scene=CASES["a point at the exact centre"].scene).run().passed
+    )
     assert not dataclasses.replace(CASES["dt at 1.05 of the limit"], dt=case.dt).run().passed
     assert not dataclasses.replace(CASES["dt at 0.95 of the limit"], dt=0.1).run().passed
     soft = CASES["a strip of 1 x 12"]

@@ -30,7 +30,9 @@ def test_forces_are_the_slope_of_the_energy(double_variant, crumpled):
     a = cs.acceleration(scene, x, v, **double_variant.options)
     way = np.random.default_rng(4).normal(size=x.shape)
     h = 1e-6
-    slope = (cs.energy(scene, x + h * way, v)["total"] - cs.energy(scene, x - h * way, v)["total"]) / (2 * h)
+    slope = (
+        cs.energy(scene, x + h * way, v)["total"] - cs.energy(scene, x - h * way, v)["total"]
+    ) / (2 * h)
     power = (scene.cloth.mass_per_point[..., None] * a * way).sum()
     np.testing.assert_allclose(power, -slope, rtol=1e-7)
 
@@ -49,7 +51,9 @@ def distance(corners):
     for k in range(3):
         side = corners[:, (k + 1) % 3] - corners[:, k]
         length2 = (side * side).sum(axis=1)
-        part = np.clip(-(side * corners[:, k]).sum(axis=1) / np.where(length2 > 0, length2, 1), 0, 1)
+        part = np.clip(
+            -(side * corners[:, k]).sum(axis=1) / np.where(length2 > 0, length2, 1), 0, 1
+        )
         found.append(np.linalg.norm(corners[:, k] + part[:, None] * side, axis=1))
     return np.min(found, axis=0)
 

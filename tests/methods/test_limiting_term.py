@@ -21,7 +21,11 @@ def given(category, run):
         ({"mass": 0.2}, "damping", None),
         ({"damping": 0.0}, "stiffness", None),
         ({"damping": {"structural": 1.0, "shear": 900.0, "bend": 0.0}}, "damping", ("shear",)),
-        ({"stiffness": {"structural": 1.0, "shear": 9.0, "bend": 1e5}, "damping": 1.0}, "stiffness", ("bend",)),
+        (
+            {"stiffness": {"structural": 1.0, "shear": 9.0, "bend": 1e5}, "damping": 1.0},
+            "stiffness",
+            ("bend",),
+        ),
         ({"damping": 0.0, "drag": 9000.0}, "damping", ("points",)),
         ({"damping": 1.0, "drag": 9000.0}, "damping", ("points",)),
     ],
@@ -72,7 +76,9 @@ def test_pefrl_with_damping_is_announced():
             lambda: cs.step(scene, *state, 1e-3, integrator="pefrl"),
             lambda: cs.Stepper(scene, integrator="pefrl").advance(3, 1e-3),
             lambda: cs.simulate(scene, 0.01, 1e-3, integrator="pefrl"),
-            lambda: cs.sweep(scene, {"integrator": ["rk4", "pefrl"]}, duration=0.01, dt=1e-3, progress=False),
+            lambda: cs.sweep(
+                scene, {"integrator": ["rk4", "pefrl"]}, duration=0.01, dt=1e-3, progress=False
+            ),
         )
 
     for call in calls(damped):

@@ -59,8 +59,13 @@ def test_parts_are_parts_of_the_new_whole(order):
 @pytest.mark.parametrize("order", [1, -1])
 def test_arguments_of_a_sphere_come_together(order):
     given = {"sphere_restitution": 0.0, "sphere_response": "ray", "sphere0_radius": 0.1}
-    scene = change_scene(cs.Scene(cs.Cloth(), (cs.Sphere(), cs.Sphere())), dict(list(given.items())[::order]))
-    assert [(s.response, s.restitution, s.radius) for s in scene.spheres] == [("ray", 0.0, 0.1), ("ray", 0.0, 0.25)]
+    scene = change_scene(
+        cs.Scene(cs.Cloth(), (cs.Sphere(), cs.Sphere())), dict(list(given.items())[::order])
+    )
+    assert [(s.response, s.restitution, s.radius) for s in scene.spheres] == [
+        ("ray", 0.0, 0.1),
+        ("ray", 0.0, 0.25),
+    ]
     ray = cs.Scene(cs.Cloth(), cs.Sphere(response="ray"))
     cell = {"sphere_response": "continuous", "sphere_offset": "cell"}
     assert change_scene(ray, dict(list(cell.items())[::order])).spheres[0].restitution == 0.0

@@ -37,7 +37,9 @@ def test_state_is_copied_and_read_only():
 
 def test_unstable_error_keeps_its_state_through_pickling():
     x, v = state()
-    error = UnstableError(step=4, time=0.04, point=(1, 2), dt=0.01, max_stable_dt=0.0016, x=x, v=v, member=3)
+    error = UnstableError(
+        step=4, time=0.04, point=(1, 2), dt=0.01, max_stable_dt=0.0016, x=x, v=v, member=3
+    )
     assert isinstance(error, ArithmeticError)
     for e in (error, pickle.loads(pickle.dumps(error)), copy.copy(error)):
         assert (e.step, e.time, e.point, e.dt) == (4, 0.04, (1, 2), 0.01)

@@ -13,8 +13,18 @@ SCENES = {
     "everything": cs.Scene(
         cs.Cloth((3, 4), (0.1, 1e-17), np.linspace(0.1, 0.3, 12).reshape(3, 4), FAMILIES, FAMILIES),
         (
-            cs.Sphere((1 / 3, -0.0, 5e-324), motion=cs.Linear((1e300, 0, 0)), offset=0.01, as_printed=True, response="ray"),
-            cs.Sphere(motion=cs.Keyframes([0, 1.5], np.eye(3)[:2], smooth=True), response="reflect", offset="none"),
+            cs.Sphere(
+                (1 / 3, -0.0, 5e-324),
+                motion=cs.Linear((1e300, 0, 0)),
+                offset=0.01,
+                as_printed=True,
+                response="ray",
+            ),
+            cs.Sphere(
+                motion=cs.Keyframes([0, 1.5], np.eye(3)[:2], smooth=True),
+                response="reflect",
+                offset="none",
+            ),
         ),
         (0.1, 0.2, 0.3),
         position=np.random.default_rng(0).normal(size=(3, 4, 3)),
@@ -33,7 +43,9 @@ def test_a_saved_file_loads_to_the_same_values(tmp_path, name):
 
 def test_the_layout(tmp_path):
     text = cs.save_scene(SCENES["moving"], tmp_path / "scene.toml").read_text()
-    assert text.startswith("schema = 2  # version of this layout\ngravity = [0.0, -9.80665, 0.0]  # m/s^2\n")
+    assert text.startswith(
+        "schema = 2  # version of this layout\ngravity = [0.0, -9.80665, 0.0]  # m/s^2\n"
+    )
     assert text.endswith("\n[file]\ncomplete = true\n")
     for line in (
         "[cloth]",
@@ -51,7 +63,14 @@ def test_a_file_is_edited_by_hand(tmp_path):
     path = cs.save_scene(SCENES["paper"], tmp_path / "scene.toml")
     schema, *lines = [line.partition("#")[0] for line in path.read_text().splitlines()]
     above, cloth, sphere, end = "\n".join(lines).split("\n[")
-    edited = "\n[".join([f"\ufeff{above}\n{schema}", end, sphere.replace("radius = 0.25", "radius = 0.2 # m"), cloth])
+    edited = "\n[".join(
+        [
+            f"\ufeff{above}\n{schema}",
+            end,
+            sphere.replace("radius = 0.25", "radius = 0.2 # m"),
+            cloth,
+        ]
+    )
     path.write_bytes(edited.replace("\n", "\r\n").encode())
     expected = SCENES["paper"].spheres[0].replace(radius=0.2)
     assert cs.load_scene(path) == SCENES["paper"].replace(spheres=expected)
@@ -70,7 +89,11 @@ def test_a_cut_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
-        ("schema = 2\n[cloth]\nstifness = 3.0\n", ValueError, "unknown key 'stifness'.*'stiffness'"),
+        (
+            "schema = 2\n[cloth]\nstifness = 3.0\n",
+            ValueError,
+            "unknown key 'stifness'.*'stiffness'",
+        ),
         ("schema = 2\n[cloth]\n[[spheres]]\nradios = 1.0\n", ValueError, "'radios'.*'radius'"),
         ("schema = 3\n[cloth]\n", ValueError, "schema must be 2, the version read here, got 3$"),
         ("schema = 2\ncloth = 3\n", TypeError, "mapping"),

@@ -31,9 +31,13 @@ def test_edge_offset_takes_the_longest_structural_rest_length():
     for size in [(3.0, 1.0), (1.0, 3.0)]:
         for springs in [("structural",), ("shear",), ()]:
             cloth = Cloth(shape=(2, 2), size=size, springs=springs)
-            assert Sphere(radius=2.0, offset="edge").contact_radius(cloth) == pytest.approx(2.5, rel=1e-15, abs=0)
+            assert Sphere(radius=2.0, offset="edge").contact_radius(cloth) == pytest.approx(
+                2.5, rel=1e-15, abs=0
+            )
     chain = Cloth(shape=(3, 1), size=(6.0, 99.0), pins=())
-    assert Sphere(radius=2.0, offset="edge").contact_radius(chain) == pytest.approx(2.5, rel=1e-15, abs=0)
+    assert Sphere(radius=2.0, offset="edge").contact_radius(chain) == pytest.approx(
+        2.5, rel=1e-15, abs=0
+    )
 
 
 def test_other_offsets():
@@ -45,7 +49,9 @@ def test_other_offsets():
 
 
 def test_an_offset_that_left_names_what_serves_instead():
-    with pytest.raises(ValueError, match="got 'face'.*; use 'cell', and more mass points where a sphere is smaller"):
+    with pytest.raises(
+        ValueError, match="got 'face'.*; use 'cell', and more mass points where a sphere is smaller"
+    ):
         Sphere(offset="face")
 
 
@@ -58,5 +64,7 @@ def test_a_restitution_that_was_given_stays_and_a_default_follows_the_response()
     ):
         for given, expected in ((None, 1.0), (0.0, 0.0)):
             sphere = copied(cs.Sphere(restitution=given).replace(radius=0.1))
-            assert sphere.restitution == 0.0 and sphere.replace(response="ray").restitution == expected
+            assert (
+                sphere.restitution == 0.0 and sphere.replace(response="ray").restitution == expected
+            )
     assert cs.scenes.paper_static().spheres[0].replace(response="continuous").restitution == 1.0

@@ -10,7 +10,9 @@ import pytest
 
 
 def scene_with_arrays(zero=0.0, dtype=np.float64):
-    cloth = cs.Cloth((6, 5), mass=np.full((6, 5), 0.5), damping={"structural": 1, "shear": 2, "bend": 3})
+    cloth = cs.Cloth(
+        (6, 5), mass=np.full((6, 5), 0.5), damping={"structural": 1, "shear": 2, "bend": 3}
+    )
     position = cloth.rest_positions.astype(dtype) + zero
     motion = cs.Keyframes([0, 1], [(0, zero, 0), (1, 0, 0)])
     return cs.Scene(cloth, cs.Sphere((0, -1, 0), motion=motion), position=position)
@@ -39,7 +41,9 @@ VALUES = [
     cs.Sphere(),
     cs.Sphere(np.array([1, 2, 3]), np.float32(0.5), response="ray", offset=0.01, as_printed=True),
     cs.Sphere(motion=cs.Reciprocate((1, 0, 0)), response="reflect", offset="none"),
-    cs.Sphere(motion=cs.Keyframes([0, 1], np.eye(2, 3)), restitution=0.5, friction=0.3, push_out_speed=0.3),
+    cs.Sphere(
+        motion=cs.Keyframes([0, 1], np.eye(2, 3)), restitution=0.5, friction=0.3, push_out_speed=0.3
+    ),
     cs.Linear((1.0, -2.0, 0.5)),
     cs.Reciprocate((0.0, 3.0, 4.0), distance=0.8, period=1.7, deceleration=3.0, phase=0.3),
     cs.Keyframes([0.0, 0.4, 1.3], [(0, 0, 0), (1, 0, 0), (1, 2, -1)], smooth=True),
@@ -53,7 +57,10 @@ VALUES = [
 
 @pytest.mark.parametrize("value", VALUES)
 def test_values_round_trip(value):
-    copies = type(value).from_dict(json.loads(json.dumps(value.to_dict()))), pickle.loads(pickle.dumps(value))
+    copies = (
+        type(value).from_dict(json.loads(json.dumps(value.to_dict()))),
+        pickle.loads(pickle.dumps(value)),
+    )
     for one in (*copies, copy.deepcopy(value), value.replace()):
         assert one == value
     assert all(value != other for other in VALUES if other is not value)
@@ -73,6 +80,8 @@ def test_long_arrays_print_as_their_shape():
     scene = cs.Scene(cloth, [cs.Sphere()] * 50, position=cloth.rest_positions)
     text = repr(scene)
     assert len(text) < 700
-    assert "mass=<array of shape (64, 48)>" in text and "position=<array of shape (64, 48, 3)>" in text
+    assert (
+        "mass=<array of shape (64, 48)>" in text and "position=<array of shape (64, 48, 3)>" in text
+    )
     assert "pins=<3072 entries, the first (0, 0)>" in text
     assert "spheres=<50 entries, the first Sphere(center=(0.0, 0.0, 0.0), " in text

@@ -13,7 +13,9 @@ SLOW = dict.fromkeys(["accuracy", "start", "sweeps"], pytest.mark.slow)
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 
 
-@pytest.mark.parametrize("path", [pytest.param(p, id=p.stem, marks=SLOW.get(p.stem, ())) for p in NOTEBOOKS])
+@pytest.mark.parametrize(
+    "path", [pytest.param(p, id=p.stem, marks=SLOW.get(p.stem, ())) for p in NOTEBOOKS]
+)
 def test_it_runs(path, tmp_path, monkeypatch):
     # Of the environment that runs the tests, not of whichever one is registered as "python3".
     from ipykernel.kernelspec import install

@@ -89,7 +89,9 @@ def test_any_layout_and_number_type_is_taken_as_its_values(crumpled, same_bits):
     shifted[...] = x
     assert same_bits(cs.step(scene, shifted, v, dt, 5), expected)
     whole = np.arange(x.size).reshape(x.shape)
-    assert same_bits(cs.step(scene, whole, 0 * whole, dt), cs.step(scene, whole * 1.0, 0.0 * whole, dt))
+    assert same_bits(
+        cs.step(scene, whole, 0 * whole, dt), cs.step(scene, whole * 1.0, 0.0 * whole, dt)
+    )
 
 
 def test_the_result_has_the_dtype_of_the_input(variant, crumpled):
@@ -116,7 +118,10 @@ def test_attributes_of_a_stepper_are_not_set_in_silence():
 
 @each(
     "module, name, instead",
-    [(cs.scenes, "denim", "examples/light_fabric.py"), (accuracy, "fastest", "python benchmarks/peers --errors")],
+    [
+        (cs.scenes, "denim", "examples/light_fabric.py"),
+        (accuracy, "fastest", "python benchmarks/peers --errors"),
+    ],
 )
 def test_a_name_of_an_earlier_version_says_what_serves_instead(module, name, instead):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}'; {instead}"):

@@ -27,10 +27,15 @@ MODULES = dict(modules())
 
 
 def imports(text, folder, late=True):
-    """(module, name or "") of every import of clothsim when the text runs, `late` ones in functions too; the module
-    without "clothsim."."""
+    """(module, name or "") of every import of clothsim when the text runs, `late` ones in functions
+    too; the module without "clothsim.".
+    """
     tree = ast.parse(text)
-    blocks = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)]
+    blocks = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+    ]
     blocks += [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and not late]
     skipped = {inner for block in blocks for inner in ast.walk(block)}
     for node in ast.walk(tree):
@@ -39,7 +44,10 @@ def imports(text, folder, late=True):
         for alias in node.names:
             source, name = alias.name, ""
             if isinstance(node, ast.ImportFrom):
-                source, name = resolve_name("." * node.level + (node.module or ""), folder), alias.name
+                source, name = (
+                    resolve_name("." * node.level + (node.module or ""), folder),
+                    alias.name,
+                )
             room, _, module = source.partition(".")
             if room == "clothsim":
                 whole = f"{module}.{name}".strip(".")
@@ -47,7 +55,11 @@ def imports(text, folder, late=True):
 
 
 def test_no_circle_of_imports():
-    graph = {name: {other for other, _ in imports(*code, late=False) if other} for name, code in MODULES.items() if name}
+    graph = {
+        name: {other for other, _ in imports(*code, late=False) if other}
+        for name, code in MODULES.items()
+        if name
+    }
     order = list(TopologicalSorter(graph).static_order())  # raises CycleError
     assert order.index("model.cloth") < order.index("model.scene") < order.index("run.simulate")
 
@@ -70,7 +82,7 @@ def public_names(module):
 
 
 def private_uses(text, folder, allowed=()):
-    """What a text takes that is neither public nor of an allowed room: imports, and attributes of `cs`."""
+    """What a text takes, neither public nor of an allowed room: imports, and attributes of `cs`."""
     found = []
     for other, name in imports(text, folder):
         if other.split(".")[0] in allowed or (other in PUBLIC and name == other):
@@ -78,7 +90,11 @@ def private_uses(text, folder, allowed=()):
         if other not in ("", *PUBLIC) or (name and name not in public_names(other)):
             found.append(f"{other}.{name}".strip("."))
     for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "cs" and node.attr not in public_names(""):
+        if (
+            isinstance(node, ast.Attribute)
+            and ast.unparse(node.value) == "cs"
+            and node.attr not in public_names("")
+        ):
             found.append(f"cs.{node.attr}")
     return found
 
@@ -89,8 +105,14 @@ def test_rooms_of_evidence_use_public_names_alone():
     for module, code in rooms.items():
         assert private_uses(*code, (module.split(".")[0], "base")) == [], module
     assert {"hard_cases", "paper"} < rooms.keys()
-    public = "import clothsim\nfrom clothsim import accuracy\nfrom clothsim.accuracy import Method\ncs.typing.Precision\n"
-    private = "from .. import _core\nfrom ..gpu.device import using\nfrom ..accuracy import own_method\ncs._core.Cloth\n"
+    public = (
+        "import clothsim\nfrom clothsim import accuracy\nfrom clothsim.accuracy import "
+        "Method\ncs.typing.Precision\n"
+    )
+    private = (
+        "from .. import _core\nfrom ..gpu.device import using\nfrom ..accuracy import "
+        "own_method\ncs._core.Cloth\n"
+    )
     found = private_uses(public + private, "clothsim.paper")
     assert found == ["_core", "gpu.device.using", "accuracy.own_method", "cs._core"]
 
@@ -98,12 +120,16 @@ def test_rooms_of_evidence_use_public_names_alone():
 def test_benchmarks_use_public_names_alone():
     """And `clothsim.paper`, whose experiments they run at other sizes."""
     scripts = {path: path.read_text(encoding="utf-8") for path in BENCHMARKS.rglob("*.py")}
-    scripts = {path: private_uses(text, "benchmarks.any", ("paper",)) for path, text in scripts.items()}
+    scripts = {
+        path: private_uses(text, "benchmarks.any", ("paper",)) for path, text in scripts.items()
+    }
     assert len(scripts) > 10 and not any(scripts.values()), scripts
 
 
 def test_dir_shows_public_names_only():
     shown = {name for name in dir(cs) if not name.startswith("__")}
     assert shown == {*cs.__all__, "errors", "typing"}
-    assert not [name for name in ("TYPE_CHECKING", "growth", "carried", "on_demand") if hasattr(cs, name)]
+    assert not [
+        name for name in ("TYPE_CHECKING", "growth", "carried", "on_demand") if hasattr(cs, name)
+    ]
     assert all(hasattr(cs, name) for name in shown)

@@ -42,7 +42,9 @@ def test_ctrl_c_at_any_moment_leaves_a_whole_step():
     rng = random.Random(SEED)
     for _ in range(3 * ROUNDS):
         shape = rng.choice([(9, 7), (64, 64), (120, 130)])
-        ball = cs.Sphere((0.5, -0.26, 0.5), 0.25, None, "continuous", rng.choice(["none", "cell"]), 0.0, 0.3)
+        ball = cs.Sphere(
+            (0.5, -0.26, 0.5), 0.25, None, "continuous", rng.choice(["none", "cell"]), 0.0, 0.3
+        )
         cloth = cs.Cloth(shape, mass=1.0, stiffness=10.0, damping=0.0, pins=())
         scene = cs.Scene(
             cloth,
@@ -51,7 +53,9 @@ def test_ctrl_c_at_any_moment_leaves_a_whole_step():
         )
         scenes = [scene] * rng.choice([1, 1, 3, 40])
         dt = 0.4 * cs.max_stable_dt(scene)
-        stepper, whole = (cs.Stepper(scenes, threads=threads) for threads in (rng.choice([1, 2]), 1))
+        stepper, whole = (
+            cs.Stepper(scenes, threads=threads) for threads in (rng.choice([1, 2]), 1)
+        )
         for _ in range(rng.randrange(3)):
             stepper.advance(1, dt)
         for _ in range(3):
@@ -62,7 +66,9 @@ def test_ctrl_c_at_any_moment_leaves_a_whole_step():
             timer.join()
         steps = round(stepper.time / dt)
         whole.advance(steps, dt)
-        assert whole.time == stepper.time and np.array_equal(whole.positions, stepper.positions), f"seed {SEED}"
+        assert whole.time == stepper.time and np.array_equal(whole.positions, stepper.positions), (
+            f"seed {SEED}"
+        )
         assert np.array_equal(whole.velocities, stepper.velocities), f"seed {SEED}"
 
 
@@ -82,10 +88,20 @@ def _work(seed):
         elif call == 1:
             stepper = cs.Stepper.restore(stepper.snapshot())
         elif call == 2:
-            x, v = cs.step(scene, stepper.positions, stepper.velocities, dt, rng.randrange(1, 9), t=0.0, **options)
+            x, v = cs.step(
+                scene,
+                stepper.positions,
+                stepper.velocities,
+                dt,
+                rng.randrange(1, 9),
+                t=0.0,
+                **options,
+            )
             stepper.set_state(x, v, 0.0)
         elif call == 3:
-            found.append(cs.acceleration(scene, stepper.positions, stepper.velocities, precision=precision))
+            found.append(
+                cs.acceleration(scene, stepper.positions, stepper.velocities, precision=precision)
+            )
         else:
             stepper.set_scene(scene.replace(gravity=(0.0, -rng.uniform(5, 15), 0.0)))
         found += [stepper.positions, stepper.velocities]

@@ -27,7 +27,9 @@ def test_the_stub_has_the_names_of_the_core():
     assert public(declared(STUB.body)) == public(dir(_core))
 
 
-@pytest.mark.parametrize("stub", [one for one in STUB.body if isinstance(one, ast.ClassDef)], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "stub", [one for one in STUB.body if isinstance(one, ast.ClassDef)], ids=lambda one: one.name
+)
 def test_the_stub_has_the_members_of_a_class_of_the_core(stub):
     assert public(declared(stub.body)) == public(vars(getattr(_core, stub.name)))
 

@@ -16,7 +16,9 @@ from clothsim.paper.findings import findings, number
 from clothsim.paper.report import cuts, page_section
 from matplotlib.image import imread
 
-SMALL = Settings((2e-4, 4e-4, 2e-4), study_dts=(1.6e-3,), runs=2, timed_frames=10, speedup_steps=20, part=0.02)
+SMALL = Settings(
+    (2e-4, 4e-4, 2e-4), study_dts=(1.6e-3,), runs=2, timed_frames=10, speedup_steps=20, part=0.02
+)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +33,9 @@ def folder(report):
 
 def cell(report, experiment, method, variant, frame):
     key = f"method {method}, {variant}", frame
-    (found,) = (c for c in report["experiments"][experiment]["cells"] if (c["case"], c["frame"]) == key)
+    (found,) = (
+        c for c in report["experiments"][experiment]["cells"] if (c["case"], c["frame"]) == key
+    )
     return found
 
 
@@ -79,7 +83,9 @@ def test_one_step_a_frame_shows_the_papers_static_difference(report):
 
 def test_points_that_leave_on_another_side_have_passed():
     cloth = cs.Cloth((1, 3), springs=(), damping=0.0, pins=())
-    scene = cs.Scene(cloth, cs.Sphere((0, 0, 0), 1.0), position=[[[0, 2, 0], [0.5, 2, 0], [3, 2, 0]]])
+    scene = cs.Scene(
+        cloth, cs.Sphere((0, 0, 0), 1.0), position=[[[0, 2, 0], [0.5, 2, 0], [3, 2, 0]]]
+    )
     x = scene.initial_position
     passed = Passed(x, 1.0)
     for y in (0.5, -0.5, -2.0):  # the first two go through the sphere, the third beside it
@@ -94,21 +100,37 @@ def test_points_that_leave_on_another_side_have_passed():
 
 def test_findings_follow_the_numbers(report):
     held = [f.held for found in findings(report["experiments"]).values() for f in found]
-    assert held[:2] == ["in part", "in part"] and set(held[2:4]) <= {"yes", "in part", "no"} and len(held) == 5
+    assert (
+        held[:2] == ["in part", "in part"]
+        and set(held[2:4]) <= {"yes", "in part", "no"}
+        and len(held) == 5
+    )
     rows = [{"case": name, "frames_per_second": 500.0 - 100 * (name[7] == "2")} for name in CASES]
     slower, quick = findings({"3": {"rows": rows, "frame_steps": 320}})["3"]
     assert (slower.held, quick.held) == ("yes", "yes") and "400" in slower.corrected
-    cells = [{"case": name, "triangles": 5e-3 * (name[7] == "1")} for name in CASES for _ in FRAMES["1"]]
+    cells = [
+        {"case": name, "triangles": 5e-3 * (name[7] == "1")} for name in CASES for _ in FRAMES["1"]
+    ]
     (static,) = findings({"1": {"cells": cells, "study": []}})["1"]
-    assert static.held == "yes" and static.printed == "method 1: 5 / 5 / 5 mm; method 2: 0 / 0 / 0 mm"
-    rows = [{"case": "core, double, 1 thread", "times_the_first": 8.0}, {"case": "shader, single", "times_the_first": 16.0}]
+    assert (
+        static.held == "yes" and static.printed == "method 1: 5 / 5 / 5 mm; method 2: 0 / 0 / 0 mm"
+    )
+    rows = [
+        {"case": "core, double, 1 thread", "times_the_first": 8.0},
+        {"case": "shader, single", "times_the_first": 16.0},
+    ]
     (gpu,) = findings({"4": {"rows": rows, "missing": ""}})["4"]
     assert gpu.held == "yes" and "2 times" in gpu.corrected
 
 
 def test_text_of_the_report_is_that_of_the_page(folder):
-    page, told = (one.read_text() for one in (Path(__file__).parents[2] / "docs/reproduction.md", folder / "report.txt"))
-    assert " ".join(page_section("Choices where the paper is silent").split()) in " ".join(told.split())
+    page, told = (
+        one.read_text()
+        for one in (Path(__file__).parents[2] / "docs/reproduction.md", folder / "report.txt")
+    )
+    assert " ".join(page_section("Choices where the paper is silent").split()) in " ".join(
+        told.split()
+    )
     assert page.count("Table 3, frames 150") == told.count("Table 3, frames 150") == 1
 
 
@@ -156,7 +178,11 @@ def test_page_is_whole_and_fetches_nothing(folder):
     assert "experiment2.html#t=2.08" in links
     assert all((folder / link.partition("#")[0]).exists() for link in links)
     assert page.tags.count("img") == 24
-    assert source.index("Did it hold?") < source.index("Experiment 1") < source.index("What this short form cuts")
+    assert (
+        source.index("Did it hold?")
+        < source.index("Experiment 1")
+        < source.index("What this short form cuts")
+    )
     assert source.count("<strong>Here:</strong>") == 5
 
 
@@ -164,7 +190,12 @@ def test_the_gallery_leads_to_live_pages_of_the_scenes(folder):
     page = PageReader()
     page.feed((folder / "live.html").read_text())
     links = [r for r in page.references if not r.startswith("data:")]
-    assert links == ["live_static.html", "live_moving.html", "live_swing.html", "live_continuous.html"]
+    assert links == [
+        "live_static.html",
+        "live_moving.html",
+        "live_swing.html",
+        "live_continuous.html",
+    ]
     for name in ("live.html", *links):
         assert (folder / name).stat().st_size < 400_000
         assert "://" not in (folder / name).read_text()
@@ -176,7 +207,9 @@ def test_pictures_show_something_and_those_of_a_frame_have_one_scale(report, fol
             cells = [c for c in report["experiments"][number_]["cells"] if c["frame"] == frame]
             paths = [c["picture"] for c in cells]
             # The label of an "as printed" one has a further line.
-            shapes = {(c["case"].split(", ")[1], imread(folder / c["picture"]).shape) for c in cells}
+            shapes = {
+                (c["case"].split(", ")[1], imread(folder / c["picture"]).shape) for c in cells
+            }
             assert len(paths) == 4 and len(shapes) == len(VARIANTS)
             for path in paths:
                 pixels = imread(folder / path)[..., :3]

@@ -12,7 +12,10 @@ TIMES = ("wall_time", "steps_per_second", "threads")
 def scenes(*stiffness):
     """With no sphere, one, two, ..., the first of them in motion."""
     balls = [BALL.replace(center=(0.5, -0.55, 0.5), motion=cs.Linear((0.0, 0.5, 0.0))), *[BALL] * 5]
-    return [LOOSE.replace(cloth=LOOSE.cloth.replace(stiffness=s), spheres=balls[:k]) for k, s in enumerate(stiffness)]
+    return [
+        LOOSE.replace(cloth=LOOSE.cloth.replace(stiffness=s), spheres=balls[:k])
+        for k, s in enumerate(stiffness)
+    ]
 
 
 def same_report(a, b):
@@ -33,10 +36,14 @@ def same_report(a, b):
 )
 def test_each_run_is_that_of_its_scene_alone(options, precision):
     given = scenes(150.0, 200.0, 250.0)
-    runs = cs.simulate(given, 0.4, **{"precision": precision, **options} if "dt" in options else options)
+    runs = cs.simulate(
+        given, 0.4, **{"precision": precision, **options} if "dt" in options else options
+    )
     assert len(runs) == 3
     for scene, run in zip(given, runs, strict=True):
-        alone = cs.simulate(scene, 0.4, **{"precision": precision, **options} if "dt" in options else options)
+        alone = cs.simulate(
+            scene, 0.4, **{"precision": precision, **options} if "dt" in options else options
+        )
         assert run == alone and run.scene is scene and same_report(run, alone)
         impulses = [cs.Stepper.restore(one.snapshot).impulses for one in (run, alone)]
         assert np.array_equal(*impulses)
@@ -45,7 +52,9 @@ def test_each_run_is_that_of_its_scene_alone(options, precision):
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-@pytest.mark.parametrize("options", [{}, {"callback": lambda *state: None}], ids=["batch", "one by one"])
+@pytest.mark.parametrize(
+    "options", [{}, {"callback": lambda *state: None}], ids=["batch", "one by one"]
+)
 def test_a_member_that_diverges_leaves_the_others(options, precision):
     given = scenes(1e2, 5e3, 2e2, 3e5)
     options = {"dt": 3e-3, "precision": precision, "every": 0.01, **options}
@@ -69,7 +78,9 @@ def test_a_point_that_is_trapped_ends_its_member_alone(trap):
     with pytest.raises(cs.ContactError) as caught:
         cs.simulate(given, 0.3, dt=1e-3)
     trapped, whole = caught.value.runs
-    assert trapped.report["stopped"] == "contact" and trapped.report["steps"] == caught.value.step - 1
+    assert (
+        trapped.report["stopped"] == "contact" and trapped.report["steps"] == caught.value.step - 1
+    )
     assert whole == cs.simulate(given[1], 0.3, dt=1e-3)
 
 
@@ -96,17 +107,26 @@ def test_measures_of_many_scenes_are_those_of_each_alone():
     given = scenes(150.0, 200.0, 250.0)
     x = np.array([one.initial_position * (1.1 + 0.1 * k) for k, one in enumerate(given)])
     for name, values in cs.energy(given, x, 0 * x).items():
-        assert values.tolist() == [cs.energy(one, each, 0 * each)[name] for one, each in zip(given, x, strict=True)]
+        assert values.tolist() == [
+            cs.energy(one, each, 0 * each)[name] for one, each in zip(given, x, strict=True)
+        ]
     assert cs.max_stable_dt(given).tolist() == list(map(cs.max_stable_dt, given))
     at = cs.max_stable_dt(given, "velocity_verlet", x)
-    assert at.tolist() == [cs.max_stable_dt(one, "velocity_verlet", each) for one, each in zip(given, x, strict=True)]
+    assert at.tolist() == [
+        cs.max_stable_dt(one, "velocity_verlet", each) for one, each in zip(given, x, strict=True)
+    ]
     for run, one in zip(cs.settle(given, 1e-3), given, strict=True):
         assert run == cs.settle(one, 1e-3)
     with pytest.raises(ValueError, match=r"x must be an array of shape \(3, 6, 7, 3\)"):
         cs.max_stable_dt(given, x=x[:2])
 
 
-@pytest.mark.parametrize("call", [cs.max_stable_dt, cs.settle, lambda s: cs.energy(s, 0, 0), lambda s: cs.simulate(s, 0.1)])
+@pytest.mark.parametrize(
+    "call",
+    [cs.max_stable_dt, cs.settle, lambda s: cs.energy(s, 0, 0), lambda s: cs.simulate(s, 0.1)],
+)
 def test_scenes_of_different_shapes_are_refused(call):
-    with pytest.raises(ValueError, match="scene must be a Scene or a non-empty sequence of Scene of one shape"):
+    with pytest.raises(
+        ValueError, match="scene must be a Scene or a non-empty sequence of Scene of one shape"
+    ):
         call([LOOSE, cs.scenes.oscillator()])

@@ -1,4 +1,4 @@
-"""Python calls between a user's call and the core's work: a call that grows checks or layers is seen here."""
+"""Python calls between a user's call and the core's work: added checks or layers are seen here."""
 
 import inspect
 import pydoc
@@ -19,7 +19,9 @@ def calls(function):
     """Python functions that run within a second call, as the first may build what is kept."""
     function()
     found = []
-    sys.setprofile(lambda frame, event, argument: event == "call" and found.append(frame.f_code.co_name))
+    sys.setprofile(
+        lambda frame, event, argument: event == "call" and found.append(frame.f_code.co_name)
+    )
     try:
         function()
     finally:
@@ -27,7 +29,9 @@ def calls(function):
     return found[1:]
 
 
-@pytest.mark.parametrize("scene", [FREE, BALL, CELLS, MOVING], ids=["free", "ray", "cell", "moving"])
+@pytest.mark.parametrize(
+    "scene", [FREE, BALL, CELLS, MOVING], ids=["free", "ray", "cell", "moving"]
+)
 def test_a_warm_step(scene):
     x, v = scene.initial_position, scene.initial_velocity
     assert len(calls(lambda: cs.step(scene, x, v, 1e-4, t=0.0))) <= 12
@@ -35,12 +39,16 @@ def test_a_warm_step(scene):
     assert len(calls(lambda: cs.step(scene, x, v, 1e-4, 2, 0.0, out=out))) <= 12
 
 
-@pytest.mark.parametrize("scene", [FREE, BALL, CELLS, cs.scenes.hanging()], ids=["swing", "ray", "cell", "hanging"])
+@pytest.mark.parametrize(
+    "scene", [FREE, BALL, CELLS, cs.scenes.hanging()], ids=["swing", "ray", "cell", "hanging"]
+)
 def test_a_run(scene):
     assert len(calls(lambda: cs.simulate(scene, 0.2, rtol=1e-6))) <= 400
     few = len(calls(lambda: cs.simulate(scene, 0.2, dt=1e-3)))
     assert few <= 160
-    assert len(calls(lambda: cs.simulate(scene, 2.0, dt=1e-3))) <= few + 2  # whatever the number of steps
+    assert (
+        len(calls(lambda: cs.simulate(scene, 2.0, dt=1e-3))) <= few + 2
+    )  # whatever the number of steps
 
 
 class Inline(Executor):
@@ -59,7 +67,13 @@ def test_a_further_member_of_a_sweep():
 
     def members(count):
         over = {"stiffness": np.linspace(1e3, 2e3, count)}
-        return len(calls(lambda: cs.sweep(BALL, over, duration=0.002, dt=1e-4, executor=Inline(), progress=False)))
+        return len(
+            calls(
+                lambda: cs.sweep(
+                    BALL, over, duration=0.002, dt=1e-4, executor=Inline(), progress=False
+                )
+            )
+        )
 
     members(128)  # what is imported and cached once
     assert members(128) - members(64) <= 60 * 64

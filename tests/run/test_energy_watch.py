@@ -1,4 +1,4 @@
-"""Energy that a step makes of nothing: below the guaranteed time step too, at states it leaves out."""
+"""Energy that a step makes of nothing: below the guaranteed step too, at states it leaves out."""
 
 import warnings
 
@@ -45,7 +45,8 @@ SYMPLECTIC = ("velocity_verlet", "semi_implicit_euler", "pefrl")
 @pytest.mark.parametrize(("seed", "integrator"), list(enumerate([*SYMPLECTIC, "dop853"])))
 def test_energy_that_grows_at_the_guaranteed_step_ends_the_run(integrator, seed):
     """The error comes at the first step by which nine tenths are made; a growth that took more than
-    128 steps was warned of before, with a step at which the state is stable."""
+    128 steps was warned of before, with a step at which the state is stable.
+    """
     for scene in (crumpled(seed), crumpled(seed, 0.3), thrown(seed, 100.0)):
         error, given = run(scene, integrator)
         assert isinstance(error, cs.UnstableError) and error.dt <= error.max_stable_dt
@@ -56,13 +57,15 @@ def test_energy_that_grows_at_the_guaranteed_step_ends_the_run(integrator, seed)
         total, moving = energy_of(scene, x, v)
         assert total - start > 0.9 * moving
         for warning in given:
-            assert warning.category is cs.StabilityWarning and "out of nothing" in str(warning.message)
+            assert warning.category is cs.StabilityWarning and "out of nothing" in str(
+                warning.message
+            )
         assert len(given) == 1 or error.step <= 256
 
 
 @pytest.mark.parametrize("integrator", [*SYMPLECTIC, "rk4", "dopri5"])
 def test_energy_that_swings_is_no_growth(integrator):
-    """At the guaranteed step, where symplectic methods swing most; flat, swinging, thrown, buckling."""
+    """At the guaranteed step symplectic methods swing most; flat, swinging, thrown, buckling."""
     x = SHEET.rest_positions.copy()
     x[..., 0] *= 0.8  # compressed: buckles
     x[..., 1] = 1e-3 * np.random.default_rng(0).normal(size=(8, 8)) * ~SHEET.pinned
@@ -83,8 +86,17 @@ def test_the_energy_gained_is_the_largest_of_the_watched_states():
         made.append(energy_of(scene, stepper.positions, stepper.velocities)[0] - start)
     for threads in (1, 2):
         run = cs.simulate(scene, 1280 * dt, dt, "velocity_verlet", threads=threads)
-        assert run.report["energy"]["gained"] == pytest.approx(max(made), rel=1e-12) and max(made) > 1
-    swept = cs.sweep(scene, duration=1280 * dt, dt=dt, integrator="velocity_verlet", metrics="energy_gained", progress=False)
+        assert (
+            run.report["energy"]["gained"] == pytest.approx(max(made), rel=1e-12) and max(made) > 1
+        )
+    swept = cs.sweep(
+        scene,
+        duration=1280 * dt,
+        dt=dt,
+        integrator="velocity_verlet",
+        metrics="energy_gained",
+        progress=False,
+    )
     assert float(swept.energy_gained) == run.report["energy"]["gained"]
     damped = cs.simulate(cs.scenes.paper_swing(), 0.2, 1e-3).report["energy"]
     assert damped["gained"] == 0.0 and damped["reason"] == ""
@@ -98,7 +110,10 @@ def test_a_batch_is_judged_member_by_member():
     alone = cs.Stepper(calm, integrator="velocity_verlet", threads=1)
     alone.advance(1000, dt)
     batch = cs.Stepper([calm, wild], integrator="velocity_verlet", threads=1)
-    with pytest.warns(cs.StabilityWarning, match="member 1"), pytest.raises(cs.UnstableError) as raised:
+    with (
+        pytest.warns(cs.StabilityWarning, match="member 1"),
+        pytest.raises(cs.UnstableError) as raised,
+    ):
         batch.advance(1000, dt)
     assert raised.value.member == 1
     batch.freeze(1)
@@ -109,7 +124,9 @@ def test_a_batch_is_judged_member_by_member():
 
 
 def test_a_cloth_that_falls_as_one_body_is_stable_at_any_speed(precision):
-    """Its points cross more than the sheet within a step above the guarantee, but not relative to each other."""
+    """Its points cross more than the sheet within a step above the guarantee, but not relative to
+    each other.
+    """
     cloth = cs.Cloth((8, 8), mass=1.0, stiffness=10.0, damping=0.0, pins=())
     velocity = np.broadcast_to([0.0, -300.0, 0.0], (8, 8, 3))
     scene = cs.Scene(cloth, gravity=(0, 0, 0), velocity=velocity)
@@ -123,7 +140,9 @@ def test_a_cloth_that_falls_as_one_body_is_stable_at_any_speed(precision):
 
 @pytest.mark.parametrize("response", ["ray", "reflect", "continuous"])
 def test_a_response_ends_the_watch(response):
-    """Laws of contact and moving spheres may add energy; here a point bounces with four times its speed of arrival."""
+    """Laws of contact and moving spheres may add energy; here a point bounces with four times its
+    speed of arrival.
+    """
     sphere = cs.Sphere((0.5, -0.35, 0.5), 0.3, response=response, offset="none")
     object.__setattr__(sphere, "restitution", 4.0)  # no public sphere does that
     cloth = cs.Cloth((8, 8), mass=1.0, stiffness=100.0, damping=0.0, pins=())

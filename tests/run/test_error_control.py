@@ -15,7 +15,11 @@ from clothsim.engine.options import Options
 from clothsim.run.trajectory import Job, Recorder, Watch
 from random_cloths import draw, rms, truth
 
-SWING, OSCILLATOR, DAMPED = cs.scenes.paper_swing(bend=True), cs.scenes.oscillator(), cs.scenes.oscillator(damping=3.0)
+SWING, OSCILLATOR, DAMPED = (
+    cs.scenes.paper_swing(bend=True),
+    cs.scenes.oscillator(),
+    cs.scenes.oscillator(damping=3.0),
+)
 
 
 @functools.cache
@@ -84,7 +88,9 @@ def endless(name):
     if name == "chaotic":
         return cs.Scene(cloth, velocity=2 * rng.standard_normal((5, 5, 3))), 5.0
     if name == "collapsed":
-        return cs.Scene(cloth, position=1e-3 * cloth.rest_positions + 1e-5 * rng.standard_normal((5, 5, 3))), 0.6
+        return cs.Scene(
+            cloth, position=1e-3 * cloth.rest_positions + 1e-5 * rng.standard_normal((5, 5, 3))
+        ), 0.6
     stiff = cs.Cloth(shape=(5, 5), mass=0.1, stiffness=1e7, damping=300.0, pins=((0, 0),))
     return cs.Scene(stiff), 0.004
 
@@ -93,14 +99,20 @@ def endless(name):
 def plain_evaluations(name):
     """Force evaluations of a run of dop853 at the smallest tolerance of a step."""
     scene, duration = endless(name)
-    job = Job([scene], False, duration, Options("dop853", "double", 1), tolerance=1e-14 * max(scene.cloth.size))
+    job = Job(
+        [scene],
+        False,
+        duration,
+        Options("dop853", "double", 1),
+        tolerance=1e-14 * max(scene.cloth.size),
+    )
     return Recorder(job, Watch()).run().trajectory().evaluations
 
 
 @pytest.mark.parametrize("options", [{}, {"rtol": 1e-4}, {"rtol": 1e-9}, {"rtol": 1e-15}], ids=str)
 @pytest.mark.parametrize("name", ["chaotic", "collapsed", "stiff"])
 def test_no_call_is_without_an_end(name, options):
-    """It costs less than three plain runs, and what it returns is told by an estimate and a reason."""
+    """It costs less than three plain runs; an estimate and a reason tell what it returns."""
     scene, duration = endless(name)
     run = cs.simulate(scene, duration, threads=1, **options)
     plain = max(plain_evaluations(name), run.report["solution_evaluations"])
@@ -145,7 +157,14 @@ def test_frames_do_not_shorten_steps(integrator):
     assert run.x[0].tobytes() == scene.initial_position.tobytes()
     for k in (1, 10, 40, 76):
         steps = 40
-        x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, run.t[k] / steps, steps, integrator="dop853")
+        x, v = cs.step(
+            scene,
+            scene.initial_position,
+            scene.initial_velocity,
+            run.t[k] / steps,
+            steps,
+            integrator="dop853",
+        )
         assert rms(run.x[k] - x) < 3e-8
         assert rms(run.v[k] - v) < 3e-5
 
@@ -169,7 +188,10 @@ def test_after_contact_no_error_is_told():
 def test_same_bits_for_any_number_of_threads(threads, kernel):
     scene = cs.scenes.paper_static(bend=True)
     runs = [
-        cs.simulate(scene, 0.25, rtol=1e-4, integrator="dop853", kernel=kernel, threads=n, every=0.1) for n in (2, threads)
+        cs.simulate(
+            scene, 0.25, rtol=1e-4, integrator="dop853", kernel=kernel, threads=n, every=0.1
+        )
+        for n in (2, threads)
     ]
     assert runs[0].x.tobytes() == runs[1].x.tobytes()
     assert runs[0].report["steps"] == runs[1].report["steps"]

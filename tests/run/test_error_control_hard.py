@@ -21,7 +21,12 @@ def case_of(number):
 def exact(number):
     case = case_of(number)
     options, tolerance = Options("dop853", "double", 1), 1e-13 * max(case.scene.cloth.size)
-    return Recorder(Job([case.scene], False, case.duration, options, tolerance=tolerance), Watch()).run().trajectory().x[-1]
+    return (
+        Recorder(Job([case.scene], False, case.duration, options, tolerance=tolerance), Watch())
+        .run()
+        .trajectory()
+        .x[-1]
+    )
 
 
 @pytest.mark.parametrize(
@@ -32,12 +37,14 @@ def exact(number):
         (23, {"rtol": 1e-7}),
         (32, {"rtol": 1e-4}),
         (32, {"rtol": 1e-6}),
-        # The phase is lost at first; the error of a run must not be extrapolated from a run 1,000 times worse.
+        # The phase is lost at first; the error of a run must not be extrapolated from a run 1,000
+        # times worse.
         (79, {"rtol": 1e-3}),
         # Few local errors tell little: the second run of 39 steps errs by twice what was asked.
         (40, {"rtol": 1e-6}),
         (1, {"rtol": 1e-3}),
-        # The better run is as wrong as the run that it is compared with, as errors grow 1,000 times.
+        # The better run is as wrong as the run that it is compared with, as errors grow 1,000
+        # times.
         (32, {"integrator": "rk4"}),
         # The phase is lost for three steps of the search, though better runs agree.
         (78, {"integrator": "rk4"}),
@@ -64,7 +71,9 @@ def test_refinement_by_tolerances_costs_less_than_grids():
     assert report["force_evaluations"] < 25_000
 
 
-@pytest.mark.parametrize("options", [{"rtol": 1e-6}, {}, {"dt": 1e-3, "estimate_error": True}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{"rtol": 1e-6}, {}, {"dt": 1e-3, "estimate_error": True}], ids=str
+)
 def test_no_estimate_is_below_the_rounding_of_a_position(options):
     """All runs of a free sheet in plane fall alike, yet their positions are rounded."""
     cloth = cs.Cloth(shape=(5, 5), pins=())

@@ -1,4 +1,6 @@
-"""Error control where pins and spheres move: no motion is stepped over, contact is as with short steps, every call ends."""
+"""Error control where pins and spheres move: no motion is stepped over, contact is as with short
+steps, every call ends.
+"""
 
 import clothsim as cs
 import numpy as np
@@ -6,7 +8,13 @@ import pytest
 from clothsim.model.scene import stops_of
 from random_cloths import draw, rms
 
-REQUESTS = [{"rtol": 1e-6}, {"rtol": 1e-9}, {"rtol": 1e-6, "integrator": "dopri5"}, {"rtol": 1e-5, "integrator": "rk4"}, {}]
+REQUESTS = [
+    {"rtol": 1e-6},
+    {"rtol": 1e-9},
+    {"rtol": 1e-6, "integrator": "dopri5"},
+    {"rtol": 1e-5, "integrator": "rk4"},
+    {},
+]
 
 
 def side(rows):
@@ -14,10 +22,16 @@ def side(rows):
 
 
 def pulsed(smooth=False):
-    """A sheet at rest, one side of which goes out and back in 10 ms, in a run whose steps are ten times as long."""
-    times = np.array([0, *(np.arange(94, 109) if smooth else (100, 101, 102)), 200]) / 200  # in which a spline calms down
+    """A sheet at rest, one side of which goes out and back in 10 ms, in a run whose steps are ten
+    times as long.
+    """
+    times = (
+        np.array([0, *(np.arange(94, 109) if smooth else (100, 101, 102)), 200]) / 200
+    )  # in which a spline calms down
     pull = cs.Keyframes(times, offsets=np.outer(times == 0.505, (0.05, 0, 0)), smooth=smooth)
-    cloth = cs.Cloth((8, 8), (0.7, 0.7), mass=0.64, stiffness=1.0, damping=0.0, pins=dict.fromkeys(side(8), pull))
+    cloth = cs.Cloth(
+        (8, 8), (0.7, 0.7), mass=0.64, stiffness=1.0, damping=0.0, pins=dict.fromkeys(side(8), pull)
+    )
     return cs.Scene(cloth, gravity=(0, 0, 0))
 
 
@@ -25,7 +39,14 @@ def jump(start=0.5, response="continuous"):
     """A sphere that comes up and goes back in 20 ms, from out of reach of a sheet at rest."""
     low, up = (0.4, -0.3, 0.4), (0.4, -0.05, 0.4)
     motion = cs.Keyframes([0, start, start + 0.01, start + 0.02, 1], [low, low, up, low, low])
-    cloth = cs.Cloth((9, 9), (0.8, 0.8), mass=0.81, stiffness=10.0, damping=0.0, pins=((0, 0), (0, -1), (-1, 0), (-1, -1)))
+    cloth = cs.Cloth(
+        (9, 9),
+        (0.8, 0.8),
+        mass=0.81,
+        stiffness=10.0,
+        damping=0.0,
+        pins=((0, 0), (0, -1), (-1, 0), (-1, -1)),
+    )
     return cs.Scene(cloth, cs.Sphere(low, 0.1, motion, response, "none"), gravity=(0, 0, 0))
 
 
@@ -33,7 +54,9 @@ def rising():
     """A sphere that meets a sheet at rest, whose steps before are as long as the run."""
     sides = tuple((r, c) for r in (0, 8) for c in range(9))
     cloth = cs.Cloth((9, 9), mass=0.3, stiffness=500.0, damping=0.02, pins=sides)
-    return cs.Scene(cloth, cs.Sphere((0.5, -0.3, 0.5), 0.15, cs.Linear((0, 0.5, 0))), gravity=(0, 0, 0))
+    return cs.Scene(
+        cloth, cs.Sphere((0.5, -0.3, 0.5), 0.15, cs.Linear((0, 0.5, 0))), gravity=(0, 0, 0)
+    )
 
 
 def honest(run, right, asked):
@@ -57,22 +80,38 @@ def test_a_pulse_within_a_step_is_seen(options, smooth):
 
 
 def random_scene(number):
-    """Pins with a pulse, a short reciprocation, both or smooth motions in turn; a cloth of random stiffness and damping."""
+    """Pins with a pulse, a short reciprocation, both or smooth motions in turn; a cloth of random
+    stiffness and damping.
+    """
     rng = np.random.default_rng([51, number])
     rows = int(rng.integers(3, 7))
     times = np.cumsum(
-        [0.0, *(part for _ in range(2) for part in (rng.uniform(0.05, 0.2), *[10 ** rng.uniform(-4, -2)] * 2))]
+        [
+            0.0,
+            *(
+                part
+                for _ in range(2)
+                for part in (rng.uniform(0.05, 0.2), *[10 ** rng.uniform(-4, -2)] * 2)
+            ),
+        ]
     )
     ways = rng.normal(size=(len(times), 3)) * 0.02 * (np.arange(len(times)) % 3 == 2)[:, None]
     pulse = cs.Keyframes(times, offsets=ways)
-    shake = cs.Reciprocate(rng.normal(size=3), 2e-3, 10 ** rng.uniform(-2, -0.5), rng.choice([0.0, 5.0, 200.0]), 0.3)
+    shake = cs.Reciprocate(
+        rng.normal(size=3), 2e-3, 10 ** rng.uniform(-2, -0.5), rng.choice([0.0, 5.0, 200.0]), 0.3
+    )
     wave = cs.Sinusoid(rng.normal(size=3) * 1e-3, 10 ** rng.uniform(0, 2), 0.4)
-    curve = cs.Keyframes(np.arange(6) / 8, offsets=rng.normal(size=(6, 3)) * 0.01 * (np.arange(6) > 0)[:, None], smooth=True)
+    curve = cs.Keyframes(
+        np.arange(6) / 8,
+        offsets=rng.normal(size=(6, 3)) * 0.01 * (np.arange(6) > 0)[:, None],
+        smooth=True,
+    )
     motions = [(pulse, pulse), (shake, shake), (pulse, shake), (wave, curve)][number % 4]
     pins = {pin: motions[k % 2] for k, pin in enumerate(side(rows))}
     springs = {"stiffness": 10 ** rng.uniform(0, 3.5), "damping": rng.choice([0.0, 0.02])}
     return cs.Scene(
-        cs.Cloth((rows, 5), mass=0.02 * rows, pins=pins, **springs), gravity=(0, -9.80665 * rng.integers(0, 2), 0)
+        cs.Cloth((rows, 5), mass=0.02 * rows, pins=pins, **springs),
+        gravity=(0, -9.80665 * rng.integers(0, 2), 0),
     )
 
 
@@ -86,7 +125,9 @@ def test_random_motions_of_pins(number):
 
 @pytest.mark.parametrize("response", ["continuous", "ray"])
 @pytest.mark.parametrize(
-    "options", [{"rtol": 1e-6}, {"rtol": 1e-6, "fps": 30}, {"rtol": 1e-6, "integrator": "dopri5"}, {}], ids=str
+    "options",
+    [{"rtol": 1e-6}, {"rtol": 1e-6, "fps": 30}, {"rtol": 1e-6, "integrator": "dopri5"}, {}],
+    ids=str,
 )
 def test_a_sphere_that_comes_and_goes_within_a_step_is_met(options, response):
     short = cs.simulate(jump(response=response), 1.0, dt=1e-4).report
@@ -94,7 +135,9 @@ def test_a_sphere_that_comes_and_goes_within_a_step_is_met(options, response):
     assert short["first_contact"]["time"] == pytest.approx(0.508)
     assert report["first_contact"]["time"] == pytest.approx(0.508, abs=5e-4)
     if response == "continuous":
-        assert report["energy"]["end"]["total"] == pytest.approx(short["energy"]["end"]["total"], rel=0.01)
+        assert report["energy"]["end"]["total"] == pytest.approx(
+            short["energy"]["end"]["total"], rel=0.01
+        )
     assert report["force_evaluations"] < 6000
 
 
@@ -108,13 +151,25 @@ def test_frames_never_change_a_run_with_contact(response):
     assert len(often.t) == 121
 
 
-@pytest.mark.parametrize(("period", "smooth"), [(0.003, False), (0.05, False), (1.0, False), (0.003, True), (0.05, True)])
+@pytest.mark.parametrize(
+    ("period", "smooth"), [(0.003, False), (0.05, False), (1.0, False), (0.003, True), (0.05, True)]
+)
 def test_a_sphere_that_goes_up_and_down_is_met(period, smooth):
     """... by its way over the step: the speeds at two turning points say little of it."""
-    cloth = cs.Cloth((9, 9), (0.8, 0.8), mass=0.81, stiffness=10.0, damping=0.0, pins=((0, 0), (-1, -1)))
-    motion = cs.Sinusoid((0, 0.2, 0), 1 / period, 0.75) if smooth else cs.Reciprocate((0, 1, 0), 0.4, period, 50.0)
-    scene = cs.Scene(cloth, cs.Sphere((0.4, -0.27, 0.4), 0.1, motion, offset="none"), gravity=(0, 0, 0))
-    small = cs.simulate(scene, 0.1, dt=2e-6 if period < 0.01 else 1e-4).report["first_contact"]["time"]
+    cloth = cs.Cloth(
+        (9, 9), (0.8, 0.8), mass=0.81, stiffness=10.0, damping=0.0, pins=((0, 0), (-1, -1))
+    )
+    motion = (
+        cs.Sinusoid((0, 0.2, 0), 1 / period, 0.75)
+        if smooth
+        else cs.Reciprocate((0, 1, 0), 0.4, period, 50.0)
+    )
+    scene = cs.Scene(
+        cloth, cs.Sphere((0.4, -0.27, 0.4), 0.1, motion, offset="none"), gravity=(0, 0, 0)
+    )
+    small = cs.simulate(scene, 0.1, dt=2e-6 if period < 0.01 else 1e-4).report["first_contact"][
+        "time"
+    ]
     assert cs.simulate(scene, 0.1, rtol=1e-4).report["first_contact"]["time"] == pytest.approx(
         small, abs=4e-3 * period + 1e-4
     )
@@ -130,9 +185,14 @@ def test_a_run_ends_where_a_sphere_meets_a_still_sheet(options):
 
 @pytest.mark.parametrize("number", range(8))
 def test_the_default_call_costs_no_more_than_its_tolerance(number):
-    """It takes a stable step of rk4 where the first run of dop853 agrees with it, else what a tolerance takes."""
+    """It takes a stable step of rk4 where the first run of dop853 agrees with it, else what a
+    tolerance takes.
+    """
     case = draw(1, number)
-    default, asked, right = (cs.simulate(case.scene, case.duration, **one) for one in ({}, {"rtol": 1e-3}, {"rtol": 1e-8}))
+    default, asked, right = (
+        cs.simulate(case.scene, case.duration, **one)
+        for one in ({}, {"rtol": 1e-3}, {"rtol": 1e-8})
+    )
     error, told = rms(default.x[-1] - right.x[-1]), default.report["error_estimate"]
     assert 0.5 * error <= told["rms"] <= 1e-3 * max(case.scene.cloth.size) and told["reason"] == ""
     assert default.report["force_evaluations"] < 1.4 * asked.report["force_evaluations"]
@@ -149,13 +209,17 @@ def test_reasons_of_one_report_agree():
     assert run.report["error_estimate"]["reason"].startswith("this run misses a sphere")
 
 
-@pytest.mark.parametrize("motion", [cs.Reciprocate((1, 0, 0), 1e-3, 1e-7), cs.Sinusoid((1e-3, 0, 0), 1e7)])
+@pytest.mark.parametrize(
+    "motion", [cs.Reciprocate((1, 0, 0), 1e-3, 1e-7), cs.Sinusoid((1e-3, 0, 0), 1e7)]
+)
 def test_more_stops_than_steps_are_refused_before_any_run(motion, monkeypatch):
-    monkeypatch.setattr("clothsim.run.trajectory.Recorder.run", lambda self: pytest.fail("a run was begun"))
+    monkeypatch.setattr(
+        "clothsim.run.trajectory.Recorder.run", lambda self: pytest.fail("a run was begun")
+    )
     scene = cs.Scene(cs.Cloth((3, 3), pins={(0, 0): motion}))
-    with pytest.raises(
-        ValueError, match=rf"period must be at least 2e-06 s.* got 1e-07 s of {type(motion).__name__}.*: give dt"
-    ):
+    name = type(motion).__name__
+    told = rf"period must be at least 2e-06 s.* got 1e-07 s of {name}.*: give dt"
+    with pytest.raises(ValueError, match=told):
         cs.simulate(scene, 1.0, rtol=1e-3)
 
 

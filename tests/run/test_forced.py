@@ -44,7 +44,8 @@ def test_steps_end_where_the_force_changes():
 
 
 @pytest.mark.parametrize(
-    "options", [{"rtol": 1e-9}, {"rtol": 1e-7, "integrator": "rk4"}, {"dt": 1e-3, "estimate_error": True}]
+    "options",
+    [{"rtol": 1e-9}, {"rtol": 1e-7, "integrator": "rk4"}, {"dt": 1e-3, "estimate_error": True}],
 )
 def test_error_control_and_estimates_see_the_force(options):
     run = cs.simulate(SCENE, 0.4, fps=50, force=wind, **options)
@@ -94,7 +95,9 @@ def test_other_names_for_it_are_hinted_at(name, instead):
 
 def test_a_sequence_of_scenes_takes_a_force(same_bits):
     scenes = [SCENE, SCENE.replace(gravity=(0, -3, 0))]
-    for run, scene in zip(cs.simulate(scenes, 0.2, dt=1e-3, fps=50, force=wind), scenes, strict=True):
+    for run, scene in zip(
+        cs.simulate(scenes, 0.2, dt=1e-3, fps=50, force=wind), scenes, strict=True
+    ):
         assert run == cs.simulate(scene, 0.2, dt=1e-3, fps=50, force=wind)
 
 
@@ -102,7 +105,14 @@ def test_a_sequence_of_scenes_takes_a_force(same_bits):
 
 
 def test_a_run_and_its_continuation_are_the_whole_run():
-    ball = cs.Sphere((0.5, -0.3, 0.5), 0.25, cs.Linear((0.0, 0.5, 0.1)), friction=0.1, response="ray", offset="edge")
+    ball = cs.Sphere(
+        (0.5, -0.3, 0.5),
+        0.25,
+        cs.Linear((0.0, 0.5, 0.1)),
+        friction=0.1,
+        response="ray",
+        offset="edge",
+    )
     scene = cs.Scene(CLOTH.replace(damping=0.1), ball)
     whole, first = (cs.simulate(scene, duration, dt=1e-3, fps=50) for duration in (0.8, 0.4))
     both = first + first.resume(0.4)
@@ -110,7 +120,9 @@ def test_a_run_and_its_continuation_are_the_whole_run():
     for name in ("steps", "force_evaluations", "first_contact", "dt", "stopped", "version"):
         assert both.report[name] == whole.report[name]
     depth, expected = both.report["penetration"], whole.report["penetration"]
-    assert depth["points"] == expected["points"] and depth["triangles"] == pytest.approx(expected["triangles"], rel=0.1)
+    assert depth["points"] == expected["points"] and depth["triangles"] == pytest.approx(
+        expected["triangles"], rel=0.1
+    )
     np.testing.assert_allclose(both.report["impulse"], whole.report["impulse"], rtol=1e-9)
     assert both.report["energy"]["end"] == whole.report["energy"]["end"]
     assert both.report.keys() == whole.report.keys()

@@ -5,12 +5,22 @@ import numpy as np
 import pytest
 
 DURATION = 0.3
-OFTEN = ({"fps": 30}, {"every": 0.0123}, {"times": [0.0400001, 0.1, 0.10003, 0.10005, 0.2999]}, {"every": 7}, {"every": 1})
-SWING = cs.scenes.paper_swing().replace(cloth=cs.Cloth((6, 5), (1, 1), mass=1.0, stiffness=100.0, damping=0.5))
+OFTEN = (
+    {"fps": 30},
+    {"every": 0.0123},
+    {"times": [0.0400001, 0.1, 0.10003, 0.10005, 0.2999]},
+    {"every": 7},
+    {"every": 1},
+)
+SWING = cs.scenes.paper_swing().replace(
+    cloth=cs.Cloth((6, 5), (1, 1), mass=1.0, stiffness=100.0, damping=0.5)
+)
 
 
 def moving_ball(response="continuous"):
-    ball = cs.Sphere((0.5, -0.5, 0.5), 0.2, cs.Linear((0, 2.0, 0)), response, "none", restitution=0.5)
+    ball = cs.Sphere(
+        (0.5, -0.5, 0.5), 0.2, cs.Linear((0, 2.0, 0)), response, "none", restitution=0.5
+    )
     return cs.Scene(cs.Cloth((9, 9), (1, 1), mass=1.0, stiffness=200.0, damping=0.1), ball)
 
 
@@ -55,7 +65,9 @@ def test_a_triangle_of_an_interpolated_frame_dips_in_by_less_than_it_grows_in_th
     scene = cs.Scene(cs.Cloth((6, 6), mass=0.4, stiffness=30.0, damping=0.02, pins=()), ball)
     run = cs.simulate(scene, 0.3, fps=400)
     assert run.report["penetration"]["triangles"] == 0
-    assert run.penetration()["triangles"].max() < 1e-3  # 4e-3 without the cells' part of the contact radius
+    assert (
+        run.penetration()["triangles"].max() < 1e-3
+    )  # 4e-3 without the cells' part of the contact radius
 
 
 def test_a_callback_that_stops_between_two_steps_leaves_the_next_state_last(same_bits):

@@ -19,7 +19,9 @@ def frame(run, k):
 
 
 @pytest.mark.parametrize(
-    "options", [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}, {"rtol": 1e-4, "integrator": "rk4"}], ids=str
+    "options",
+    [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}, {"rtol": 1e-4, "integrator": "rk4"}],
+    ids=str,
 )
 def test_times_are_stored_as_given_between_the_ends(options):
     times = [0.0031, 0.005, 0.0082]
@@ -77,9 +79,17 @@ def test_a_run_starts_at_its_time(options):
     """With the sphere's motion shifted by the same time it is the run from 0."""
     start, duration = 0.3125, 0.25
     x = SCENE.initial_position
-    ball = cs.Sphere(motion=cs.Linear((0.0, 2.0, 0.0)), center=(0.5, -0.55, 0.5), radius=0.25, response="ray", offset="edge")
+    ball = cs.Sphere(
+        motion=cs.Linear((0.0, 2.0, 0.0)),
+        center=(0.5, -0.55, 0.5),
+        radius=0.25,
+        response="ray",
+        offset="edge",
+    )
     early = SCENE.replace(spheres=ball)
-    late = SCENE.replace(spheres=ball.replace(center=tuple(ball.center - start * np.array([0, 2, 0]))))
+    late = SCENE.replace(
+        spheres=ball.replace(center=tuple(ball.center - start * np.array([0, 2, 0])))
+    )
     one = cs.simulate(early, duration, every=0.05, **options)
     two = cs.simulate(late, duration, every=0.05, t=start, **options)
     assert two.t[0] == start and two.t[-1] == start + duration
@@ -124,12 +134,19 @@ def test_the_callback_sees_every_frame(options, same_bits):
 
 @pytest.mark.parametrize(
     "options",
-    [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}, {"rtol": 1e-3}, {}, {"dt": 1e-3, "estimate_error": True}],
+    [
+        {"dt": 1e-3},
+        {"rtol": 1e-3, "integrator": "dop853"},
+        {"rtol": 1e-3},
+        {},
+        {"dt": 1e-3, "estimate_error": True},
+    ],
     ids=str,
 )
 def test_the_callback_stops_the_run(options):
     run = cs.simulate(SMALL, 0.1, fps=50, callback=lambda t, x, v: np.bool_(t > 0.05), **options)
-    # A fixed step that does not divide the time to the frame ends a little later, and its state is the last one.
+    # A fixed step that does not divide the time to the frame ends a little later, and its state is
+    # the last one.
     assert run.t[:4].tolist() == [0.0, 0.02, 0.04, 0.06] and run.t[-1] <= 0.06 + run.report["dt"]
     assert run.report["stopped"] == "callback"
     assert run.report["error_estimate"]["reason"] == "the run ended early: callback"
@@ -145,7 +162,15 @@ def test_the_callback_stops_the_run(options):
 def test_ctrl_c_returns_the_finished_steps(options, precision, same_bits):
     timer = threading.Timer(0.3, signal.raise_signal, (signal.SIGINT,))
     with pytest.raises(cs.RunInterrupted) as raised:
-        cs.simulate(SCENE, 1e3, every=2e3, threads=1, precision=precision, callback=lambda t, x, v: timer.start(), **options)
+        cs.simulate(
+            SCENE,
+            1e3,
+            every=2e3,
+            threads=1,
+            precision=precision,
+            callback=lambda t, x, v: timer.start(),
+            **options,
+        )
     timer.join()
     run = raised.value.run
     assert run.report["stopped"] == "interrupted" and f"{run.t[-1]:g}" in str(raised.value)
@@ -154,7 +179,9 @@ def test_ctrl_c_returns_the_finished_steps(options, precision, same_bits):
         steps = run.report["steps"]
         assert abs(run.t[-1] - steps * 5e-5) < 1e-9
         x, v = SCENE.initial_position, SCENE.initial_velocity
-        assert same_bits(frame(run, -1), cs.step(SCENE, x, v, 5e-5, steps, precision=precision, threads=1))
+        assert same_bits(
+            frame(run, -1), cs.step(SCENE, x, v, 5e-5, steps, precision=precision, threads=1)
+        )
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")

@@ -25,7 +25,9 @@ def run():
 
 def test_penetration_at_the_times_of_a_batch():
     """The level sheet is below the top of the sphere by as much as the sphere has risen."""
-    sphere = cs.Sphere((0.5, -1.0, 0.5), 1.0, cs.Linear((0.0, 0.5, 0.0)), response="ray", offset="edge")
+    sphere = cs.Sphere(
+        (0.5, -1.0, 0.5), 1.0, cs.Linear((0.0, 0.5, 0.0)), response="ray", offset="edge"
+    )
     cloth = cs.Cloth((5, 5))
     times = np.array([0.0, 0.1, 0.4])
     x = np.stack([cloth.rest_positions] * 3)
@@ -62,7 +64,9 @@ def test_time_is_required_where_a_sphere_moves(call):
 def test_penetration_of_frames_is_at_their_times(run):
     depths = run.penetration()
     for name in ("points", "triangles"):
-        each = [[cs.penetration(x, s, t)[name] for x, t in zip(run.x, run.t)] for s in SCENE.spheres]
+        each = [
+            [cs.penetration(x, s, t)[name] for x, t in zip(run.x, run.t)] for s in SCENE.spheres
+        ]
         np.testing.assert_array_equal(depths[name], np.max(each, axis=0))
         for k in range(2):
             np.testing.assert_array_equal(run.penetration(k)[name], each[k])
@@ -74,7 +78,9 @@ def test_penetration_of_frames_is_at_their_times(run):
 
 def test_energy_and_stretch_of_frames(run):
     energies, stretches = run.energy(), run.stretch()
-    assert set(energies) == {"kinetic", "elastic", "gravity", "force", "total"} and set(stretches) == {"largest"}
+    assert set(energies) == {"kinetic", "elastic", "gravity", "force", "total"} and set(
+        stretches
+    ) == {"largest"}
     for k in range(len(run.t)):
         alone = cs.energy(SCENE, run.x[k], run.v[k])
         assert {name: values[k] for name, values in energies.items()} == alone

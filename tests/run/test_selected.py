@@ -29,7 +29,9 @@ def test_only_a_part_with_the_last_frame_can_be_resumed(run, tmp_path):
 
 def test_a_mass_point_over_the_frames_has_the_stretch_of_the_page(run):
     found = run.at(-1, 5)
-    assert np.array_equal(found["x"], run.x[:, 31, 5]) and np.array_equal(found["v"], run.v[:, 31, 5])
+    assert np.array_equal(found["x"], run.x[:, 31, 5]) and np.array_equal(
+        found["v"], run.v[:, 31, 5]
+    )
     assert np.array_equal(found["speed"], np.linalg.norm(run.v[:, 31, 5], axis=-1))
     expected = point_stretch(run.scene, run.x).reshape(11, 32, 32)
     for row, column in ((31, 5), (0, 0), (7, 13), (16, 2), (31, 31)):
@@ -48,7 +50,9 @@ def test_rms_and_maximum_are_over_the_mass_points(run):
 
 
 def test_frames_pair_off_to_half_a_step(run):
-    """Times in float32 are those of the run; half a step later is another time, and frames without a partner are counted."""
+    """Times in float32 are those of the run; half a step later is another time, and frames without
+    a partner are counted.
+    """
     rounded = cs.Run(run.scene, run.t.astype(np.float32).astype(float), run.x, run.v, {})
     found = cs.difference(run, rounded)
     assert len(found["t"]) == len(run) and found["unmatched"] == 0

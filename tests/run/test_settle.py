@@ -1,4 +1,6 @@
-"""The rest state: unbalanced forces, an independent minimiser of the energy, friction, and scenes that do not rest."""
+"""The rest state: unbalanced forces, an independent minimiser of the energy, friction, and scenes
+that do not rest.
+"""
 
 import clothsim as cs
 import numpy as np
@@ -9,7 +11,13 @@ LIGHT = cs.Scene(cs.Cloth((12, 12), mass=0.3, stiffness=100.0, damping=0.05))
 
 def drape(pins=(), **sphere):
     cloth = cs.Cloth((16, 16), mass=0.3, stiffness=100.0, damping=0.05, pins=pins)
-    given = {"response": "continuous", "offset": "edge", "restitution": 0.0, "friction": 0.5, **sphere}
+    given = {
+        "response": "continuous",
+        "offset": "edge",
+        "restitution": 0.0,
+        "friction": 0.5,
+        **sphere,
+    }
     return cs.Scene(cloth, cs.Sphere((0.5, -0.3, 0.5), 0.25, **given))
 
 
@@ -26,7 +34,9 @@ def minimised(scene, x):
     def value(free_points):
         y = state(free_points)
         energy = cs.energy(scene, y, still)
-        return energy["elastic"] + energy["gravity"], -(mass * cs.acceleration(scene, y, still))[free].ravel()
+        return energy["elastic"] + energy["gravity"], -(mass * cs.acceleration(scene, y, still))[
+            free
+        ].ravel()
 
     options = {"maxiter": 9999, "maxfun": 20_000, "ftol": 1e-16, "gtol": 0}
     found = optimize.minimize(value, x[free].ravel(), jac=True, method="L-BFGS-B", options=options)
@@ -38,7 +48,9 @@ def test_the_rest_state_is_the_minimum_of_the_energy(scene):
     run = cs.settle(scene, 1e-7)
     assert run.report["residual"] < 1e-7 and run.report["reason"] == ""
     still, free = np.zeros_like(run.x[-1]), ~scene.cloth.pinned
-    force = scene.cloth.mass_per_point * np.linalg.norm(cs.acceleration(scene, run.x[-1], still), axis=-1)
+    force = scene.cloth.mass_per_point * np.linalg.norm(
+        cs.acceleration(scene, run.x[-1], still), axis=-1
+    )
     weight = scene.cloth.mass_per_point.max() * 9.80665
     assert force[free].max() / weight == pytest.approx(run.report["residual"], rel=1e-3)
     noise = np.random.default_rng(3).normal(size=still.shape) * free[..., None]
@@ -53,9 +65,11 @@ def test_a_draped_sheet_rests_on_a_sphere_by_friction(response):
     assert run.report["residual"] < 1e-6 and run.report["reason"] == ""
     assert run.penetration()["points"][-1] == 0 and run.x[-1, ..., 1].min() < -0.35
     held = scene.replace(
-        position=run.x[-1], spheres=[s.replace(response="continuous", restitution=0.0) for s in scene.spheres]
+        position=run.x[-1],
+        spheres=[s.replace(response="continuous", restitution=0.0) for s in scene.spheres],
     )
-    # A method with stages moves touching points within a step by gravity, which damping hands on to others: O(dt).
+    # A method with stages moves touching points within a step by gravity, which damping hands on to
+    # others: O(dt).
     later = cs.simulate(held, 0.2, dt=2e-4, integrator="semi_implicit_euler")
     assert abs(later.x[-1] - run.x[-1]).max() < 1e-6
 
@@ -79,8 +93,12 @@ def test_too_few_evaluations_end_with_the_best_state():
 
 
 def test_moving_spheres_are_held_where_they_are_at_the_time(same_bits):
-    ball = cs.Sphere((0.5, -0.5, 0.5), 0.25, cs.Linear((0, 0.4, 0)), "continuous", "edge", friction=0.5)
-    moving, still = (LIGHT.replace(spheres=s) for s in (ball, ball.replace(center=(0.5, -0.3, 0.5), motion=None)))
+    ball = cs.Sphere(
+        (0.5, -0.5, 0.5), 0.25, cs.Linear((0, 0.4, 0)), "continuous", "edge", friction=0.5
+    )
+    moving, still = (
+        LIGHT.replace(spheres=s) for s in (ball, ball.replace(center=(0.5, -0.3, 0.5), motion=None))
+    )
     assert same_bits([cs.settle(moving, t=0.5).x], [cs.settle(still).x])
 
 
@@ -88,7 +106,9 @@ def test_driven_pins_are_held_where_they_are_at_the_time():
     pins = {(0, 0): cs.Linear((0.0, 0.2, 0.0)), (-1, 0): None}
     run = cs.settle(LIGHT.replace(cloth=LIGHT.cloth.replace(pins=pins)), t=0.5)
     assert run.report["residual"] < 1e-6
-    assert run.x[-1, 0, 0] == pytest.approx([0, 0.1, 0]) and run.x[-1, -1, 0] == pytest.approx([0, 0, 1])
+    assert run.x[-1, 0, 0] == pytest.approx([0, 0.1, 0]) and run.x[-1, -1, 0] == pytest.approx(
+        [0, 0, 1]
+    )
     x = LIGHT.initial_position.copy()
     x[0, 0, 1] = 0.1
     still = cs.settle(LIGHT.replace(position=x))

@@ -86,7 +86,11 @@ def test_without_dt_a_safe_one_is_taken():
 
 def test_the_report_has_the_step_that_was_taken():
     scene = cs.scenes.oscillator()
-    for given, taken, steps in [({"dt": 1.0}, 0.01, 1), ({"dt": 1e-3, "fps": 5000}, 1e-3, 10), ({"dt": 4e-3}, 4e-3, 3)]:
+    for given, taken, steps in [
+        ({"dt": 1.0}, 0.01, 1),
+        ({"dt": 1e-3, "fps": 5000}, 1e-3, 10),
+        ({"dt": 4e-3}, 4e-3, 3),
+    ]:
         run = cs.simulate(scene, 0.01, **given)
         assert run.report["steps"] == steps and abs(run.report["dt"] / taken - 1) < 1e-9
         assert f" of {taken:.4g} s by rk4" in str(run)
@@ -101,12 +105,18 @@ def test_a_duration_that_no_clock_resolves_is_refused():
         lambda: cs.Stepper(cs.scenes.paper_moving(), x, v, t=1e20).advance(1, 1e-5),
         lambda: cs.step(cs.scenes.paper_moving(), x, v, 1e-5, t=1e20),  # by an engine that waits
     ):
-        with pytest.raises(ValueError, match="dt must be above the rounding of the time t = 1e.20 s"):
+        with pytest.raises(
+            ValueError, match="dt must be above the rounding of the time t = 1e.20 s"
+        ):
             call()
 
 
 def test_more_frames_than_a_list_holds_are_refused_before_the_run():
     scene = cs.scenes.paper_swing()
-    for frames, name in [({"fps": 1e8}, "fps"), ({"every": 1e-9}, "every"), ({"every": 2}, "every")]:
+    for frames, name in [
+        ({"fps": 1e8}, "fps"),
+        ({"every": 1e-9}, "every"),
+        ({"every": 2}, "every"),
+    ]:
         with pytest.raises(ValueError, match=f"^{name} must give fewer than 10,000,000 frames"):
             cs.simulate(scene, 1.0, dt=1e-9, **frames)

@@ -1,4 +1,5 @@
-"""What a run's report says about all of its states: depths in spheres, stretches, the first contact.
+"""What a run's report says about all of its states: depths in spheres, stretches, the first
+contact.
 
 The reference is a `Stepper` that takes the same steps one by one, and the measures of each state.
 """
@@ -13,7 +14,14 @@ PAST = cs.Linear((0.3, 2.0, 0.1))  # through the cloth, over its pinned point
 
 def ball(**changes):
     return cs.Sphere(
-        **{"center": (0.5, -0.35, 0.5), "radius": 0.2, "response": "ray", "offset": "edge", "restitution": 1.0, **changes}
+        **{
+            "center": (0.5, -0.35, 0.5),
+            "radius": 0.2,
+            "response": "ray",
+            "offset": "edge",
+            "restitution": 1.0,
+            **changes,
+        }
     )
 
 
@@ -45,7 +53,7 @@ def depths(scene, x, t):
 
 
 def step_by_step(scene, **options):
-    """Depths of all states, shape (states, 2), stretches, and the step that a sphere first changed."""
+    """Depths of all states, shape (states, 2), stretches, and the step a sphere first changed."""
     stepper = cs.Stepper(scene, **options)
     far = [s.replace(center=(0.0, 1e3, 0.0), motion=None) for s in scene.spheres]
     free = cs.Stepper(scene.replace(spheres=far), **options)
@@ -72,7 +80,11 @@ def extremes(report):
     ("name", "integrator", "precision"),
     [(name, "rk4", "double") for name in SCENES]
     + [(name, "rk4", "single") for name in ("reflect", "continuous", "three of them")]
-    + [(name, other, "double") for name in ("three of them", "cell") for other in ("velocity_verlet", "pefrl")],
+    + [
+        (name, other, "double")
+        for name in ("three of them", "cell")
+        for other in ("velocity_verlet", "pefrl")
+    ],
 )
 def test_measures_over_steps_equal_measures_of_every_state(name, integrator, precision):
     scene = SCENES[name]
@@ -94,5 +106,8 @@ def test_measures_over_steps_equal_measures_of_every_state(name, integrator, pre
 
 @pytest.mark.parametrize("name", ["reflect", "three of them", "cell"])
 def test_they_are_the_same_for_every_number_of_threads(name, kernel):
-    reports = [cs.simulate(SCENES[name], STEPS * DT, DT, threads=n, kernel=kernel).report for n in (1, 2, 3)]
+    reports = [
+        cs.simulate(SCENES[name], STEPS * DT, DT, threads=n, kernel=kernel).report
+        for n in (1, 2, 3)
+    ]
     assert extremes(reports[0]) == extremes(reports[1]) == extremes(reports[2])

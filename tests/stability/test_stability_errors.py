@@ -83,7 +83,10 @@ def test_the_rest_of_a_batch_goes_on_with_the_bits_it_has_alone(precision, threa
                 alone = cs.Stepper(scene, t=0.5, **options)
                 if k not in failed[:-1]:
                     alone.advance(done, dt)
-                    assert same_bits((stepper.positions[k], stepper.velocities[k]), (alone.positions, alone.velocities))
+                    assert same_bits(
+                        (stepper.positions[k], stepper.velocities[k]),
+                        (alone.positions, alone.velocities),
+                    )
             kept = error.x
             stepper.freeze(error.member)
     assert failed == [3, 1]
@@ -92,7 +95,9 @@ def test_the_rest_of_a_batch_goes_on_with_the_bits_it_has_alone(precision, threa
     for k in (0, 2):
         alone = cs.Stepper(scenes[k], t=0.5, **options)
         alone.advance(steps, dt)
-        assert same_bits((stepper.positions[k], stepper.velocities[k]), (alone.positions, alone.velocities))
+        assert same_bits(
+            (stepper.positions[k], stepper.velocities[k]), (alone.positions, alone.velocities)
+        )
 
 
 @quiet
@@ -103,7 +108,10 @@ def test_an_energy_that_swings_is_not_taken_for_growth(integrator, precision):
     limit = cs.max_stable_dt(scene, integrator, scene.initial_position) / 0.97
     assert 0.98 * limit > cs.max_stable_dt(scene, integrator)
     still = scene.replace(
-        position=None, velocity=1e-2 * (scene.initial_position - scene.cloth.rest_positions) * ~scene.cloth.pinned[..., None]
+        position=None,
+        velocity=1e-2
+        * (scene.initial_position - scene.cloth.rest_positions)
+        * ~scene.cloth.pinned[..., None],
     )
     cs.Stepper(still, integrator=integrator, precision=precision).advance(3000, 0.98 * limit)
 

@@ -12,7 +12,10 @@ STIFFNESS = np.geomspace(1e3, 1e7, 3)
 
 def steps_around(factors):
     limits = [
-        cs.max_stable_dt(SCENE.replace(cloth=SCENE.cloth.replace(stiffness=k)), x=SCENE.initial_position) / 0.97
+        cs.max_stable_dt(
+            SCENE.replace(cloth=SCENE.cloth.replace(stiffness=k)), x=SCENE.initial_position
+        )
+        / 0.97
         for k in STIFFNESS
     ]
     return np.sort(np.outer(limits, factors).ravel())
@@ -28,14 +31,21 @@ def test_prediction_and_measurement_agree_within_a_few_percent_of_the_limit():
     for k, limit, guarantee in zip(STIFFNESS, found.limit, found.guarantee):
         one = SCENE.replace(cloth=SCENE.cloth.replace(stiffness=k))
         assert guarantee == cs.max_stable_dt(one)
-        assert cs.max_stable_dt(one, x=one.initial_position) == pytest.approx(0.97 * float(limit), rel=1e-12, abs=0)
+        assert cs.max_stable_dt(one, x=one.initial_position) == pytest.approx(
+            0.97 * float(limit), rel=1e-12, abs=0
+        )
 
 
 def test_threads_and_spheres_make_no_difference():
     dt = steps_around((0.9, 1.1))
-    ball = SCENE.replace(spheres=cs.Sphere((0.5, 0.0, 0.5), 0.3, cs.Linear((0, 9.0, 0)), response="ray", offset="edge"))
+    ball = SCENE.replace(
+        spheres=cs.Sphere(
+            (0.5, 0.0, 0.5), 0.3, cs.Linear((0, 9.0, 0)), response="ray", offset="edge"
+        )
+    )
     one, *others = (
-        cs.stability_map(*of, dt, steps=300, threads=n) for *of, n in ((SCENE, STIFFNESS, 1), (ball, STIFFNESS, 2))
+        cs.stability_map(*of, dt, steps=300, threads=n)
+        for *of, n in ((SCENE, STIFFNESS, 1), (ball, STIFFNESS, 2))
     )
     assert all(one.identical(other) for other in others)
 
@@ -45,4 +55,6 @@ def test_the_plot_says_why_crosses_lie_below_the_predicted_limit():
     found = cs.stability_map(SCENE, STIFFNESS, [1e-5, 1e-1], steps=50)
     for stable, notes in ((found.stable, 0), (found.stable & False, 1)):
         texts = [text.get_text() for text in found.assign(stable=stable).clothsim.plot().texts]
-        assert len(texts) == notes and all("it is that of the initial state" in text for text in texts)
+        assert len(texts) == notes and all(
+            "it is that of the initial state" in text for text in texts
+        )

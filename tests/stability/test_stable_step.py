@@ -1,4 +1,4 @@
-"""`max_stable_dt`, at a state against dense step matrices that the benchmark assembles, spring by spring."""
+"""`max_stable_dt`, at a state against dense step matrices of the benchmark, spring by spring."""
 
 import math
 
@@ -15,7 +15,7 @@ def ratio(scene, method, x, v):
 
 @pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")
 def test_a_run_at_the_value_does_not_diverge():
-    """6 x 14 points; taken mode by mode, the limit of Verlet's method comes out 1.1 times too large."""
+    """6 x 14 points; taken mode by mode, Verlet's limit comes out 1.1 times too large."""
     stiffness = {"structural": 1e4, "shear": 6e5, "bend": 3e3}
     cloth = cs.Cloth((6, 14), mass=84 * 0.5, stiffness=stiffness, damping=32.0)
     noise = 1e-7 * np.random.default_rng(1).normal(size=(6, 14, 3))
@@ -46,7 +46,11 @@ def test_of_random_scenes(number):
 
 @pytest.mark.parametrize("method", bench.METHODS)
 def test_nothing_limits_where_no_spring_pulls_on_a_free_point(method):
-    for features in ({"springs": ()}, {"stiffness": 0.0, "damping": 0.0}, {"pins": np.ones((3, 4), bool)}):
+    for features in (
+        {"springs": ()},
+        {"stiffness": 0.0, "damping": 0.0},
+        {"pins": np.ones((3, 4), bool)},
+    ):
         cloth = cs.Cloth((3, 4), **features)
         assert cs.max_stable_dt(cs.Scene(cloth), method, cloth.rest_positions) == math.inf
 
@@ -90,13 +94,15 @@ def test_a_light_pinned_point_does_not_count():
     even = cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass, pins=[(0, 0)])))
     mass[0, 0] = 1e-6
     assert cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass, pins=[(0, 0)]))) >= even
-    assert cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass))) == pytest.approx(even, rel=0.2, abs=0)
+    assert cs.max_stable_dt(cs.Scene(cs.Cloth((6, 6), mass=mass))) == pytest.approx(
+        even, rel=0.2, abs=0
+    )
     free = cs.Scene(cs.Cloth((6, 6), mass=mass, pins=()))
     assert cs.max_stable_dt(free) < 1e-5 * even
 
 
 def test_a_light_point_among_heavy_ones_is_bounded_by_its_own_springs():
-    """4 structural springs: lambda <= sum K (1/m + 1/M), where the lightest mass alone gives 8 K / m."""
+    """4 structural springs: lambda <= sum K (1/m + 1/M); the lightest mass alone gives 8 K / m."""
     mass = np.full((7, 7), 100.0)
     mass[3, 3] = 1e-3
     cloth = cs.Cloth((7, 7), mass=mass, stiffness=50.0, damping=0.0, springs=("structural",))

@@ -24,19 +24,46 @@ def sweep(*args, **options):
 
 
 def test_members_have_the_bits_of_simulate(crumpled):
-    scene = crumpled(shape=(5, 9)).scene.replace(spheres=cs.Sphere((0.5, -0.2, 0.5), 0.15, response="ray", offset="edge"))
-    over = {"damping_shear": [0.1, 0.5], "precision": ["single", "double"], "dt": [7e-4, 1e-3], "kernel": ["edge", "gather"]}
-    metrics = {"stable": "stable", "t": lambda run: run.t, "x": lambda run: run.x, "v": lambda run: run.v}
+    scene = crumpled(shape=(5, 9)).scene.replace(
+        spheres=cs.Sphere((0.5, -0.2, 0.5), 0.15, response="ray", offset="edge")
+    )
+    over = {
+        "damping_shear": [0.1, 0.5],
+        "precision": ["single", "double"],
+        "dt": [7e-4, 1e-3],
+        "kernel": ["edge", "gather"],
+    }
+    metrics = {
+        "stable": "stable",
+        "t": lambda run: run.t,
+        "x": lambda run: run.x,
+        "v": lambda run: run.v,
+    }
     result = sweep(scene, over, duration=0.1, every=0.033, metrics=metrics)
     assert result.stable.all()
     for k, damping in enumerate(over["damping_shear"]):
-        changed = scene.replace(cloth=scene.cloth.replace(damping={**scene.cloth.damping, "shear": damping}))
+        changed = scene.replace(
+            cloth=scene.cloth.replace(damping={**scene.cloth.damping, "shear": damping})
+        )
         for precision in over["precision"]:
             for dt in over["dt"]:
                 for kernel in over["kernel"]:
-                    alone = cs.simulate(changed, 0.1, dt=dt, every=0.033, precision=precision, kernel=kernel, threads=1)
-                    mine = result.isel(damping_shear=k).sel(precision=precision, dt=dt, kernel=kernel)
-                    assert mine.x.values.tobytes() == alone.x.tobytes() and mine.v.values.tobytes() == alone.v.tobytes()
+                    alone = cs.simulate(
+                        changed,
+                        0.1,
+                        dt=dt,
+                        every=0.033,
+                        precision=precision,
+                        kernel=kernel,
+                        threads=1,
+                    )
+                    mine = result.isel(damping_shear=k).sel(
+                        precision=precision, dt=dt, kernel=kernel
+                    )
+                    assert (
+                        mine.x.values.tobytes() == alone.x.tobytes()
+                        and mine.v.values.tobytes() == alone.v.tobytes()
+                    )
                     assert np.array_equal(mine.t, alone.t) and len(alone.t) == 5
 
 
@@ -47,7 +74,9 @@ UNDAMPED = cs.Scene(cs.Cloth((6, 7), mass=2.56, stiffness=1e3, damping=0))
 @pytest.mark.parametrize(("scene", "dt", "first"), [(SMALL, 2e-2, 1), (UNDAMPED, 7.6e-3, 65)])
 def test_a_member_that_diverges_is_marked(scene, dt, first):
     with pytest.warns(RuntimeWarning, match="'abs'"):
-        result = sweep(scene, {"dt": [1e-3, dt]}, duration=2.0, metrics=["stable", "energy_drift", abs])
+        result = sweep(
+            scene, {"dt": [1e-3, dt]}, duration=2.0, metrics=["stable", "energy_drift", abs]
+        )
     with pytest.raises(cs.UnstableError) as caught:
         cs.simulate(scene, 2.0, dt=dt)
     assert caught.value.step >= first  # the core is first called for 64 steps
@@ -96,7 +125,9 @@ def test_error_is_the_distance_from_the_solution(solution):
         distance = np.linalg.norm(run.x[-1] - solution, axis=-1)
         mine = result.sel(dt=dt)
         assert float(mine.error) == pytest.approx(distance.max(), rel=1e-4, abs=0)
-        assert float(mine.error_rms) == pytest.approx(np.sqrt((distance**2).mean()), rel=1e-4, abs=0)
+        assert float(mine.error_rms) == pytest.approx(
+            np.sqrt((distance**2).mean()), rel=1e-4, abs=0
+        )
     orders = np.log2(result.error.values[:-1] / result.error.values[1:])
     assert orders == pytest.approx([4, 4], abs=0.25)
 
@@ -119,14 +150,20 @@ def test_members_that_differ_only_in_numerics_use_one_reference(monkeypatch):
 
     solved, solve = [], metrics.solve_in_double
     reference_of.cache_clear()
-    monkeypatch.setattr(metrics, "solve_in_double", lambda *args: solved.append(args[0].cloth.stiffness) or solve(*args))
+    monkeypatch.setattr(
+        metrics,
+        "solve_in_double",
+        lambda *args: solved.append(args[0].cloth.stiffness) or solve(*args),
+    )
     over = {"stiffness": [100.0, 200.0], "dt": [1e-3, 2e-3], "precision": ["single", "double"]}
     assert BALL.cloth.stiffness == 200.0
     shared = sweep(BALL, over, duration=0.05, metrics="error")
     assert sorted(solved) == [100.0, 200.0]
     # and what a member gets does not depend on which others there are
     alone = sweep(BALL, {"dt": [2e-3]}, duration=0.05, metrics="error").isel(dt=0)
-    assert float(alone.error) == float(shared.error.sel(stiffness=200.0, dt=2e-3, precision="double"))
+    assert float(alone.error) == float(
+        shared.error.sel(stiffness=200.0, dt=2e-3, precision="double")
+    )
 
 
 @pytest.mark.parametrize("step", [{"dt": 1e-3}, {"rtol": 1e-3}])
@@ -138,7 +175,10 @@ def test_the_impulse_is_that_of_the_run_over_all_spheres(step):
     np.testing.assert_allclose([float(found[f"impulse_{k}"]) for k in "xyz"], impulse, rtol=1e-14)
     assert float(found.impulse) == pytest.approx(np.linalg.norm(impulse), rel=1e-14)
     assert found.impulse.attrs["units"] == "N s"
-    assert float(sweep(scene.replace(spheres=()), duration=0.01, dt=1e-3, metrics="impulse").impulse) == 0
+    assert (
+        float(sweep(scene.replace(spheres=()), duration=0.01, dt=1e-3, metrics="impulse").impulse)
+        == 0
+    )
 
 
 def mean_height(run):
@@ -174,18 +214,35 @@ def test_coordinates_have_units():
 def test_shapes_of_many_sizes():
     shapes = [(4, 5), (6, 3)]
     scene = cs.Scene(cs.Cloth(mass=1.0, stiffness=100.0, damping=0.1))
-    result = sweep(scene, {"shape": shapes}, duration=0.05, dt=1e-3, metrics={"tip": lambda run: run.x[-1, -1, -1]})
+    result = sweep(
+        scene,
+        {"shape": shapes},
+        duration=0.05,
+        dt=1e-3,
+        metrics={"tip": lambda run: run.x[-1, -1, -1]},
+    )
     assert result["shape"].values.tolist() == ["4x5", "6x3"]
     assert result.rows.values.tolist() == [4, 6] and result.columns.values.tolist() == [5, 3]
     for k, shape in enumerate(shapes):
         run = cs.simulate(scene.replace(cloth=scene.cloth.replace(shape=shape)), 0.05, dt=1e-3)
         assert np.array_equal(result.tip[k], run.x[-1, -1, -1])
-    with pytest.raises(ValueError, match="metric 'last' must give every member an array of one shape"):
-        sweep(scene, {"shape": shapes}, duration=0.05, dt=1e-3, metrics={"last": lambda run: run.x[-1]})
+    with pytest.raises(
+        ValueError, match="metric 'last' must give every member an array of one shape"
+    ):
+        sweep(
+            scene,
+            {"shape": shapes},
+            duration=0.05,
+            dt=1e-3,
+            metrics={"last": lambda run: run.x[-1]},
+        )
 
 
 def test_zipped_lists_and_labelled_values():
-    over = {("stiffness", "dt"): [(1e3, 1e-3), (4e3, 5e-4)], "sphere_motion": {"still": None, "up": cs.Linear((0, 1, 0))}}
+    over = {
+        ("stiffness", "dt"): [(1e3, 1e-3), (4e3, 5e-4)],
+        "sphere_motion": {"still": None, "up": cs.Linear((0, 1, 0))},
+    }
     result = sweep(BALL, over, duration=0.05, metrics=["stable", ends])
     assert result.stable.dims == ("stiffness_dt", "sphere_motion")
     assert result.stiffness.dims == result.dt.dims == ("stiffness_dt",)
@@ -217,12 +274,19 @@ def test_dt_is_by_default_half_of_the_stable_one():
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_sag_is_that_of_the_rest_state():
     scene = cs.Scene(
-        cs.Cloth((2, 2), mass=4.0, stiffness=500.0, springs=("structural",), pins=[(0, 0), (0, 1)]), gravity=(0, 0, 10)
+        cs.Cloth((2, 2), mass=4.0, stiffness=500.0, springs=("structural",), pins=[(0, 0), (0, 1)]),
+        gravity=(0, 0, 10),
     )
     result = sweep(scene, {"stiffness": [250.0, 500.0]}, duration=0.01, dt=1e-3, metrics="sag")
-    assert result.sag.values == pytest.approx([10 / 250, 10 / 500], abs=1e-7)  # m g / K of the two lower points
+    assert result.sag.values == pytest.approx(
+        [10 / 250, 10 / 500], abs=1e-7
+    )  # m g / K of the two lower points
     falls = sweep(
-        scene.replace(cloth=scene.cloth.replace(pins=())), {"stiffness": [500.0]}, duration=0.01, dt=1e-3, metrics="sag"
+        scene.replace(cloth=scene.cloth.replace(pins=())),
+        {"stiffness": [500.0]},
+        duration=0.01,
+        dt=1e-3,
+        metrics="sag",
     )
     assert np.isnan(falls.sag.values).all()
 

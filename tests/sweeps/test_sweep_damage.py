@@ -20,7 +20,9 @@ def tip(run):
 
 def sweep(path, over=OVER):
     metrics = ["stable", "energy_drift", tip]
-    return cs.sweep(SCENE, over, duration=0.02, dt=1e-3, store=path, progress=False, metrics=metrics)
+    return cs.sweep(
+        SCENE, over, duration=0.02, dt=1e-3, store=path, progress=False, metrics=metrics
+    )
 
 
 @pytest.fixture(scope="module")
@@ -36,10 +38,17 @@ def flipped(data):
 
 
 def chunks(path):
-    return sorted(file.relative_to(path).as_posix() for file in path.glob("*/c/**/*") if file.is_file())
+    return sorted(
+        file.relative_to(path).as_posix() for file in path.glob("*/c/**/*") if file.is_file()
+    )
 
 
-DAMAGES = {"flipped": flipped, "cut": lambda data: data[:-1], "empty": lambda data: b"", "missing": None}
+DAMAGES = {
+    "flipped": flipped,
+    "cut": lambda data: data[:-1],
+    "empty": lambda data: b"",
+    "missing": None,
+}
 
 
 @pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
@@ -57,7 +66,9 @@ def test_a_damaged_chunk_is_refused_and_its_array_named(sound, tmp_path, damage)
             same(sweep(path), sound[1])
         else:
             for call in (cs.open_sweep, sweep)[: 2 if name.startswith("stable") else 1]:
-                with pytest.raises(ValueError, match=rf"is damaged at {name.split('/')[0]} \(.*\): delete it"):
+                with pytest.raises(
+                    ValueError, match=rf"is damaged at {name.split('/')[0]} \(.*\): delete it"
+                ):
                     call(path)
         shutil.rmtree(path)
 

@@ -21,7 +21,11 @@ from clothsim.sweeps.sweep import Stopped, Task, Workers, run_task, tasks
 pytest.importorskip("xarray")
 
 SCENE = cs.scenes.hanging(shape=(6, 7))
-OVER = {"stiffness": np.geomspace(5e2, 5e3, 6), "dt": [1e-3, 3e-2], "precision": ["double", "single"]}
+OVER = {
+    "stiffness": np.geomspace(5e2, 5e3, 6),
+    "dt": [1e-3, 3e-2],
+    "precision": ["double", "single"],
+}
 METRICS = ["stable", "energy_drift", "error", "penetration"]
 
 
@@ -56,7 +60,9 @@ def recorded(monkeypatch):
 def check(result, expected, recorded):
     assert sorted(recorded) == list(range(24)), "nothing lost, nothing twice"
     for name in expected.data_vars:
-        assert np.array_equal(result[name], expected[name], equal_nan=expected[name].dtype.kind == "f")
+        assert np.array_equal(
+            result[name], expected[name], equal_nan=expected[name].dtype.kind == "f"
+        )
 
 
 def test_a_thread_pool(expected, small_tasks, recorded):
@@ -77,7 +83,9 @@ def test_a_process_pool(expected, small_tasks, recorded, start):
 
 
 @pytest.mark.torture
-def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(expected, small_tasks, recorded, tmp_path, monkeypatch):
+def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
+    expected, small_tasks, recorded, tmp_path, monkeypatch
+):
     pytest.importorskip("zarr")
     path = tmp_path / "s.zarr"
     flush, killed = store.Store.flush, []
@@ -88,7 +96,8 @@ def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(expected, small
             if len(recorded) >= 4 and not killed:
                 killed.append(next(iter(pool._processes)))
                 os.kill(killed[0], signal.SIGKILL)
-                while not pool._broken:  # or the other process might do what is left before it is noticed
+                # Or the other process might do what is left before it is noticed.
+                while not pool._broken:
                     time.sleep(0.01)
 
         with monkeypatch.context() as patch, pytest.raises(BrokenProcessPool):
@@ -105,7 +114,11 @@ def test_a_dask_cluster_that_loses_a_worker_half_way(expected, small_tasks, reco
     killed = []
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            silence_logs=50,
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
@@ -136,7 +149,9 @@ def test_an_interrupt_keeps_what_is_finished(small_tasks, recorded, monkeypatch)
             gathered.append(self.pending)
 
     monkeypatch.setattr(store.Results, "flush", interrupting)
-    with pytest.raises(KeyboardInterrupt, match=" of 24 members were done; give a store to keep them"):
+    with pytest.raises(
+        KeyboardInterrupt, match=" of 24 members were done; give a store to keep them"
+    ):
         sweep(threads=2)
     (pending,) = gathered
     assert sorted([*pending, *recorded]) == list(range(24)) and 0 < len(pending) < 24
@@ -185,14 +200,20 @@ def test_a_task_has_members_of_one_shape_and_method():
         "integrator": ["rk4", "velocity_verlet"],
     }
     grid, found = cut(over)
-    assert sorted(member.index for task in found for member in task.members) == list(range(grid.size))
+    assert sorted(member.index for task in found for member in task.members) == list(
+        range(grid.size)
+    )
     assert max(len(task.members) for task in found) == 64 and len(found) == 4 * 7
     for task in found:
-        assert len({(one.scene.cloth.shape, one.settings["integrator"]) for one in task.members}) == 1
+        assert (
+            len({(one.scene.cloth.shape, one.settings["integrator"]) for one in task.members}) == 1
+        )
 
 
 def test_few_members_are_tasks_of_all_workers():
-    assert sorted(len(task.members) for task in cut({"mass": np.linspace(1, 2, 60)}, 3)[1]) == [5] * 12
+    assert (
+        sorted(len(task.members) for task in cut({"mass": np.linspace(1, 2, 60)}, 3)[1]) == [5] * 12
+    )
     assert len(cut({"mass": [1.0, 2.0]}, 3)[1]) == 2
 
 
@@ -206,7 +227,9 @@ def test_members_of_one_reference_come_together():
 
 def test_a_member_is_made_once(monkeypatch):
     made, make = [], Maker.__call__
-    monkeypatch.setattr(Maker, "__call__", lambda self, *args: made.append(args[0]) or make(self, *args))
+    monkeypatch.setattr(
+        Maker, "__call__", lambda self, *args: made.append(args[0]) or make(self, *args)
+    )
     sweep()
     assert sorted(made) == list(range(24))
 

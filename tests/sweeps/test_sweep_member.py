@@ -51,9 +51,16 @@ def test_a_selection_of_several_members_is_refused_by_name():
     ds = sweep({"dt": [1e-3, 5e-4]}, metrics="stable")
     with pytest.raises(ValueError, match=r"one value of 'dt', got 2: give member\(dt=\.\.\.\)"):
         ds.clothsim.member()
-    for lost in (lambda: ds.isel(dt=1, drop=True).clothsim.member(), lambda: ds.clothsim.member(dt=0.5)):
+    for lost in (
+        lambda: ds.isel(dt=1, drop=True).clothsim.member(),
+        lambda: ds.clothsim.member(dt=0.5),
+    ):
         with pytest.raises(KeyError):
             lost()
-    large = sweep({"position": [BALL.initial_position, 2 * BALL.initial_position]}, dt=1e-3, metrics="stable")
-    with pytest.raises(ValueError, match="position is swept over arrays, which a Dataset does not keep"):
+    large = sweep(
+        {"position": [BALL.initial_position, 2 * BALL.initial_position]}, dt=1e-3, metrics="stable"
+    )
+    with pytest.raises(
+        ValueError, match="position is swept over arrays, which a Dataset does not keep"
+    ):
         large.isel(position=0).clothsim.member()

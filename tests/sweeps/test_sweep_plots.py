@@ -64,14 +64,22 @@ def test_the_convergence_fan(swept):
     lines = {line.get_label(): line for line in axes.get_lines()}
     for stiffness in swept.stiffness.values:
         line = lines[f"{stiffness:.4g}"]
-        assert np.array_equal(line.get_ydata(), swept.error.sel(stiffness=stiffness), equal_nan=True)
+        assert np.array_equal(
+            line.get_ydata(), swept.error.sel(stiffness=stiffness), equal_nan=True
+        )
         assert np.array_equal(line.get_xdata(), swept.dt)
     slope = np.diff(np.log(lines["order 4"].get_ydata())) / np.diff(np.log(swept.dt.values))
     assert slope == pytest.approx([4, 4, 4], rel=1e-9)
     assert axes.get_xscale() == axes.get_yscale() == "log"
-    assert axes.get_xlabel() == "dt [s]" and axes.get_legend().get_title().get_text() == "stiffness [N/m]"
+    assert (
+        axes.get_xlabel() == "dt [s]"
+        and axes.get_legend().get_title().get_text() == "stiffness [N/m]"
+    )
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    assert left < swept.dt.min() < swept.dt.max() < right and low < swept.error.min() < swept.error.max() < high
+    assert (
+        left < swept.dt.min() < swept.dt.max() < right
+        and low < swept.error.min() < swept.error.max() < high
+    )
     assert high / low < 1e3 * swept.error.max() / swept.error.min()
     crosses = sum(len(line.get_xdata()) for line in axes.get_lines() if line.get_marker() == "x")
     assert crosses == int((swept.status == 2).sum()) > 0
@@ -89,7 +97,9 @@ def test_the_stability_map(swept):
 def test_heat_maps(swept):
     axes = swept.clothsim.plot("heatmap", variable="largest_stretch", x="dt", y="stiffness")
     mesh = axes.collections[0]
-    assert np.array_equal(np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True)
+    assert np.array_equal(
+        np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True
+    )
     scaled = (
         swept.assign(largest_stretch=swept.largest_stretch**8)
         .clothsim.plot("heatmap", variable="largest_stretch")
@@ -99,7 +109,9 @@ def test_heat_maps(swept):
     line = swept.isel(dt=0).clothsim.plot("heatmap").get_lines()[0]
     assert np.array_equal(line.get_ydata(), swept.error.isel(dt=0))
     corners = {"corners": lambda run: run.x[-1, 0], "height": lambda run: run.x[-1, ..., 1].mean()}
-    framed = cs.sweep(cs.scenes.hanging(), {"dt": [1e-3, 2e-3]}, duration=0.01, metrics=corners, progress=False)
+    framed = cs.sweep(
+        cs.scenes.hanging(), {"dt": [1e-3, 2e-3]}, duration=0.01, metrics=corners, progress=False
+    )
     axes = framed.clothsim.plot("heatmap")  # of a metric with one number a member, not of an array
     assert np.array_equal(axes.get_lines()[0].get_ydata(), framed.height)
     assert plots.suggested(swept.drop_vars("error")) == "stability"
@@ -120,7 +132,11 @@ def test_a_heat_map_marks_errors_below_the_reference(swept):
     (mesh,) = axes.collections
     unsure = (swept.error < swept.reference_error).transpose("stiffness", "dt").values
     drawn = ~np.ma.getmaskarray(np.ma.masked_invalid(mesh.get_array()))
-    assert unsure.any() and not drawn[unsure].any() and drawn.sum() == np.isfinite(swept.error).sum() - unsure.sum()
+    assert (
+        unsure.any()
+        and not drawn[unsure].any()
+        and drawn.sum() == np.isfinite(swept.error).sum() - unsure.sum()
+    )
     for shown in (axes, swept.isel(stiffness=0).clothsim.plot("heatmap", variable="error")):
         (hollow,) = (line for line in shown.get_lines() if line.get_label() == plots.UNSURE)
         expected = unsure if shown is axes else unsure[0]

@@ -71,9 +71,14 @@ def test_a_store_holds_the_results_of_memory(tmp_path):
     same(stored, cs.sweep(SCENE, OVER, duration=0.3, progress=False, **options))
     same(stored, cs.open_sweep(tmp_path / "s.zarr"))
     alone = xarray.open_zarr(tmp_path / "s.zarr", chunks=None, consolidated=False)
-    assert np.array_equal(alone.error, stored.error, equal_nan=True) and alone.stiffness.attrs["units"] == "N/m"
+    assert (
+        np.array_equal(alone.error, stored.error, equal_nan=True)
+        and alone.stiffness.attrs["units"] == "N/m"
+    )
     assert stored.height.dims == ("stiffness", "dt", "precision", "height_0")
-    assert np.isnan(stored.height.sel(dt=2e-2)).all() and np.isfinite(stored.height.sel(dt=1e-3)).all()
+    assert (
+        np.isnan(stored.height.sel(dt=2e-2)).all() and np.isfinite(stored.height.sel(dt=1e-3)).all()
+    )
 
 
 def test_provenance(tmp_path):
@@ -84,7 +89,11 @@ def test_provenance(tmp_path):
     assert about["identity"]["over"][1]["values"]["dt"] == OVER["dt"]
     assert about["build"]["instruction_set"] == cs.build_config()["instruction_set"]
     assert about["machine"]["cpu"] and about["created"]
-    assert json.loads(result.attrs["clothsim_sweep"]) == about == sweep(tmp_path / "s.zarr").clothsim.provenance
+    assert (
+        json.loads(result.attrs["clothsim_sweep"])
+        == about
+        == sweep(tmp_path / "s.zarr").clothsim.provenance
+    )
 
 
 class Killed(BaseException):
@@ -92,7 +101,9 @@ class Killed(BaseException):
 
 
 def killed(monkeypatch, after, run):
-    """Run with writes to the disk, file by file, that end after so many, as with a power cut; whether they ended."""
+    """Run with writes to the disk, file by file, that end after so many, as with a power cut;
+    whether they ended.
+    """
     from zarr.storage import _local
 
     writes, write = [], _local._put
@@ -122,7 +133,11 @@ def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, counted, m
         try:
             before = cs.open_sweep(path)
         except ValueError as error:
-            assert "stopped before it had anything" in str(error) or "no store" in str(error) or "folder" in str(error)
+            assert (
+                "stopped before it had anything" in str(error)
+                or "no store" in str(error)
+                or "folder" in str(error)
+            )
         else:
             done = before.status.values > 0
             for name in ("energy_drift", "unstable_step", "max_stable_dt"):
@@ -182,7 +197,9 @@ def test_a_store_of_another_sweep_is_refused(stored, change, names):
 
 def test_a_store_of_another_version_is_refused(stored, monkeypatch):
     monkeypatch.setattr(sweeps, "build_config", lambda: {"version": "99.0"})
-    with pytest.raises(ValueError, match=f'version .*"{cs.__version__}" in the store, "99.0" given'):
+    with pytest.raises(
+        ValueError, match=f'version .*"{cs.__version__}" in the store, "99.0" given'
+    ):
         sweep(stored)
     monkeypatch.setattr(store, "SCHEMA", 6)
     with pytest.raises(ValueError, match="schema 5, the version read here is 6"):
@@ -217,7 +234,8 @@ def wait(run):
     time.sleep(60)
     return 0.0
 
-cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"mass": [1.0]}, dt=1e-3, metrics=wait, store=sys.argv[1], progress=False)
+scene = cs.scenes.hanging(shape=(6, 7))
+cs.sweep(scene, {"mass": [1.0]}, dt=1e-3, metrics=wait, store=sys.argv[1], progress=False)
 """
 
 
@@ -225,9 +243,13 @@ cs.sweep(cs.scenes.hanging(shape=(6, 7)), {"mass": [1.0]}, dt=1e-3, metrics=wait
 def test_one_writer_at_a_time(tmp_path):
     path = tmp_path / "poetry"
     (tmp_path / "poetry.lock").write_text("mine")
-    with subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True) as writer:
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True
+    ) as writer:
         assert writer.stdout.readline() == "writing\n"
-        with pytest.raises(ValueError, match="poetry' is being written by a sweep; wait for its end"):
+        with pytest.raises(
+            ValueError, match="poetry' is being written by a sweep; wait for its end"
+        ):
             sweep(path, {"mass": [1.0]}, dt=1e-3)
         writer.kill()
     # The lock of a dead process is taken over, and nothing lies beside the store.

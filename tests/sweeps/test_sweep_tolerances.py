@@ -31,7 +31,10 @@ def test_members_are_those_of_simulate(scene, options):
     for rtol in (2e-5, 1e-3):
         run = cs.simulate(scene, 0.3, rtol=rtol, every=options.get("every"), threads=1)
         report, mine = run.report, result.sel(rtol=rtol)
-        assert float(mine.energy_drift) == report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
+        assert (
+            float(mine.energy_drift)
+            == report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
+        )
         assert float(mine.largest_stretch) == report["stretch"]["largest"]
         assert float(mine.penetration) == report["penetration"]["triangles"]
         assert repr(float(mine.first_contact)) == repr(report["first_contact"]["time"])

@@ -6,7 +6,12 @@ from shutil import which
 import pytest
 
 # WebGL on the processor: a test machine has no graphics adapter.
-FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
+FLAGS = [
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--no-sandbox",
+]
 # WebGPU likewise, for the live page.
 FLAGS += ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"]
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -23,7 +28,9 @@ def browser():
     """Chromium, driven by playwright. `make test-view` installs both."""
     program = next(filter(None, map(which, NAMES)), None)
     if program is None:
-        _missing(f"no Chromium: none of {', '.join(NAMES)} is on the PATH (`make test-view` installs it)")
+        _missing(
+            f"no Chromium: none of {', '.join(NAMES)} is on the PATH (`make test-view` installs it)"
+        )
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
@@ -41,7 +48,9 @@ class Opened:
         self.said, self.asked = [], []
         self.context = browser.new_context(viewport={"width": 760, "height": 640}, **options)
         self.tab = self.context.new_page()
-        self.tab.set_default_timeout(300_000)  # ms; only a page that hangs takes so long, on a busy machine too
+        self.tab.set_default_timeout(
+            300_000
+        )  # ms; only a page that hangs takes so long, on a busy machine too
         self.tab.on("console", lambda message: self.said.append(message.text))
         self.tab.on("pageerror", lambda error: self.said.append(str(error)))
         self.tab.on("request", lambda request: self.asked.append(request.url))

@@ -59,15 +59,23 @@ def test_work_precision_draws_itself_on_two_axes():
     few["rms_error"][:2] = 1e-8  # the second line goes on where the first ends
     for panel in few.clothsim.plot():
         named = [line for line in panel.lines if not line.get_label().startswith("_")]
-        assert [looks[line.get_label().split()[0]] for line in named] == [(n.get_color(), n.get_marker()) for n in named]
+        assert [looks[line.get_label().split()[0]] for line in named] == [
+            (n.get_color(), n.get_marker()) for n in named
+        ]
         ends = [n.get_transform().transform(n.get_xydata()) for n in named]
         ink = np.concatenate([np.linspace(*two, 200) for two in ends])
-        boxes = [text.get_window_extent() for text in panel.texts if text.get_text() in {n.get_label() for n in named}]
+        boxes = [
+            text.get_window_extent()
+            for text in panel.texts
+            if text.get_text() in {n.get_label() for n in named}
+        ]
         assert len(boxes) == 3 and not any(box.count_contains(ink) for box in boxes)
         assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
     # A half of the errors is below that of the reference.
     data.attrs["reference_error_estimate_rms"] = float(data["rms_error"].median())
-    hollow = [line for line in data.clothsim.plot()[1].lines if line.get_markerfacecolor() == "white"]
+    hollow = [
+        line for line in data.clothsim.plot()[1].lines if line.get_markerfacecolor() == "white"
+    ]
     errors = np.concatenate([line.get_ydata() for line in hollow])
     assert len(errors) == 20 and errors.max() < data.attrs["reference_error_estimate_rms"]
     given = pyplot.subplots(1, 2)[1]
@@ -84,7 +92,13 @@ def test_a_convergence_draws_its_errors_order_and_floor():
     found = cs.convergence(cs.scenes.oscillator(damping=2.0), 0.5, [0.2, 0.01, 0.005, 0.0025])
     axes = found.plot()
     errors, hollow, order, floor = check_lines(axes)
-    assert errors.get_ydata().tolist() == found.rms.tolist() and errors.get_xdata().tolist() == found.dt.tolist()
+    assert (
+        errors.get_ydata().tolist() == found.rms.tolist()
+        and errors.get_xdata().tolist() == found.dt.tolist()
+    )
     assert order.get_label() == f"order {found.order:.2f}" and len(order.get_xdata()) == 3
     np.testing.assert_allclose(order.get_ydata(), found.rms[1:], rtol=0.05)
-    assert hollow.get_xdata().tolist() == [found.dt[0]] and floor.get_ydata().tolist() == found.floor.tolist()
+    assert (
+        hollow.get_xdata().tolist() == [found.dt[0]]
+        and floor.get_ydata().tolist() == found.floor.tolist()
+    )

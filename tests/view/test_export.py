@@ -1,4 +1,6 @@
-"""`Run.export`: each format, read back by a reader that shares no code with the writer, and the frames that it writes."""
+"""`Run.export`: each format, read back by a reader that shares no code with the writer, and the
+frames that it writes.
+"""
 
 import struct
 from types import SimpleNamespace
@@ -19,8 +21,12 @@ TRIANGLES = cs.triangles((5, 7))
 @pytest.fixture(scope="module")
 def run():
     cloth = cs.Cloth(shape=(5, 7), size=(0.8, 1.2), mass=1.0, stiffness=100.0, damping=0.1)
-    moving = cs.Sphere((0.5, -0.3, 0.4), 0.2, response="ray", offset="edge", motion=cs.Linear((1.0, 0.5, -0.25)))
-    resting = cs.Sphere((0.2, -0.06, 0.2), 0.1, response="ray", offset="edge")  # around a mass point at first
+    moving = cs.Sphere(
+        (0.5, -0.3, 0.4), 0.2, response="ray", offset="edge", motion=cs.Linear((1.0, 0.5, -0.25))
+    )
+    resting = cs.Sphere(
+        (0.2, -0.06, 0.2), 0.1, response="ray", offset="edge"
+    )  # around a mass point at first
     return cs.simulate(cs.Scene(cloth, [moving, resting]), 0.2, dt=1e-3, every=0.02)
 
 
@@ -40,7 +46,9 @@ def normals(x):
     return total / np.linalg.norm(total, axis=-1, keepdims=True)
 
 
-TEXTURE = np.array([(c / 6, 1 - r / 4) for r in range(5) for c in range(7)])  # from above upright and not mirrored
+TEXTURE = np.array(
+    [(c / 6, 1 - r / 4) for r in range(5) for c in range(7)]
+)  # from above upright and not mirrored
 
 
 def close(found, expected, tolerance=SINGLE):
@@ -53,35 +61,63 @@ def read_usd(files, k):
     stage = Usd.Stage.Open(str(files[0]))
     for name in ("cloth", "sphere_0", "sphere_1"):
         mesh = UsdGeom.Mesh(stage.GetPrimAtPath(f"/run/{name}"))
-        assert mesh.GetNormalsInterpolation() == "vertex" and mesh.GetSubdivisionSchemeAttr().Get() == "none"
-        assert mesh.GetOrientationAttr().Get() == "rightHanded" and set(mesh.GetFaceVertexCountsAttr().Get()) == {3}
+        assert (
+            mesh.GetNormalsInterpolation() == "vertex"
+            and mesh.GetSubdivisionSchemeAttr().Get() == "none"
+        )
+        assert mesh.GetOrientationAttr().Get() == "rightHanded" and set(
+            mesh.GetFaceVertexCountsAttr().Get()
+        ) == {3}
         corners = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
-        x = np.array(mesh.GetPointsAttr().Get(k), float) + mesh.ComputeLocalToWorldTransform(k).ExtractTranslation()
+        x = (
+            np.array(mesh.GetPointsAttr().Get(k), float)
+            + mesh.ComputeLocalToWorldTransform(k).ExtractTranslation()
+        )
         st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st")
-        yield x, corners, np.array(mesh.GetNormalsAttr().Get(k)), np.array(st.Get()) if st.IsDefined() else None
+        yield (
+            x,
+            corners,
+            np.array(mesh.GetNormalsAttr().Get(k)),
+            np.array(st.Get()) if st.IsDefined() else None,
+        )
 
 
 def read_obj(files, k):
     meshio = pytest.importorskip("meshio")
     mesh = meshio.read(files[k])
     objects = [line for line in files[k].read_text().splitlines() if line.startswith("o ")]
-    assert objects == ["o cloth", "o sphere_0", "o sphere_1"] and files[k].name == f"a_{k + 1:04d}.obj"
+    assert (
+        objects == ["o cloth", "o sphere_0", "o sphere_1"] and files[k].name == f"a_{k + 1:04d}.obj"
+    )
     each, faces = (len(mesh.points) - 35) // 2, mesh.cells_dict["triangle"]
     for low, high in ((0, 35), (35, 35 + each), (35 + each, 35 + 2 * each)):
         own = faces[(faces >= low).all(axis=1) & (faces < high).all(axis=1)] - low
-        yield mesh.points[low:high], own, mesh.point_data["obj:vn"][low:high], mesh.point_data["obj:vt"][low:high]
+        yield (
+            mesh.points[low:high],
+            own,
+            mesh.point_data["obj:vn"][low:high],
+            mesh.point_data["obj:vt"][low:high],
+        )
 
 
 def read_ply(files, k):
     meshio = pytest.importorskip("meshio")
-    assert [f.name for f in files[3 * k : 3 * k + 3]] == [f"a{b}_{k + 1:04d}.ply" for b in ("", "_sphere_0", "_sphere_1")]
+    assert [f.name for f in files[3 * k : 3 * k + 3]] == [
+        f"a{b}_{k + 1:04d}.ply" for b in ("", "_sphere_0", "_sphere_1")
+    ]
     for mesh in map(meshio.read, files[3 * k : 3 * k + 3]):
-        directions, st = (np.stack([mesh.point_data[n] for n in names], -1) for names in (("nx", "ny", "nz"), "st"))
+        directions, st = (
+            np.stack([mesh.point_data[n] for n in names], -1)
+            for names in (("nx", "ny", "nz"), "st")
+        )
         yield mesh.points, mesh.cells_dict["triangle"], directions, st
 
 
 @pytest.mark.parametrize("z_up", [False, True])
-@pytest.mark.parametrize(("suffix", "read"), [("usda", read_usd), ("usdc", read_usd), ("obj", read_obj), ("ply", read_ply)])
+@pytest.mark.parametrize(
+    ("suffix", "read"),
+    [("usda", read_usd), ("usdc", read_usd), ("obj", read_obj), ("ply", read_ply)],
+)
 def test_surfaces_are_those_of_the_run(run, tmp_path, suffix, read, z_up):
     """The cloth; and spheres, which are on the true one, closed, and wound outwards."""
     if read is read_usd:
@@ -94,13 +130,17 @@ def test_surfaces_are_those_of_the_run(run, tmp_path, suffix, read, z_up):
         assert (cloth[1] == TRIANGLES).all()
         close(cloth[2], normals(x), 1e-5)
         close(cloth[3], TEXTURE)
-        for sphere, (vertices, corners, directions, _) in zip(run.scene.spheres, balls, strict=True):
+        for sphere, (vertices, corners, directions, _) in zip(
+            run.scene.spheres, balls, strict=True
+        ):
             center = turned(sphere.center_at(run.t[k]), z_up)
             close(np.linalg.norm(vertices - center, axis=-1), sphere.radius, 8 * SINGLE)
             close(directions, (vertices - center) / sphere.radius, 1e-5)
             a, b, c = (vertices[corners[:, n]] - center for n in range(3))
             volume = np.einsum("nk,nk->n", a, np.cross(b, c)) / 6
-            assert (volume > 0).all() and volume.sum() == pytest.approx(4 / 3 * np.pi * sphere.radius**3, rel=0.01)
+            assert (volume > 0).all() and volume.sum() == pytest.approx(
+                4 / 3 * np.pi * sphere.radius**3, rel=0.01
+            )
 
 
 @pytest.mark.parametrize("z_up", [False, True])
@@ -109,9 +149,14 @@ def test_usd_says_what_its_numbers_mean(run, tmp_path, z_up):
     from pxr import Usd, UsdGeom, UsdShade
 
     stage = Usd.Stage.Open(str(export(run, tmp_path / "a.usdc", FPS, z_up)[0]))
-    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0 and UsdGeom.GetStageUpAxis(stage) == ("Z" if z_up else "Y")
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0 and UsdGeom.GetStageUpAxis(stage) == (
+        "Z" if z_up else "Y"
+    )
     assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == FPS
-    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0, 10) and stage.GetDefaultPrim().GetPath() == "/run"
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (
+        0,
+        10,
+    ) and stage.GetDefaultPrim().GetPath() == "/run"
     for name, color in (("cloth", CLOTH_FRONT), ("sphere_0", SPHERE), ("sphere_1", SPHERE)):
         prim, material = stage.GetPrimAtPath(f"/run/{name}"), name.split("_")[0]
         bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
@@ -127,7 +172,9 @@ def test_usd_says_what_its_numbers_mean(run, tmp_path, z_up):
     uneven = cs.Run(run.scene, run.t[[0, 1, 4]], run.x[[0, 1, 4]], run.v[[0, 1, 4]], run.report)
     stage = Usd.Stage.Open(str(export(uneven, tmp_path / "b.usdc")[0]))
     codes = UsdGeom.Mesh(stage.GetPrimAtPath("/run/cloth")).GetPointsAttr().GetTimeSamples()
-    np.testing.assert_allclose(np.array(codes) / stage.GetTimeCodesPerSecond(), uneven.t, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.array(codes) / stage.GetTimeCodesPerSecond(), uneven.t, rtol=1e-12
+    )
     assert stage.GetEndTimeCode() == codes[-1]
 
 
@@ -157,26 +204,35 @@ def test_glb_by_pygltflib(run, tmp_path):
     assert (values(primitive.indices).reshape(-1, 3) == TRIANGLES).all()
     close(values(primitive.attributes.TEXCOORD_0), [0, 1] + TEXTURE * [1, -1])
 
-    channels = {(c.target.node, c.target.path): file.animations[0].samplers[c.sampler] for c in file.animations[0].channels}
+    channels = {
+        (c.target.node, c.target.path): file.animations[0].samplers[c.sampler]
+        for c in file.animations[0].channels
+    }
     assert set(channels) == {(0, "weights"), (1, "translation")}
     assert {s.interpolation for s in channels.values()} == {"LINEAR"}
     weights = channels[0, "weights"]
     close(values(weights.input)[:, 0], run.t)
     table = values(weights.output).reshape(len(run.t), len(primitive.targets))
-    deltas = {name: np.array([values(target[name]) for target in primitive.targets]) for name in ("POSITION", "NORMAL")}
+    deltas = {
+        name: np.array([values(target[name]) for target in primitive.targets])
+        for name in ("POSITION", "NORMAL")
+    }
     for k in range(len(run.t)):
         x = points(run, k)
         shape = {n: first[n] + np.einsum("t,tpc->pc", table[k], deltas[n]) for n in deltas}
         close(shape["POSITION"], x, 2 * SINGLE)
         close(shape["NORMAL"], normals(x), 3e-3 if k == 0 else 2 * SINGLE)
-    # Blender shades a triangle flat in all frames where its corners have its own normal in the first one.
+    # Blender shades a triangle flat in all frames where its corners have its own normal in the
+    # first one.
     a, b, c = np.moveaxis(first["POSITION"][TRIANGLES].astype(float), 1, 0)
     own = np.cross(b - a, c - a)
     own /= np.linalg.norm(own, axis=-1, keepdims=True)
     assert ((own * first["NORMAL"][TRIANGLES[:, 0]]).sum(-1) < 0.9999999).all()
     close(np.linalg.norm(first["NORMAL"], axis=-1), 1.0, 2 * SINGLE)
     drawn = [linear(CLOTH_FRONT), linear(SPHERE)]
-    assert [m.pbrMetallicRoughness.baseColorFactor[:3] for m in file.materials] == [list(color) for color in drawn]
+    assert [m.pbrMetallicRoughness.baseColorFactor[:3] for m in file.materials] == [
+        list(color) for color in drawn
+    ]
     # Half way between two frames importers show their mean.
     mean = first["POSITION"] + np.einsum("t,tpc->pc", table[3:5].mean(0), deltas["POSITION"])
     close(mean, (points(run, 3) + points(run, 4)) / 2, 2 * SINGLE)
@@ -227,11 +283,20 @@ def test_pvd_with_vtp_by_vtk(run, tmp_path):
             close(np.linalg.norm(x - sphere.center_at(run.t[k]), axis=-1), sphere.radius, 1e-12)
             continue
         assert (x == points(run, k)).all()  # float64
-        assert (vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3) == TRIANGLES).all()
-        below = [s.radius - np.linalg.norm(x - s.center_at(run.t[k]), axis=-1) for s in run.scene.spheres]
+        assert (
+            vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3) == TRIANGLES
+        ).all()
+        below = [
+            s.radius - np.linalg.norm(x - s.center_at(run.t[k]), axis=-1) for s in run.scene.spheres
+        ]
         depth = np.maximum(np.max(below, axis=0), 0)
         deepest = max(deepest, depth.max())
-        expected = {"velocity": run.v[k].reshape(-1, 3), "depth": depth, "Normals": normals(x), "TCoords": TEXTURE}
+        expected = {
+            "velocity": run.v[k].reshape(-1, 3),
+            "depth": depth,
+            "Normals": normals(x),
+            "TCoords": TEXTURE,
+        }
         for name, values in expected.items():
             close(vtk_to_numpy(arrays.GetArray(name)), values)
     assert deepest >= 0.04 - 1e-9  # else all depths would be 0
@@ -252,7 +317,9 @@ def moving(path, velocity, t, shape=(3, 4)):
 
 
 def test_frames_between_stored_ones_of_a_cubic_motion_are_exact():
-    run = moving(lambda t: t**3 - 2 * t**2 + t, lambda t: 3 * t**2 - 4 * t + 1, [0, 0.1, 0.25, 0.3, 0.6])
+    run = moving(
+        lambda t: t**3 - 2 * t**2 + t, lambda t: 3 * t**2 - 4 * t + 1, [0, 0.1, 0.25, 0.3, 0.6]
+    )
     clip = Clip(run, 30, False)
     assert len(clip) == 19
     for frame in clip.frames():
@@ -267,7 +334,10 @@ def test_frames_that_cannot_be_interpolated_are_refused_and_doubtful_ones_warned
         export(ends, tmp_path / "a.pc2", 60)
     spacing = 1 / 3
     # The neighbours of the middle frame lie still at 0, and so does their interpolant.
-    bounces = [moving(lambda t, e=e: e * spacing * (t == 1), np.zeros_like, [0, 1, 2]) for e in (1.5, 0.5, 0.09)]
+    bounces = [
+        moving(lambda t, e=e: e * spacing * (t == 1), np.zeros_like, [0, 1, 2])
+        for e in (1.5, 0.5, 0.09)
+    ]
     with pytest.raises(ValueError, match="too far apart.*wrong by 0.5 m"):
         Clip(bounces[0], 2, False)
     with pytest.warns(UserWarning, match="wrong by 0.167 m, with a grid spacing of 0.333"):

@@ -1,4 +1,6 @@
-"""Floors: a `Plane`, and a sphere as large as one, leave the cloth its place in every picture, page and export."""
+"""Floors: a `Plane`, and a sphere as large as one, leave the cloth its place in every picture, page
+and export.
+"""
 
 import json
 
@@ -57,31 +59,45 @@ def test_cloth_that_lies_on_a_floor_is_drawn_as_without_it(runs):
 
 def test_pages_get_the_camera_of_the_cloth(runs, tmp_path):
     run, bare = runs
-    given = [meta(one.to_html(tmp_path / "a.html")) for one in (run, bare)]  # raises where a number has no JSON
+    given = [
+        meta(one.to_html(tmp_path / "a.html")) for one in (run, bare)
+    ]  # raises where a number has no JSON
     assert given[0]["camera"] == given[1]["camera"]
     live = [meta(one.scene.to_live_html(tmp_path / "a.html"))["camera"] for one in (run, bare)]
-    assert live[0]["width"] <= live[1]["width"]  # it frames the motion, which ends on the floor, but not the floor
+    assert (
+        live[0]["width"] <= live[1]["width"]
+    )  # it frames the motion, which ends on the floor, but not the floor
 
 
 def test_a_small_sphere_is_framed_while_it_is_near():
     cloth = cs.Cloth((6, 6))
-    near, passing = cs.Sphere((0.5, -0.3, 0.5), 0.25), cs.Sphere((0.5, 0.6, 0.5), 0.1, cs.Linear((50.0, 0, 0)))
+    near, passing = (
+        cs.Sphere((0.5, -0.3, 0.5), 0.25),
+        cs.Sphere((0.5, 0.6, 0.5), 0.1, cs.Linear((50.0, 0, 0))),
+    )
     t = np.linspace(0, 1, 51)
     x = np.broadcast_to(cloth.rest_positions, (51, 6, 6, 3))
-    one, two = (camera_for("front", cs.Scene(cloth, spheres), x, t) for spheres in (near, [near, passing]))
+    one, two = (
+        camera_for("front", cs.Scene(cloth, spheres), x, t) for spheres in (near, [near, passing])
+    )
     assert 0.55 < one.height < 0.8  # m, of which 0.55 at the target
     assert two.width < 6  # m; the sphere flies 50 m
 
 
 def test_the_eye_looks_through_a_floor_from_below_and_through_a_wall():
-    for solid, camera in ((FLOORS["100000"], "below"), (cs.Sphere((100.0 + 1.2, 0, 0.5), 100.0), "corner")):
+    for solid, camera in (
+        (FLOORS["100000"], "below"),
+        (cs.Sphere((100.0 + 1.2, 0, 0.5), 100.0), "corner"),
+    ):
         bare, seen = (share(cs.picture(cs.Scene(CLOTH, one), camera=camera)) for one in ((), solid))
         assert seen == bare > 0.3
 
 
 def test_cloth_below_a_plane_is_red():
     floor = cs.Scene(LOOSE, cs.Plane((5.0, -0.1, 3.0)))
-    above, below = (cs.picture(floor, LOOSE.rest_positions + [0, y, 0], width=160).pixels for y in (0.0, -0.15))
+    above, below = (
+        cs.picture(floor, LOOSE.rest_positions + [0, y, 0], width=160).pixels for y in (0.0, -0.15)
+    )
     assert (above @ RED).max() < 60 < 150 < (below @ RED).max()
 
 

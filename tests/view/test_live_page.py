@@ -1,4 +1,4 @@
-"""The page that simulates a scene in the browser, in headless Chromium with WebGPU on the processor."""
+"""The page that simulates a scene, in headless Chromium with WebGPU on the processor."""
 
 from io import BytesIO
 from shutil import rmtree
@@ -15,22 +15,34 @@ STEPS = """async (steps) => {
   let out;
   await then(async () => {
     await live.reset();
-    while (live.counted < steps && !live.problem) await live.advance(Math.min(100, steps - live.counted));
+    while (live.counted < steps && !live.problem)
+      await live.advance(Math.min(100, steps - live.counted));
     out = { planes: [...live.planes], low: [...live.low], time: live.time,
             limit: live.limit };
     live.record();
-    for (const name of ["total", "points", "triangles", "stretch"]) out[name] = live.curves[name].at(-1);
+    for (const name of ["total", "points", "triangles", "stretch"])
+      out[name] = live.curves[name].at(-1);
   });
   return out;
 }"""
 
 
 def swing(size=16):
-    return cs.scenes.paper_swing(bend=True).replace(cloth=cs.Cloth((size, size), springs=("structural", "shear", "bend")))
+    return cs.scenes.paper_swing(bend=True).replace(
+        cloth=cs.Cloth((size, size), springs=("structural", "shear", "bend"))
+    )
 
 
 def ball(**changes):
-    return cs.Sphere(**{"center": (0.5, -0.29, 0.5), "radius": 0.25, "response": "ray", "offset": "edge", **changes})
+    return cs.Sphere(
+        **{
+            "center": (0.5, -0.29, 0.5),
+            "radius": 0.25,
+            "response": "ray",
+            "offset": "edge",
+            **changes,
+        }
+    )
 
 
 def draped(**changes):
@@ -55,7 +67,7 @@ def pause(page):
 
 
 def after(page, steps):
-    """Planes of the high and of the low parts after `steps` steps from the start, and the whole answer."""
+    """Planes of high and low parts after `steps` steps from the start, and the whole answer."""
     out = page.tab.evaluate(STEPS, steps)
     return [np.array(out[name], np.float32).reshape(6, -1) for name in ("planes", "low")], out
 
@@ -64,7 +76,10 @@ def parts(stepper):
     """The same planes of a stepper."""
     core = stepper.snapshot().core
     names = (("positions", "velocities"), ("positions_low", "velocities_low"))
-    return [np.concatenate([core[n].reshape(-1, 3).T for n in pair]).astype(np.float32) for pair in names]
+    return [
+        np.concatenate([core[n].reshape(-1, 3).T for n in pair]).astype(np.float32)
+        for pair in names
+    ]
 
 
 def core_after(scene, steps, **options):
@@ -90,14 +105,18 @@ def test_view_opens_a_small_silent_page_that_asks_for_nothing(opened, monkeypatc
     page = opened(path)
     page.ready()
     page.tab.wait_for_function("() => window.live.live.counted > 20")
-    assert page.said == [] and page.asked == urls == [path.as_uri()] and page.tab.is_hidden("#problem")
+    assert (
+        page.said == [] and page.asked == urls == [path.as_uri()] and page.tab.is_hidden("#problem")
+    )
     assert path.stat().st_size < 400_000 and b"://" not in path.read_bytes()
     rmtree(path.parent)
 
 
 def test_view_is_a_cell_of_a_notebook(opened, monkeypatch, tmp_path):
     monkeypatch.setattr("clothsim.gpu.live_page.in_notebook", lambda: True)
-    monkeypatch.setattr("webbrowser.open", lambda url: pytest.fail("a notebook shows the page itself"))
+    monkeypatch.setattr(
+        "webbrowser.open", lambda url: pytest.fail("a notebook shows the page itself")
+    )
     cell = tmp_path / "cell.html"
     cell.write_text(cs.view(cs.scenes.paper_static())._repr_html_(), encoding="utf-8")
     page = opened(cell)
@@ -110,7 +129,9 @@ def test_view_is_a_cell_of_a_notebook(opened, monkeypatch, tmp_path):
 def test_view_says_what_it_does_not_take_and_where_no_browser_is(monkeypatch, tmp_path):
     monkeypatch.setattr("clothsim.gpu.live_page.mkdtemp", lambda prefix: str(tmp_path))
     monkeypatch.setattr("webbrowser.open", lambda url: False)
-    with pytest.raises(TypeError, match=r"got block, port: .* the page that cs.view\(scene\) opens"):
+    with pytest.raises(
+        TypeError, match=r"got block, port: .* the page that cs.view\(scene\) opens"
+    ):
         cs.view(cs.scenes.paper_static(), block=False, port=8080)
     with pytest.raises(TypeError, match="scene must be"):
         cs.view("paper_static")
@@ -123,13 +144,16 @@ OTHERS = cs.Sphere((0.15, -0.2, 0.8), 0.1), cs.Plane((0.0, -0.3, 0.0))
 
 
 @pytest.mark.parametrize(
-    "response, offset, others", [("ray", "cell", ()), ("continuous", "cell", OTHERS), ("continuous", "none", ())]
+    "response, offset, others",
+    [("ray", "cell", ()), ("continuous", "cell", OTHERS), ("continuous", "none", ())],
 )
 def test_contact_has_the_bits_of_the_adapter_without_float64_and_follows_the_core(
     live, same_bits, monkeypatch, response, offset, others
 ):
     """WebGPU has no float64, so a response rounds in float32; contact lets that grow."""
-    scene = draped(motion=cs.Linear((0.1, 0.3, 0.0)), friction=0.2, response=response, offset=offset)
+    scene = draped(
+        motion=cs.Linear((0.1, 0.3, 0.0)), friction=0.2, response=response, offset=offset
+    )
     scene = scene.replace(spheres=(*scene.spheres, *others))
     page = live(scene)
     pause(page)
@@ -138,7 +162,9 @@ def test_contact_has_the_bits_of_the_adapter_without_float64_and_follows_the_cor
     assert np.abs(cpu.positions - free.positions).max() > 1e-2
     x = found[0][:3].T.reshape(cpu.positions.shape)
     assert np.abs(x - cpu.positions).max() < 1e-4
-    found_depths = [cs.penetration(x.astype(float), sphere, out["time"]) for sphere in scene.spheres]
+    found_depths = [
+        cs.penetration(x.astype(float), sphere, out["time"]) for sphere in scene.spheres
+    ]
     depths = {name: max(one[name] for one in found_depths) for name in found_depths[0]}
     assert {name: out[name] for name in depths} == pytest.approx(depths, abs=1e-7)
     devices = pytest.importorskip("clothsim.gpu.device")
@@ -161,9 +187,13 @@ def test_spheres_move_as_in_the_core(live):
         *(cs.Keyframes(**table, smooth=smooth) for smooth in (False, True)),
         cs.Keyframes(table["times"], table["offsets"]),
     ]
-    scene = cs.Scene(cs.Cloth((16, 16)), [ball(center=(0.5, -9.0, 0.5), motion=motion) for motion in motions])
+    scene = cs.Scene(
+        cs.Cloth((16, 16)), [ball(center=(0.5, -9.0, 0.5), motion=motion) for motion in motions]
+    )
     page, times = live(scene), [0.0, 0.1, 0.25, 0.5, 0.9]
-    found = page.tab.evaluate("(times) => window.live.live.spheres.map((s) => times.map((t) => motionAt(s, t)))", times)
+    found = page.tab.evaluate(
+        "(times) => window.live.live.spheres.map((s) => times.map((t) => motionAt(s, t)))", times
+    )
     for sphere, states in zip(scene.spheres, np.array(found), strict=True):
         np.testing.assert_allclose(states[:, 0], sphere.center_at(times), rtol=0, atol=1e-14)
         np.testing.assert_allclose(states[:, 1], sphere.velocity_at(times), rtol=0, atol=1e-13)
@@ -176,7 +206,11 @@ def test_an_unstable_step_is_marked_and_named_and_reset_where_the_hand_is(live):
     page.tab.wait_for_selector("#above", state="visible")
     page.tab.wait_for_selector("#problem", state="visible")
     text = page.tab.inner_text("#problem")
-    assert text.startswith("UNSTABLE at step ") and "first at mass point (" in text and "above the guaranteed" in text
+    assert (
+        text.startswith("UNSTABLE at step ")
+        and "first at mass point (" in text
+        and "above the guaranteed" in text
+    )
     assert np.isfinite(page.tab.evaluate("() => [...window.live.live.planes]")).all()
     assert page.tab.inner_text("#play") == "reset"
     page.tab.click("#play")
@@ -189,7 +223,9 @@ SCENES = {
     "swing": swing(),
     "strip, undamped": cs.Scene(cs.Cloth((2, 9), damping=0.0)),
     "bend alone": cs.Scene(cs.Cloth((9, 9), springs=("bend",), drag=3.0)),
-    "mass per point": cs.Scene(cs.Cloth((5, 6), mass=np.linspace(0.5, 2.0, 30).reshape(5, 6), pins=((2, 2),))),
+    "mass per point": cs.Scene(
+        cs.Cloth((5, 6), mass=np.linspace(0.5, 2.0, 30).reshape(5, 6), pins=((2, 2),))
+    ),
 }
 
 
@@ -200,18 +236,28 @@ def test_the_guarantee_is_that_of_python_for_all_coefficients(live, name):
     pause(page)
     rng = np.random.default_rng(3)
     for _ in range(20):
-        stiffness, damping = ({f: 10 ** rng.uniform(-1, 5) for f in scene.cloth.springs} for _ in range(2))
+        stiffness, damping = (
+            {f: 10 ** rng.uniform(-1, 5) for f in scene.cloth.springs} for _ in range(2)
+        )
         drag = float(10 ** rng.uniform(-1, 4))
         cloth = scene.cloth.replace(stiffness=stiffness, damping=damping, drag=drag)
-        found = page.tab.evaluate("(a) => guaranteed(window.live.live.data, ...a)", [stiffness, damping, drag])
-        assert found == pytest.approx(cs.max_stable_dt(scene.replace(cloth=cloth)), rel=1e-12, abs=0)
-    assert page.tab.evaluate("() => window.live.live.limit") == pytest.approx(cs.max_stable_dt(scene), rel=1e-12, abs=0)
+        found = page.tab.evaluate(
+            "(a) => guaranteed(window.live.live.data, ...a)", [stiffness, damping, drag]
+        )
+        assert found == pytest.approx(
+            cs.max_stable_dt(scene.replace(cloth=cloth)), rel=1e-12, abs=0
+        )
+    assert page.tab.evaluate("() => window.live.live.limit") == pytest.approx(
+        cs.max_stable_dt(scene), rel=1e-12, abs=0
+    )
 
 
 def test_controls_change_the_scene_and_the_file_has_it(live):
     motion = cs.Keyframes([0.0, 1.0], [(0.5, -0.29, 0.5), (0.5, -0.2, 0.5)])
     scene = draped(motion=motion, friction=0.1, restitution=1.0)
-    scene = scene.replace(cloth=scene.cloth.replace(damping={"structural": 100.0, "shear": 50.0, "bend": 0.0}))
+    scene = scene.replace(
+        cloth=scene.cloth.replace(damping={"structural": 100.0, "shear": 50.0, "bend": 0.0})
+    )
     page = live(scene)
     pause(page)
     set_slider(page, "gravity", 20.0)
@@ -220,7 +266,9 @@ def test_controls_change_the_scene_and_the_file_has_it(live):
     set_slider(page, "radius", 0.5)
     page.tab.click("#live summary")
     set_slider(page, "shear", -1)
-    set_slider(page, "drag", page.tab.evaluate("() => Number(document.getElementById('drag').max) / 2"))
+    set_slider(
+        page, "drag", page.tab.evaluate("() => Number(document.getElementById('drag').max) / 2")
+    )
     set_slider(page, "restitution", 0.25)
     page.tab.select_option("#method", label="continuous")
     page.tab.select_option("#offset", label="edge")
@@ -230,37 +278,57 @@ def test_controls_change_the_scene_and_the_file_has_it(live):
         page.tab.click("#save-scene")
     changed = cs.load_scene(download.value.path())
     cloth, sphere = changed.cloth, changed.spheres[0]
-    data = page.tab.evaluate("(({ stiffness, damping, drag }) => ({ stiffness, damping, drag }))(window.live.live)")
+    data = page.tab.evaluate(
+        "(({ stiffness, damping, drag }) => ({ stiffness, damping, drag }))(window.live.live)"
+    )
     assert changed.gravity == pytest.approx((0, -20, 0), abs=0.5) and 0 < cloth.drag == data["drag"]
     assert cloth.family_stiffness == data["stiffness"] and cloth.family_damping == data["damping"]
-    assert cloth.family_stiffness["structural"] == pytest.approx(2 * cloth.family_stiffness["shear"], rel=0.3)
-    assert cloth.family_damping["structural"] == pytest.approx(200, rel=0.1) == 2 * cloth.family_damping["shear"]
-    assert (sphere.response, sphere.offset) == ("continuous", "edge") and sphere.restitution == pytest.approx(0.25, abs=0.1)
+    assert cloth.family_stiffness["structural"] == pytest.approx(
+        2 * cloth.family_stiffness["shear"], rel=0.3
+    )
+    assert (
+        cloth.family_damping["structural"]
+        == pytest.approx(200, rel=0.1)
+        == 2 * cloth.family_damping["shear"]
+    )
+    assert (sphere.response, sphere.offset) == (
+        "continuous",
+        "edge",
+    ) and sphere.restitution == pytest.approx(0.25, abs=0.1)
     assert sphere.friction == 0.1 and sphere.motion.centers[1].tolist() == [0.6, -0.2, 0.5]
     assert page.said == [] and page.tab.is_hidden("#problem")
     page.tab.click("#reset")
-    page.tab.wait_for_function("() => window.live.live.spheres[0].radius === 0.25 && window.live.live.gravity[1] > -10")
+    page.tab.wait_for_function(
+        "() => window.live.live.spheres[0].radius === 0.25 && window.live.live.gravity[1] > -10"
+    )
     idle(page)
     with page.tab.expect_download() as download:
         page.tab.click("#save-scene")
     assert cs.load_scene(download.value.path()) == scene
 
 
-def test_free_cloth_has_the_bits_of_the_gather_kernel_with_the_coefficients_of_the_controls(live, same_bits):
+def test_free_cloth_has_the_bits_of_the_gather_kernel_with_the_coefficients_of_the_controls(
+    live, same_bits
+):
     """What a scene lacks is compiled in when a control brings it."""
     scene = swing().replace(cloth=swing().cloth.replace(damping=0.0))
     page = live(scene)
     pause(page)
     changed = {"damping": {"structural": 2.0, "shear": 1.0, "bend": 0.5}, "drag": 0.3}
     changed["stiffness"] = {**scene.cloth.family_stiffness, "shear": 1000.0}
-    apply = "(c) => window.live.then(() => { Object.assign(window.live.live, c); return window.live.live.apply(); })"
+    apply = (
+        "(c) => window.live.then(() => "
+        "{ Object.assign(window.live.live, c); return window.live.live.apply(); })"
+    )
     page.tab.evaluate(apply, changed)
     found, out = after(page, 1000)
     scene = scene.replace(cloth=scene.cloth.replace(**changed))
     cpu = core_after(scene, 1000)
     assert same_bits(found, parts(cpu)) and out["time"] == cpu.time
     assert np.abs(cpu.positions - scene.initial_position).max() > 0.1
-    assert out["total"] == pytest.approx(cs.energy(scene, cpu.positions, cpu.velocities)["total"], rel=1e-5, abs=0)
+    assert out["total"] == pytest.approx(
+        cs.energy(scene, cpu.positions, cpu.velocities)["total"], rel=1e-5, abs=0
+    )
 
 
 def test_the_recording_is_a_page_of_its_own(live, opened, tmp_path):
@@ -269,7 +337,8 @@ def test_the_recording_is_a_page_of_its_own(live, opened, tmp_path):
     pause(page)
     idle(page)
     script = """(run) => {
-      const last = run.t.length - 1, values = ["speed", "stretch"].map((name) => run.value(name, last, 37));
+      const last = run.t.length - 1;
+      const values = ["speed", "stretch"].map((name) => run.value(name, last, 37));
       return { t: [...run.t], x: [...run.positions(last)], values };
     }"""
     seen = page.tab.evaluate(f"() => ({script})(window.live.live)")
@@ -285,7 +354,10 @@ def test_the_recording_is_a_page_of_its_own(live, opened, tmp_path):
     assert found["t"] == seen["t"] and np.abs(np.subtract(found["x"], seen["x"])).max() < 3e-5
     assert found["values"] == pytest.approx(seen["values"], rel=0.05, abs=1e-4)
     assert stored.said == page.said == [] and stored.asked == [path.as_uri()]
-    assert stored.tab.locator("#curves canvas").count() == 3 and stored.tab.locator("#live").count() == 0
+    assert (
+        stored.tab.locator("#curves canvas").count() == 3
+        and stored.tab.locator("#live").count() == 0
+    )
 
 
 def test_one_step_is_one_step(live):
@@ -314,7 +386,9 @@ def test_the_list_of_methods_has_those_of_python(live):
         page.tab.select_option("#method", label=name)
         idle(page)
         (planes, _), _ = after(page, 250)
-        cpu = core_after(draped(response=response, as_printed=bool(printed), **options), 250).positions
+        cpu = core_after(
+            draped(response=response, as_printed=bool(printed), **options), 250
+        ).positions
         assert np.abs(planes[:3].T.reshape(cpu.shape) - cpu).max() < 1e-5, name
         assert all(np.abs(other - cpu).max() > 1e-4 for other in expected), name
         expected.append(cpu)
@@ -323,9 +397,11 @@ def test_the_list_of_methods_has_those_of_python(live):
 def place(page, point):
     """Pixel of the tab where a point [m] is seen."""
     script = """(p) => {
-      const { camera } = window.live, canvas = document.getElementById("canvas-0"), box = canvas.getBoundingClientRect();
+      const { camera } = window.live, canvas = document.getElementById("canvas-0");
+      const box = canvas.getBoundingClientRect();
       const [right, up] = camera.axes(), metre = camera.metre(canvas);
-      const along = (axis) => axis.reduce((sum, k, i) => sum + k * (p[i] - camera.target[i]), 0) / metre;
+      const along = (axis) =>
+        axis.reduce((sum, k, i) => sum + k * (p[i] - camera.target[i]), 0) / metre;
       return [box.left + box.width / 2 + along(right), box.top + box.height / 2 - along(up)];
     }"""
     return page.tab.evaluate(script, list(point))
@@ -344,7 +420,9 @@ def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live):
         mouse.move(x, y)
         mouse.down()
         mouse.move(x - 40, y + 10, steps=4)
-        page.tab.wait_for_function(f"(s) => Math.hypot(...{place_now}.map((k, i) => k - s[i])) > 0.02", arg=start)
+        page.tab.wait_for_function(
+            f"(s) => Math.hypot(...{place_now}.map((k, i) => k - s[i])) > 0.02", arg=start
+        )
         mouse.up()
     idle(page)
     assert page.tab.evaluate("() => Math.max(...window.live.live.curves.triangles)") == 0
@@ -363,14 +441,19 @@ def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live):
 
 def fingers(page, kind, *points):
     """Touch the page of that tab."""
-    touch = {"type": kind, "touchPoints": [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(points)]}
+    touch = {
+        "type": kind,
+        "touchPoints": [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(points)],
+    }
     session = vars(page).setdefault("session", page.context.new_cdp_session(page.tab))
     session.send("Input.dispatchTouchEvent", touch)
 
 
 def test_two_fingers_turn_and_zoom_and_one_drags_a_sphere(live):
     page = live(draped(), has_touch=True)
-    page.tab.evaluate("() => { window.live.camera.byHand = true; }")  # the view no longer follows the cloth
+    page.tab.evaluate(
+        "() => { window.live.camera.byHand = true; }"
+    )  # the view no longer follows the cloth
     x, y = place(page, ball().center)
     fingers(page, "touchStart", (x, y))
     fingers(page, "touchMove", (x + 40, y))
@@ -382,7 +465,10 @@ def test_two_fingers_turn_and_zoom_and_one_drags_a_sphere(live):
     fingers(page, "touchStart", (x, y))
     fingers(page, "touchStart", (x, y), (x + 40, y))
     fingers(page, "touchMove", (x, y), (x + 120, y))
-    page.tab.wait_for_function("(angle) => window.live.camera.zoom > 1.5 && window.live.camera.azimuth !== angle", arg=angle)
+    page.tab.wait_for_function(
+        "(angle) => window.live.camera.zoom > 1.5 && window.live.camera.azimuth !== angle",
+        arg=angle,
+    )
     fingers(page, "touchEnd")
 
 
@@ -405,17 +491,23 @@ def test_one_finger_scrolls_the_page_and_controls_stay_at_hand(live):
 
 def seen(page):
     """The pixels of the stage, shape (height, width, 3)."""
-    return np.asarray(Image.open(BytesIO(page.tab.locator("#canvas-0").screenshot())).convert("RGB")).astype(int)
+    return np.asarray(
+        Image.open(BytesIO(page.tab.locator("#canvas-0").screenshot())).convert("RGB")
+    ).astype(int)
 
 
 def red_pixels(page, draw):
     """Red pixels of five views, each drawn by `draw` of the camera."""
     red = 0
     for direction in ((1, 0.6, 1.3), (0, -1, 0.01), (1, -0.3, 0), (-1, 0.2, -1), (0, 1, 0.01)):
-        script = f"(d) => {{ const {{ camera }} = {draw}; camera.reset(d); camera.enlarge(2); {draw}.redraw(); }}"
+        script = (
+            f"(d) => {{ const {{ camera }} = {draw}; camera.reset(d); camera.enlarge(2); "
+            f"{draw}.redraw(); }}"
+        )
         page.tab.evaluate(script, direction)
         r, g, b = np.moveaxis(seen(page), 2, 0)
-        red += ((r - g > 25) & (abs(g - b) < 15)).sum()  # the back of the cloth is sand, which has less blue
+        # The back of the cloth is sand, which has less blue.
+        red += ((r - g > 25) & (abs(g - b) < 15)).sum()
     return red
 
 
@@ -447,7 +539,9 @@ def test_pins_are_seen_in_both_themes_and_the_cloth_fills_the_stage(live):
         idle(page)
         pixels = seen(page)
         assert tuple(pixels[2, 2]) == background
-        x, y, _ = page.tab.evaluate("() => window.live.camera.projection(document.getElementById('canvas-0'))([0, 0, 0], 0)")
+        x, y, _ = page.tab.evaluate(
+            "() => window.live.camera.projection(document.getElementById('canvas-0'))([0, 0, 0], 0)"
+        )
         assert abs(pixels[round(y), round(x)] - background).min() > 100
         rows = np.flatnonzero((abs(pixels - background) > 20).any(axis=(1, 2)))
         assert np.ptp(rows) > 0.7 * len(pixels)
@@ -456,7 +550,9 @@ def test_pins_are_seen_in_both_themes_and_the_cloth_fills_the_stage(live):
 def test_a_lost_device_is_named(live):
     page = live(swing())
     page.tab.evaluate("() => window.live.solver.device.destroy()")
-    page.tab.wait_for_function("() => document.getElementById('problem').textContent.includes('was lost')")
+    page.tab.wait_for_function(
+        "() => document.getElementById('problem').textContent.includes('was lost')"
+    )
     assert not page.tab.evaluate("() => window.live.page.state.playing")
 
 
@@ -464,13 +560,21 @@ def test_without_webgpu_it_says_so_and_plays_a_run(opened, tmp_path):
     path = tmp_path / "live.html"
     text = draped().to_live_html(path).read_text(encoding="utf-8")
     path.write_text(
-        text.replace("<script>", "<script>\nObject.defineProperty(navigator, 'gpu', { value: undefined });", 1),
+        text.replace(
+            "<script>",
+            "<script>\nObject.defineProperty(navigator, 'gpu', { value: undefined });",
+            1,
+        ),
         encoding="utf-8",
     )
     page = opened(path)
     page.ready()
     assert "Chrome and Edge from 113" in page.tab.inner_text("#problem")
-    assert page.tab.is_visible("#canvas-0") and page.tab.is_hidden("#live") and page.tab.evaluate("page.end()") == 2
+    assert (
+        page.tab.is_visible("#canvas-0")
+        and page.tab.is_hidden("#live")
+        and page.tab.evaluate("page.end()") == 2
+    )
     page.tab.click("#play")
     page.tab.wait_for_function("() => page.state.t > 0.1 && page.state.t < 1.9")
     assert page.said == []

@@ -37,7 +37,8 @@ def test_a_run_shows_its_lines_and_its_last_frame(run):
     assert png_of(data["text/html"]) == run.picture(width=400)._repr_png_()
     assert base64.b64decode(data["image/png"]) == png_of(data["text/html"])
     assert data["text/plain"] == str(run) and len(data["text/html"]) < 200_000
-    # JupyterLab's sanitizer leaves these elements, and data: in src, where a notebook is not trusted.
+    # JupyterLab's sanitizer leaves these elements, and data: in src, where a notebook is not
+    # trusted.
     assert set(re.findall(r"<\s*(\w+)", data["text/html"])) == {"div", "pre", "img"}
 
 

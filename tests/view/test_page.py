@@ -46,12 +46,18 @@ def test_the_page_has_the_colours_and_lights_of_pictures(alone, runs, opened):
     for frame in (0, int(run.penetration()["triangles"].argmax())):
         seek(page, frame)
         page.tab.wait_for_timeout(100)
-        for name, drawn in (("page", pixels(page)), ("picture", run.picture(frame, ground=False).pixels)):
+        for name, drawn in (
+            ("page", pixels(page)),
+            ("picture", run.picture(frame, ground=False).pixels),
+        ):
             colours = drawn.reshape(-1, 3).astype(int)
             red, green, blue = colours.T
             if frame == 0:
                 ball = colours[(abs(blue - red) < 12) & (blue > 60) & (blue < 240)]
-                seen[name] += [np.median(colours[blue > red + 40], axis=0), *np.quantile(ball, (0.5, 0.9), axis=0)]
+                seen[name] += [
+                    np.median(colours[blue > red + 40], axis=0),
+                    *np.quantile(ball, (0.5, 0.9), axis=0),
+                ]
             else:
                 seen[name] += [np.median(colours[red > green + 60], axis=0)]
     assert np.abs(np.array(seen["page"]) - seen["picture"]).max() <= 6, seen
@@ -95,7 +101,10 @@ def test_colours_follow_the_mode(alone, runs, opened):
     page.tab.select_option("#mode", "speed")
     speeds = np.linalg.norm(runs["method 1"].v, axis=-1)
     sign, number, unit = page.tab.inner_text("#high").split()
-    assert float(number) == pytest.approx(np.quantile(speeds, 0.99), rel=0.06) and (sign, unit) == ("≥", "m/s")
+    assert float(number) == pytest.approx(np.quantile(speeds, 0.99), rel=0.06) and (sign, unit) == (
+        "≥",
+        "m/s",
+    )
     page.tab.select_option("#mode", "faces")
     assert np.array_equal(pixels(page), shown["faces"])
     assert page.said == []
@@ -105,7 +114,12 @@ def test_colours_follow_the_mode(alone, runs, opened):
 def test_red_on_the_page_is_the_circle_in_which_a_plane_cuts_the_sphere(tmp_path, opened):
     """The page's own drawing against geometry: a sphere that rises through a level cloth."""
     cloth = cs.Cloth(pins=())
-    scene = cs.Scene(cloth, cs.Sphere((0.5, -0.25, 0.5), 0.25, cs.Linear((0.0, 1.0, 0.0)), response="ray", offset="edge"))
+    scene = cs.Scene(
+        cloth,
+        cs.Sphere(
+            (0.5, -0.25, 0.5), 0.25, cs.Linear((0.0, 1.0, 0.0)), response="ray", offset="edge"
+        ),
+    )
     t = np.array([0.0, 0.002, 0.02])
     x = np.broadcast_to(cloth.rest_positions, (3, 32, 32, 3)).copy()
     page = opened(Run(scene, t, x, np.zeros_like(x), {}).to_html(tmp_path / "cut.html"))
@@ -117,7 +131,9 @@ def test_red_on_the_page_is_the_circle_in_which_a_plane_cuts_the_sphere(tmp_path
         red = (shown[..., 0] > shown[..., 1] + 30) & (shown[..., 0] > shown[..., 2] + 30)
         extent = page.tab.evaluate("(a) => page.camera.extent(a)", shown.shape[1] / shown.shape[0])
         size = 2 * extent[1] / shown.shape[0]
-        assert red.sum() * size**2 == pytest.approx(np.pi * (0.5 * depth - depth**2), rel=0.04, abs=1e-5)
+        assert red.sum() * size**2 == pytest.approx(
+            np.pi * (0.5 * depth - depth**2), rel=0.04, abs=1e-5
+        )
 
 
 @pytest.mark.slow
@@ -153,12 +169,17 @@ def test_runs_play_in_step_by_the_clock_and_end_on_their_last_frames(both, runs,
     for k in (0, 57, 150, 250):
         seek(page, k)
         t = runs["method 1"].t[k]
-        assert frames(page) == [int(np.searchsorted(run.t, t + 1e-9, side="right")) - 1 for run in runs.values()]
+        assert frames(page) == [
+            int(np.searchsorted(run.t, t + 1e-9, side="right")) - 1 for run in runs.values()
+        ]
         assert f"frame {k} of 299, t = {t:.4f} s" in page.tab.inner_text("#runs")
     page.tab.select_option("#speed", "0.015625")  # so slow that no load brings it to the end
     seek(page, 0)
     page.tab.click("#play")
-    read = "() => new Promise((d) => requestAnimationFrame(() => d([page.state.before, page.state.t])))"
+    read = (
+        "() => new Promise((d) => requestAnimationFrame(() => d([page.state.before, "
+        "page.state.t])))"
+    )
     wall0, t0 = page.tab.evaluate(read)
     page.tab.wait_for_timeout(700)
     wall1, t1 = page.tab.evaluate(read)
@@ -190,7 +211,9 @@ def compared(pair, tmp_path_factory):
     return cs.compare(pair, difference=True).to_html(tmp_path_factory.mktemp("page") / "both.html")
 
 
-def test_a_probe_shows_values_and_curves_of_a_point_and_a_difference_its_own(compared, pair, opened):
+def test_a_probe_shows_values_and_curves_of_a_point_and_a_difference_its_own(
+    compared, pair, opened
+):
     page = opened(compared)
     page.ready()
     charts = page.tab.locator("#curves canvas").count()
@@ -207,14 +230,21 @@ def test_a_probe_shows_values_and_curves_of_a_point_and_a_difference_its_own(com
         expected = [100 * at["stretch"][8], at["speed"][8], 1000 * found[8, 31, 5] * k]
         # 255 levels of the square root of the highest value
         highest = page.tab.evaluate("page.runs[0].highest")
-        for value, right, name, factor in zip(numbers, expected, ("stretch", "speed", "difference"), (100, 1, 1000)):
+        for value, right, name, factor in zip(
+            numbers, expected, ("stretch", "speed", "difference"), (100, 1, 1000)
+        ):
             top = factor * highest[name]
-            assert abs(value - right) <= 0.01 * right + 2 * np.sqrt(right * top) * 0.51 / 255 + 1e-3 * top
+            assert (
+                abs(value - right)
+                <= 0.01 * right + 2 * np.sqrt(right * top) * 0.51 / 255 + 1e-3 * top
+            )
     assert page.tab.locator("#curves canvas").count() == charts + 3
     page.tab.select_option("#mode", label="difference to reflect")
     shades = [len(np.unique(pixels(page, k).reshape(-1, 3), axis=0)) for k in (0, 1)]
     label = page.tab.locator("#curves canvas").nth(charts - 1).get_attribute("aria-label")
-    assert shades[1] > shades[0] and label.startswith("rms difference to the first run [mm]. ray: first 0 at 0 s, last ")
+    assert shades[1] > shades[0] and label.startswith(
+        "rms difference to the first run [mm]. ray: first 0 at 0 s, last "
+    )
     rms = cs.difference(*pair.values())["rms"][-1]
     assert float(label.split("last ")[1].split()[0]) == pytest.approx(1000 * rms, rel=6e-3)
     page.tab.fill("#row", "")
@@ -240,12 +270,17 @@ def test_a_click_probes_the_point_below_it_and_a_drag_does_not(compared, pair, o
     page.tab.mouse.up()
     assert page.tab.evaluate("page.state.probe") == [10, 10]
     page.tab.locator("#canvas-1").click(position={"x": 3, "y": 3})
-    assert page.tab.evaluate("page.state.probe") is None and page.tab.locator(".ring:visible").count() == 0
+    assert (
+        page.tab.evaluate("page.state.probe") is None
+        and page.tab.locator(".ring:visible").count() == 0
+    )
 
 
 def test_a_difference_needs_two_runs_with_equal_times(pair):
     with pytest.raises(ValueError, match="two runs at least, got 'ray' alone"):
         cs.compare({"ray": pair["ray"]}, difference=True)
-    with pytest.raises(ValueError, match="times of 'b' that 'a' has stored too, got 6 of 11: give fps= or times="):
+    with pytest.raises(
+        ValueError, match="times of 'b' that 'a' has stored too, got 6 of 11: give fps= or times="
+    ):
         cs.compare({"a": pair["ray"][::2], "b": pair["ray"]}, difference=True)
     assert cs.compare({"a": pair["ray"], "b": pair["ray"][::2]}, difference=True).difference is True

@@ -24,7 +24,7 @@ def run():
 
 
 def red(pixels):
-    """Pixels of which red covers at least half; neither the cloth's front nor the sphere has r > g."""
+    """Pixels that are at least half red; neither the cloth's front nor the sphere has r > g."""
     r, g, _ = np.moveaxis(np.asarray(pixels).astype(int), -1, 0)
     return r > g
 
@@ -47,7 +47,9 @@ def test_red_is_the_circle_in_which_a_plane_cuts_the_sphere(depth):
 
 @pytest.mark.parametrize("shape", [(32, 32), (2, 2)])
 def test_depth_is_that_of_each_place_of_the_cloth(shape):
-    """A level sheet that cuts a sphere: the depth at a distance from the axis, of whatever points the sheet has."""
+    """A level sheet that cuts a sphere: the depth at a distance from the axis, of whatever points
+    the sheet has.
+    """
     depth, radius = 0.04, 0.25
     scene = cs.Scene(cs.Cloth(shape, pins=()), cs.Sphere((0.5, -radius + depth, 0.5), radius))
     pixels = cs.picture(scene, camera=ABOVE, width=550, color="depth", ground=False).pixels / 255
@@ -58,7 +60,9 @@ def test_depth_is_that_of_each_place_of_the_cloth(shape):
         expected = scale.colors(radius - np.hypot(away, radius - depth))
         assert here == pytest.approx(expected, abs=0.02)
     assert hue(pixels[400, 400]) == pytest.approx(hue(scale.colors(0.0)), abs=0.01)  # outside
-    assert deepest(scene.spheres, scene.initial_position[None], np.zeros(1))["triangles"] == pytest.approx([depth])
+    assert deepest(scene.spheres, scene.initial_position[None], np.zeros(1))[
+        "triangles"
+    ] == pytest.approx([depth])
 
 
 def test_cloth_a_tenth_of_a_millimetre_above_the_sphere_hides_it():
@@ -82,14 +86,22 @@ def test_a_moving_sphere_is_drawn_where_it_is_at_that_time():
     moving = cs.scenes.paper_moving()
     with pytest.raises(ValueError, match="^t must be given where a sphere moves"):
         cs.picture(moving, moving.initial_position, width=32)
-    assert np.array_equal(cs.picture(moving, moving.initial_position, 0.0, width=32), cs.picture(moving, width=32))
+    assert np.array_equal(
+        cs.picture(moving, moving.initial_position, 0.0, width=32), cs.picture(moving, width=32)
+    )
 
 
 def test_colours_are_distinct_for_any_colour_vision():
     colors = raster.CLOTH_FRONT, raster.CLOTH_BACK, raster.SPHERE, raster.PENETRATION
-    assert min(distance(a, b) for a, b in combinations(colors, 2)) > 20  # 2.3 is a just noticeable difference
-    inside, outside = (legend.scale_of("depth", np.ones(1), None).colors(np.array(k)) for k in (1.0, 0.0))
-    assert min(distance(a, b) for a, b in combinations((inside, outside, raster.DARK_SPHERE), 2)) > 20
+    assert (
+        min(distance(a, b) for a, b in combinations(colors, 2)) > 20
+    )  # 2.3 is a just noticeable difference
+    inside, outside = (
+        legend.scale_of("depth", np.ones(1), None).colors(np.array(k)) for k in (1.0, 0.0)
+    )
+    assert (
+        min(distance(a, b) for a, b in combinations((inside, outside, raster.DARK_SPHERE), 2)) > 20
+    )
 
 
 @pytest.mark.parametrize("name", [*camera.DIRECTIONS, (0.2, -1.0, 0.4)], ids=str)
@@ -100,7 +112,9 @@ def test_a_direction_shows_cloth_and_spheres_whole(name):
     assert (frame == 255).all()
     ink = (pixels < 250).any(axis=-1)
     rows, columns = np.nonzero(ink)
-    assert ink.mean() > 0.02 and (np.ptp(columns) > 0.6 * 150 or np.ptp(rows) > 0.6 * pixels.shape[0])
+    assert ink.mean() > 0.02 and (
+        np.ptp(columns) > 0.6 * 150 or np.ptp(rows) > 0.6 * pixels.shape[0]
+    )
 
 
 def test_a_row_without_a_surface_shows_its_points():
@@ -120,7 +134,9 @@ def test_an_array_colours_each_mass_point_by_the_scale():
     scale = legend.scale_of(values, values, None)
     for column in (0.5, 10.5, 20.5, 30.5):  # between grid lines
         x = round(550 * (0.5 + (column / 31 - 0.5) / 1.1))
-        assert hue(pixels[275 + 8, x]) == pytest.approx(hue(scale.colors(np.array(column))), abs=0.01)
+        assert hue(pixels[275 + 8, x]) == pytest.approx(
+            hue(scale.colors(np.array(column))), abs=0.01
+        )
     unknown = cs.picture(FLAT, camera=ABOVE, width=200, color=np.full((32, 32), np.nan)).pixels
     assert np.ptp(unknown[60:140, 60:140].astype(int), axis=-1).max() == 0
 
@@ -132,7 +148,11 @@ def test_named_colours_follow_the_measure_on_one_scale(run, name):
         "speed": lambda k: np.linalg.norm(run.v[k], axis=-1).max(),
         "depth": lambda k: cs.penetration(run.x[k], run.scene.spheres[0])["triangles"],
     }[name]
-    found = run.penetration()["triangles"] if name == "depth" else legend.values_of(name, run.scene, run.x, run.v)
+    found = (
+        run.penetration()["triangles"]
+        if name == "depth"
+        else legend.values_of(name, run.scene, run.x, run.v)
+    )
     for k in (0, 5, 10):
         assert found[k].max() == pytest.approx(measure(k), abs=1e-12)
     # The scale of a run is that of all its frames; a state alone has its own.
@@ -145,7 +165,10 @@ def test_named_colours_follow_the_measure_on_one_scale(run, name):
 
 def test_a_label_is_a_strip_below_the_same_picture(run):
     pytest.importorskip("PIL")
-    plain, labelled = run.picture(4, width=400).pixels, run.picture(4, width=400, label=True, color="faces").pixels
+    plain, labelled = (
+        run.picture(4, width=400).pixels,
+        run.picture(4, width=400, label=True, color="faces").pixels,
+    )
     assert np.array_equal(labelled[: len(plain)], plain)
     strip = labelled[len(plain) :]
     assert (strip[[0, -1]] == 255).all() and (strip < 60).any()
@@ -154,8 +177,12 @@ def test_a_label_is_a_strip_below_the_same_picture(run):
     columns = np.flatnonzero((strip != other).any(axis=(0, 2)))
     assert columns.size and columns.max() < 0.25 * 400
     # "as printed" has a line of its own above the other one.
-    printed = cs.picture(cs.scenes.paper_static("ray", as_printed=True), width=400, label=True).pixels
-    more = len(printed) - len(cs.picture(cs.scenes.paper_static("ray"), width=400, label=True).pixels)
+    printed = cs.picture(
+        cs.scenes.paper_static("ray", as_printed=True), width=400, label=True
+    ).pixels
+    more = len(printed) - len(
+        cs.picture(cs.scenes.paper_static("ray"), width=400, label=True).pixels
+    )
     note = printed[-len(strip) - more : -len(strip)]
     columns = np.flatnonzero((note < 150).any(axis=(0, 2)))
     assert more > 10 and 0.1 * 400 < np.ptp(columns) < 0.25 * 400 and (note[[0, -1]] == 255).all()
@@ -166,12 +193,16 @@ def test_a_label_is_a_strip_below_the_same_picture(run):
 
 def drawn(sheet, balls, view, width, planes):
     """Red of a picture without and with shadows."""
-    both = (raster.render(sheet, balls, view, width, planes=planes, shadow=one) for one in (False, True))
+    both = (
+        raster.render(sheet, balls, view, width, planes=planes, shadow=one) for one in (False, True)
+    )
     return [one[..., 0].astype(int) for one in both]
 
 
 def test_the_shadow_of_a_ball_lies_on_the_ground_away_from_the_light():
-    """The light comes from (0.3, 1, 0.25): a ball 1 m above the ground shades the place 0.3 m and 0.25 m beside it."""
+    """The light comes from (0.3, 1, 0.25): a ball 1 m above the ground shades the place 0.3 m and
+    0.25 m beside it.
+    """
     sheet = np.zeros((2, 2, 3)) + (0, -5, 0)  # below the ground
     ball = raster.Ball((0.0, 1.0, 0.0), 0.1, (0.5, 0.5, 0.5))
     view = cs.Camera((0, 1, 0), (0, 0, 0), 2.0, 2.0)
@@ -187,7 +218,9 @@ def test_the_shadow_of_a_ball_lies_on_the_ground_away_from_the_light():
 def test_a_ground_is_seen_from_above_alone_and_lies_under_all():
     scene = cs.scenes.paper_static()
     for name in ("corner", "below"):
-        bare, plain = (cs.picture(scene, camera=name, width=100, ground=one).pixels for one in (False, True))
+        bare, plain = (
+            cs.picture(scene, camera=name, width=100, ground=one).pixels for one in (False, True)
+        )
         assert np.array_equal(bare.shape, plain.shape)
         beside = (bare == 255).all(axis=-1)
         assert ((plain[beside] < 250).any(axis=-1).mean() > 0.2) == (name == "corner")
@@ -206,7 +239,10 @@ def test_points_behind_the_eye_are_not_drawn():
 def test_pixels_are_the_same_for_every_number_of_threads(shadow, crumpled):
     x, ball = crumpled(shape=(7, 9)).x, raster.Ball((0.5, -0.1, 0.5), 0.35, raster.SPHERE)
     view, planes = cs.Camera.around((1.0, 0.6, 1.3), x), [raster.Plane((0.5, -0.8, 0.5), 1.0)]
-    whole, *others = (raster.render(x, [ball], view, 301, planes=planes, shadow=shadow, threads=n) for n in (1, 2, 5))
+    whole, *others = (
+        raster.render(x, [ball], view, 301, planes=planes, shadow=shadow, threads=n)
+        for n in (1, 2, 5)
+    )
     assert all(np.array_equal(whole, one) for one in others)
 
 
@@ -327,7 +363,9 @@ def test_films_that_cannot_be(run, tmp_path, monkeypatch):
         run.animate(tmp_path / "a.gif", fps=60)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(RuntimeError, match=r"needs ffmpeg, .*imageio-ffmpeg.*ffmpeg.*'clothsim\[film\]'.*webp"):
+    with pytest.raises(
+        RuntimeError, match=r"needs ffmpeg, .*imageio-ffmpeg.*ffmpeg.*'clothsim\[film\]'.*webp"
+    ):
         run.animate(tmp_path / "a.mp4", width=64)
     short = cs.simulate(cs.scenes.oscillator(), 0.01, dt=1e-3)
     with pytest.raises(ValueError, match="at least 3 stored frames, this run has 2.*every="):

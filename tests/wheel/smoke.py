@@ -1,4 +1,6 @@
-"""A wheel does what the README shows, with NumPy alone: run it with the Python that the wheel is installed in."""
+"""A wheel does what the README shows, with NumPy alone: run it with the Python that the wheel is
+installed in.
+"""
 
 import importlib.util
 import os
@@ -41,7 +43,8 @@ if "numba" in {modules}:
     assert total(np.ones(10_000)) == 10_000
 import clothsim as cs
 scene = cs.scenes.paper_swing()
-one, two = (cs.step(scene, scene.initial_position, scene.initial_velocity, 1e-4, 50, threads=n) for n in (1, 2))
+x, v = scene.initial_position, scene.initial_velocity
+one, two = (cs.step(scene, x, v, 1e-4, 50, threads=n) for n in (1, 2))
 assert (one[0] == two[0]).all()
 np.linalg.eigvalsh(np.eye(300))
 print("beside", {modules})

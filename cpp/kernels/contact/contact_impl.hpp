@@ -1,22 +1,25 @@
-// The contact pass, a vector of mass points at a time: the points that may touch a sphere within the step,
-// and the responses of the many that lie on it (kernels/contact/contact_resting.hpp). The others are left to
-// contact/continuous.hpp.
+// The contact pass, a vector of mass points at a time: the points that may touch a sphere within
+// the step, and the responses of the many that lie on it (kernels/contact/contact_resting.hpp). The
+// others are left to contact/continuous.hpp.
 //
-// A point that needs a response came to the level `top` or below, at a right angle to its way or at its end.
-// With q its way in the sphere's frame, it ends at a level of at most top + k q^2. That check is in Real, and
-// rounding never hides a point: a way that is wrong by e counts 2 q^2 >= q'^2 - 2 e^2. Rounding of a level
-// grows with the distance from p0, which a slightly smaller curvature covers.
+// A point that needs a response came to the level `top` or below, at a right angle to its way or at
+// its end. With q its way in the sphere's frame, it ends at a level of at most top + k q^2. That
+// check is in Real, and rounding never hides a point: a way that is wrong by e counts 2 q^2 >= q'^2
+// - 2 e^2. Rounding of a level grows with the distance from p0, which a slightly smaller curvature
+// covers.
 //
 // Offset "cell": each mass point keeps sqrt(R^2 + rho^2) from a sphere of radius R.
 //
-//        o-----o-----o      rho^2 of a cell: the largest squared radius of the smallest circles around its
-//        |  A  |  B  |      four triangles, two beside either diagonal. rho of the point P: the largest of A,
-//        o-----P-----o      B, C and D. A triangle's corners keep then sqrt(R^2 + r^2) or more, where r is
-//        the |  C  |  D  |      radius of its own circle, and for a place q = sum(w p) of the triangle
-//        o-----o-----o          sum(w |p - c|^2) <= |q - c|^2 + r^2,    so that |q - c| >= R.
+//        o-----o-----o      rho^2 of a cell: the largest squared radius of the smallest circles
+//        |  A  |  B  |      around its four triangles, two beside either diagonal. rho of the
+//        o-----P-----o      point P: the largest of A, B, C and D. A triangle's corners keep then
+//        |  C  |  D  |      sqrt(R^2 + r^2) or more, where r is the radius of its own circle, and
+//        o-----o-----o      for a place q = sum(w p) of the triangle
+//                               sum(w |p - c|^2) <= |q - c|^2 + r^2,    so that |q - c| >= R.
 //
-// A triangle with squared sides s, t and d, d the longest, has r^2 = d / 4 if s + t <= d. The circle with
-// diameter d then holds it. Otherwise r^2 = d / (4 sin^2) = d / (4 - w^2 / (s t)) with w = s + t - d.
+// A triangle with squared sides s, t and d, d the longest, has r^2 = d / 4 if s + t <= d. The
+// circle with diameter d then holds it. Otherwise r^2 = d / (4 sin^2) = d / (4 - w^2 / (s t)) with
+// w = s + t - d.
 #pragma once
 
 #include "kernels/contact/contact_resting.hpp"
@@ -45,7 +48,8 @@ struct SphereNear {
     CLOTHSIM_INLINE auto near(const Vector3<V>& x, const Vector3<V>& x0) const {
         return near(x, x0, most_of_cells);
     }
-    CLOTHSIM_INLINE auto near_by_cells(const Vector3<V>& x, const Vector3<V>& x0, const V& radius2) const {
+    CLOTHSIM_INLINE auto near_by_cells(const Vector3<V>& x, const Vector3<V>& x0,
+                                       const V& radius2) const {
         return near(x, x0, xsimd::min(radius2 * of_cells, most_of_cells));
     }
 
@@ -67,7 +71,8 @@ private:
 };
 
 template <class V, class Real>
-CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometry& g, bool velocities) {
+CLOTHSIM_INLINE void copy_vector(const Real* from, Real* to, const VectorGeometry& g,
+                                 bool velocities) {
     const auto copy = [&](auto k) __attribute__((always_inline)) {
         V::load_unaligned(from + k * g.component).store_unaligned(to + k * g.component);
         if constexpr (sizeof(Real) == 4)
@@ -84,12 +89,12 @@ CLOTHSIM_INLINE V squared_distance(const Vector3<V>& a, const Vector3<V>& b) {
     return multiply_add<arithmetic>(d.z, d.z, multiply_add<arithmetic>(d.y, d.y, d.x * d.x));
 }
 
-// From the squared sides of a cell and its diagonals. Acute triangles count whose circle is larger than the
-// one on the longest of all lines (ContactBand::excess): those with w^2 > 2 excess s t. The largest w and the
-// shortest side tell whether a cell can have one.
+// From the squared sides of a cell and its diagonals. Acute triangles count whose circle is larger
+// than the one on the longest of all lines (ContactBand::excess): those with w^2 > 2 excess s t.
+// The largest w and the shortest side tell whether a cell can have one.
 template <Arithmetic arithmetic, class V>
-CLOTHSIM_INLINE V cell_radius2(const V& top, const V& right, const V& low, const V& left, const V& falling,
-                               const V& rising) {
+CLOTHSIM_INLINE V cell_radius2(const V& top, const V& right, const V& low, const V& left,
+                               const V& falling, const V& rising) {
     using Real = typename V::value_type;
     const V zero(Real(0)), four(Real(4));
     const V longest = xsimd::max(xsimd::max(top, right), xsimd::max(low, left)),
@@ -97,8 +102,8 @@ CLOTHSIM_INLINE V cell_radius2(const V& top, const V& right, const V& low, const
     const V quarter = xsimd::max(longest, xsimd::max(falling, rising)) * V(Real(0.25));
     const V excess = xsimd::max(xsimd::max(top + right, low + left) - falling,
                                 xsimd::max(right + low, left + top) - rising);
-    const auto acute_cells =
-        (excess > zero) & (excess * excess > V(Real(2 * ContactBand::excess)) * (shortest * shortest));
+    const auto acute_cells = (excess > zero) &
+        (excess * excess > V(Real(2 * ContactBand::excess)) * (shortest * shortest));
     if (!xsimd::any(acute_cells)) return quarter;
     const V more = quarter * V(Real(1 + ContactBand::excess));
     V radius2 = quarter;
@@ -118,13 +123,14 @@ CLOTHSIM_INLINE V cell_radius2(const V& top, const V& right, const V& low, const
 
 // rho^2 of the cells of a row.
 template <class Arch, Arithmetic arithmetic, class Real>
-CLOTHSIM_INLINE void cell_radii_of_row(const ContactArguments<Real>& a, const Real* state, int row) {
+CLOTHSIM_INLINE void cell_radii_of_row(const ContactArguments<Real>& a, const Real* state,
+                                       int row) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
     const VectorGeometry& g = a.geometry;
-    const auto distance2 = [](const Vector3<V>& from, const Vector3<V>& to) __attribute__((always_inline)) {
-        return squared_distance<arithmetic>(from, to);
-    };
+    const auto distance2 =
+        [](const Vector3<V>& from, const Vector3<V>& to)
+            __attribute__((always_inline)) { return squared_distance<arithmetic>(from, to); };
     Vector3<V> p, below;  // the left side of the cells
     V left(Real(0));
     for (int vector = 0; vector < g.vectors; ++vector) {
@@ -135,10 +141,12 @@ CLOTHSIM_INLINE void cell_radii_of_row(const ContactArguments<Real>& a, const Re
             below = load3<V>(at + a.below, g.component);
             left = distance2(p, below);
         }
-        const Vector3<V> q = load3<V>(next, g.component), q_below = load3<V>(next + a.below, g.component);
+        const Vector3<V> q = load3<V>(next, g.component),
+                         q_below = load3<V>(next + a.below, g.component);
         const V right = distance2(q, q_below);
-        const V radius2 = cell_radius2<arithmetic>(distance2(p, q), right, distance2(below, q_below), left,
-                                                   distance2(p, q_below), distance2(q, below));
+        const V radius2 =
+            cell_radius2<arithmetic>(distance2(p, q), right, distance2(below, q_below), left,
+                                     distance2(p, q_below), distance2(q, below));
         const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector;
         xsimd::select(lanes_of<V>(a.cell_lanes[index]), radius2, V(Real(0)))
             .store_unaligned(a.cell_radii2 + index * W);
@@ -157,7 +165,8 @@ void cell_radii(const ContactArguments<Real>& a, const Real* state, int begin, i
 
 // rho^2 of the points of a vector.
 template <class Arch, class Real>
-CLOTHSIM_INLINE Lanes<Real, Arch> point_radius2(const ContactArguments<Real>& a, int row, int vector) {
+CLOTHSIM_INLINE Lanes<Real, Arch> point_radius2(const ContactArguments<Real>& a, int row,
+                                                int vector) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
     const int vectors = a.geometry.vectors;
@@ -166,14 +175,16 @@ CLOTHSIM_INLINE Lanes<Real, Arch> point_radius2(const ContactArguments<Real>& a,
         const V own = V::load_unaligned(first + vector * W);
         if (a.transposed && vector == 0)
             return xsimd::max(own, next_lane(V::load_unaligned(first + (vectors - 1) * W)));
-        return xsimd::max(own, V::load_unaligned(first + (a.transposed ? (vector - 1) * W : vector * W - 1)));
+        return xsimd::max(
+            own, V::load_unaligned(first + (a.transposed ? (vector - 1) * W : vector * W - 1)));
     };
     return row > 0 ? xsimd::max(of_row(row), of_row(row - 1)) : of_row(row);
 }
 
 // Of the points of a vector, those that may touch another sphere, too.
 template <class Real>
-CLOTHSIM_INLINE std::uint64_t near_others(const ContactArguments<Real>& a, int sphere, std::ptrdiff_t index) {
+CLOTHSIM_INLINE std::uint64_t near_others(const ContactArguments<Real>& a, int sphere,
+                                          std::ptrdiff_t index) {
     const std::ptrdiff_t vectors = std::ptrdiff_t(a.geometry.rows) * a.geometry.vectors;
     std::uint64_t near = 0;
     for (int s = 0; s < a.sphere_count; ++s)
@@ -181,8 +192,9 @@ CLOTHSIM_INLINE std::uint64_t near_others(const ContactArguments<Real>& a, int s
     return near;
 }
 
-// Marks the points that may touch a sphere. A vector is marked without inspection if all its points were near
-// in the step before and some of the row responded. A point that is marked and not near has no response.
+// Marks the points that may touch a sphere. A vector is marked without inspection if all its points
+// were near in the step before and some of the row responded. A point that is marked and not near
+// has no response.
 template <class Arch, class Real>
 void find_rows(const ContactArguments<Real>& a, int begin, int end) {
     using V = Lanes<Real, Arch>;
@@ -199,11 +211,13 @@ void find_rows(const ContactArguments<Real>& a, int begin, int end) {
             std::uint64_t any = 0;
             for (int vector = 0; vector < g.vectors; ++vector) {
                 const std::ptrdiff_t at = row * g.row + vector * g.vector;
-                if (!a.before) near[vector] = sphere.near_at_end(load3<V>(a.state + at, g.component)).mask();
+                if (!a.before)
+                    near[vector] = sphere.near_at_end(load3<V>(a.state + at, g.component)).mask();
                 else if (!again || near[vector] != all)
-                    near[vector] =
-                        sphere.near(load3<V>(a.state + at, g.component), load3<V>(a.before + at, g.component))
-                            .mask();
+                    near[vector] = sphere
+                                       .near(load3<V>(a.state + at, g.component),
+                                             load3<V>(a.before + at, g.component))
+                                       .mask();
                 any |= near[vector];
             }
             if (any) marks |= ContactMarks::near;
@@ -251,9 +265,10 @@ void respond_rows(const ContactArguments<Real>& a, int begin, int end) {
                     std::uint64_t responded = 0;
                     unresolved = near & others;
                     if (near & ~others)
-                        unresolved |= resting.respond(g, a.state + at, a.before + at,
-                                                      lanes_of<V>(near & ~others), lanes_of<V>(a.free[index]),
-                                                      radius2, a.mass + index * W, responded, press);
+                        unresolved |=
+                            resting.respond(g, a.state + at, a.before + at,
+                                            lanes_of<V>(near & ~others), lanes_of<V>(a.free[index]),
+                                            radius2, a.mass + index * W, responded, press);
                     if (responded) marks |= ContactMarks::responded;
                     if (a.cells && responded) press.store_unaligned(a.press + index * W);
                 }
@@ -266,8 +281,8 @@ void respond_rows(const ContactArguments<Real>& a, int begin, int end) {
     }
 }
 
-// Points below what rho of the present cells asks for are lifted on to the top, and keep their velocity.
-// Points that began inside have a speed of their own for that.
+// Points below what rho of the present cells asks for are lifted on to the top, and keep their
+// velocity. Points that began inside have a speed of their own for that.
 template <class Arch, class Real>
 class LiftRow {
     using V = Lanes<Real, Arch>;
@@ -287,8 +302,8 @@ public:
         }
     }
     // Whether some of the points near the sphere `alone` were lifted. Others of `near` are left.
-    CLOTHSIM_INLINE bool lift(const ContactArguments<Real>& a, int row, int vector, std::uint64_t alone,
-                              std::uint64_t near) const {
+    CLOTHSIM_INLINE bool lift(const ContactArguments<Real>& a, int row, int vector,
+                              std::uint64_t alone, std::uint64_t near) const {
         constexpr int W = int(V::size);
         const V zero(Real(0)), one(Real(1));
         const VectorGeometry& g = a.geometry;
@@ -316,11 +331,12 @@ public:
             Real* const x = state + k * g.component;
             add_increment<compensated>(x, x + g.compensation, rise * m[k]);
         });
-        const V work = V::load_unaligned(a.mass + index * W) * V::load_unaligned(a.press + index * W) *
-            (rise * xsimd::sqrt(length2));
+        const V work = V::load_unaligned(a.mass + index * W) *
+            V::load_unaligned(a.press + index * W) * (rise * xsimd::sqrt(length2));
         alignas(64) Real lanes[W];
         xsimd::select(lifted, work, zero).store_aligned(lanes);
-        for (const Real lane : lanes) a.lift_work[row] += double(lane);  // in this order for any width
+        // In this order for any width.
+        for (const Real lane : lanes) a.lift_work[row] += double(lane);
         return true;
     }
 
@@ -328,8 +344,9 @@ private:
     V least_, band_, of_cells_, most_of_cells_, curvature_, place_[3], rest_[3], normal_[3];
 };
 
-// The wanted rows of cells and the rows of points beside them; in the first round all rows. No point of the
-// cells of a row is moved before their rho is found. With one sphere the rows are copied for the next step.
+// The wanted rows of cells and the rows of points beside them; in the first round all rows. No
+// point of the cells of a row is moved before their rho is found. With one sphere the rows are
+// copied for the next step.
 template <class Arch, class Real, Arithmetic arithmetic>
 void lift_rows(const ContactArguments<Real>& a, int begin, int end) {
     using V = Lanes<Real, Arch>;
@@ -347,13 +364,15 @@ void lift_rows(const ContactArguments<Real>& a, int begin, int end) {
                 const std::ptrdiff_t index = std::ptrdiff_t(row) * g.vectors + vector,
                                      at = row * g.row + vector * g.vector;
                 if (marks && inspects) {
-                    const std::uint64_t near = a.near[std::ptrdiff_t(s) * g.rows * g.vectors + index],
+                    const std::uint64_t near =
+                                            a.near[std::ptrdiff_t(s) * g.rows * g.vectors + index],
                                         others = near_others(a, s, index);
                     if ((near | others) &&
                         points.lift(a, row, vector, fused ? near & ~others : 0, near | others))
                         marks |= ContactMarks::lifted | ContactMarks::responded;
                 }
-                if (fused && a.sphere_count == 1) copy_vector<V>(a.state + at, a.before + at, g, a.bounces);
+                if (fused && a.sphere_count == 1)
+                    copy_vector<V>(a.state + at, a.before + at, g, a.bounces);
             }
         }
     }

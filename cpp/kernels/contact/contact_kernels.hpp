@@ -12,7 +12,8 @@ struct RowsOfContact {
     using Rows = void (*)(const ContactArguments<Real>&, int begin, int end);
     Rows find;  // marks points that may touch a sphere
     Rows respond;  // of marked rows
-    void (*radii)(const ContactArguments<Real>&, const Real* state, int begin, int end);  // rho^2 of cells
+    // rho^2 of cells.
+    void (*radii)(const ContactArguments<Real>&, const Real* state, int begin, int end);
     Rows lift;  // moves points outwards where rho has grown
 };
 

@@ -1,15 +1,16 @@
-// The usual case of continuous contact, at the full width of the lanes. The points lie on the sphere when the
-// step begins and are pressed against it. Their time of impact is 0, so contact/continuous.hpp reduces to
+// The usual case of continuous contact, at the full width of the lanes. The points lie on the
+// sphere when the step begins and are pressed against it. Their time of impact is 0, so
+// contact/continuous.hpp reduces to
 //
 //     n = m(d0) / |m(d0)|   x = x1 - lost q - kept (q.n) n   v = v1 - lost u - kept (u.n) n + u' n
 //
-// with `lost` the part of the tangential motion that friction takes and kept = 1 - lost. The change, which is
-// small, is added to the compensated state as a stage of the integrator is.
+// with `lost` the part of the tangential motion that friction takes and kept = 1 - lost. The
+// change, which is small, is added to the compensated state as a stage of the integrator is.
 //
-// Real decides where its rounding leaves no doubt that a point is such a point, or that it keeps clear of the
-// sphere in this step. In double that includes points that come down from just above the sphere. All others
-// go to contact/continuous.hpp, in double: they come from further away, were inside, bounce, or go far in a
-// step.
+// Real decides where its rounding leaves no doubt that a point is such a point, or that it keeps
+// clear of the sphere in this step. In double that includes points that come down from just above
+// the sphere. All others go to contact/continuous.hpp, in double: they come from further away, were
+// inside, bounce, or go far in a step.
 //
 // Its arithmetic is fused, so the strict class does without.
 #pragma once
@@ -62,9 +63,9 @@ public:
         for (int k = 0; k < 3; ++k) still_ &= s.end[k] == s.start[k];
     }
 
-    // Responds in those lanes of `near` that are such points, and adds them to `responded`. Returns the other
-    // lanes that have to be inspected. `radius2`: rho^2 of the points, 0 without cells. `press`: of the
-    // points that respond.
+    // Responds in those lanes of `near` that are such points, and adds them to `responded`. Returns
+    // the other lanes that have to be inspected. `radius2`: rho^2 of the points, 0 without cells.
+    // `press`: of the points that respond.
     CLOTHSIM_INLINE std::uint64_t respond(const VectorGeometry& g, Real* state, const Real* before,
                                           const Mask& near, const Mask& moves, const V& radius2,
                                           const Real* mass, std::uint64_t& responded, V& press) {
@@ -85,7 +86,8 @@ public:
         });
         const V start = inner(d, sum), way2 = inner(q, q);
         V inwards = inner(m, q);
-        const V least = least_ + xsimd::min(radius2 * of_cells_, most_of_cells_), top = least + band_;
+        const V least = least_ + xsimd::min(radius2 * of_cells_, most_of_cells_),
+                top = least + band_;
         const V end = start + (inwards + inwards + curvature_ * way2);
         const auto outside = start >= least, brief = way2 < brief2_;
         const auto certain = inwards * inwards >= V(Real(least_sine2)) * way2;
@@ -96,12 +98,13 @@ public:
         const Mask sinks = near & moves & outside & certain & (inwards < zero) & brief;
         Mask touches = sinks & (start <= top + tolerance_ * V(Real(0.75))), lands = sinks & !sinks;
         if constexpr (!compensated) {
-            // Cells that shrink lower the surface, so that points at rest come from just above it. Here q
-            // becomes the rest of the way, and m that of the place of impact.
+            // Cells that shrink lower the surface, so that points at rest come from just above it.
+            // Here q becomes the rest of the way, and m that of the place of impact.
             const V above = start - top;
             lands = sinks & (start > top + tolerance_ + tolerance_) & (end <= top);
             if (xsimd::any(lands)) {
-                const V root = xsimd::sqrt(xsimd::max(inwards * inwards - curvature_ * way2 * above, zero));
+                const V root =
+                    xsimd::sqrt(xsimd::max(inwards * inwards - curvature_ * way2 * above, zero));
                 const V time = xsimd::select(lands, above / (root - inwards), zero);
                 each<3>([&](auto k) __attribute__((always_inline)) {
                     m[k] = xsimd::fma(curvature_ * time, q[k], m[k]);
@@ -114,7 +117,8 @@ public:
         const std::uint64_t unresolved = (near & !(touches | clear)).mask();
         if (xsimd::none(touches)) return unresolved;
 
-        const V inverse = inverse_root(inner(m, m)), normal_way = xsimd::min(inwards, zero) * inverse;
+        const V inverse = inverse_root(inner(m, m)),
+                normal_way = xsimd::min(inwards, zero) * inverse;
         V n[3], u[3];
         each<3>([&](auto k) __attribute__((always_inline)) {
             n[k] = m[k] * inverse;
@@ -131,7 +135,8 @@ public:
                 const Real* const v0 = before + (k + 3) * g.component;
                 const Real* const v1 = state + (k + 3) * g.component;
                 gain[k] = load(v1) - load(v0);
-                if constexpr (compensated) gain[k] += load(v1 + g.compensation) - load(v0 + g.compensation);
+                if constexpr (compensated)
+                    gain[k] += load(v1 + g.compensation) - load(v0 + g.compensation);
             });
             const V pull = -inner(gain, n);
             const V arrival2 = xsimd::fma((pull + pull) * inverse_dt_, normal_way, speed * speed);
@@ -144,8 +149,9 @@ public:
         V lost = zero;  // part of the tangential motion that friction takes
         if (rough_) {
             V tangential[3];
-            each<3>([&](auto k)
-                        __attribute__((always_inline)) { tangential[k] = xsimd::fnma(speed, n[k], u[k]); });
+            each<3>([&](auto k) __attribute__((always_inline)) {
+                tangential[k] = xsimd::fnma(speed, n[k], u[k]);
+            });
             const V slip2 = inner(tangential, tangential), most = friction_ * (leaving - speed);
             const Mask slides = touches & (slip2 > most * most);
             lost = one;
@@ -157,8 +163,8 @@ public:
                 return unresolved | in_the_air;
             }
         }
-        // Without friction along the normal alone, at rest exactly back: a normal part far below q's rounding
-        // counts.
+        // Without friction along the normal alone, at rest exactly back: a normal part far below
+        // q's rounding counts.
         const V kept = one - lost, normal_gain = xsimd::fnma(kept, speed, leaving),
                 normal_change = kept * normal_way;
         each<3>([&](auto k) __attribute__((always_inline)) {
@@ -185,15 +191,18 @@ public:
 
 private:
     // Points that friction holds on a sphere at rest are where they were.
-    CLOTHSIM_INLINE void stay(const VectorGeometry& g, Real* state, const Real* before, const V (&u)[3],
-                              const Real* mass, const Mask& touches) {
+    CLOTHSIM_INLINE void stay(const VectorGeometry& g, Real* state, const Real* before,
+                              const V (&u)[3], const Real* mass, const Mask& touches) {
         const V zero(Real(0));
         gave_ = true;
         each<3>([&](auto k) __attribute__((always_inline)) {
-            momentum_[k] = xsimd::fnma(load(mass), xsimd::select(touches, u[k], zero), momentum_[k]);
+            momentum_[k] =
+                xsimd::fnma(load(mass), xsimd::select(touches, u[k], zero), momentum_[k]);
             each<compensated ? 2 : 1>([&](auto part) __attribute__((always_inline)) {
-                const std::ptrdiff_t x = k * g.component + part * g.compensation, v = x + 3 * g.component;
-                xsimd::select(touches, load(before + x), load(state + x)).store_unaligned(state + x);
+                const std::ptrdiff_t x = k * g.component + part * g.compensation,
+                                     v = x + 3 * g.component;
+                xsimd::select(touches, load(before + x), load(state + x))
+                    .store_unaligned(state + x);
                 xsimd::select(touches, zero, load(state + v)).store_unaligned(state + v);
             });
         });
@@ -212,15 +221,16 @@ private:
             const V rest = load(place + g.compensation);
             const V increment = change + rest, next = old + increment;
             xsimd::select(chosen, next, old).store_unaligned(place);
-            xsimd::select(chosen, increment - (next - old), rest).store_unaligned(place + g.compensation);
+            xsimd::select(chosen, increment - (next - old), rest)
+                .store_unaligned(place + g.compensation);
         } else {
             xsimd::select(chosen, old + change, old).store_unaligned(place);
         }
     }
 
     Split start_[3], way_[3], velocity_[3];
-    V normal_[3], curvature_, least_, of_cells_, most_of_cells_, band_, tolerance_, brief2_, inverse_dt_,
-        restitution_, friction_;
+    V normal_[3], curvature_, least_, of_cells_, most_of_cells_, band_, tolerance_, brief2_,
+        inverse_dt_, restitution_, friction_;
     V momentum_[3];  // that this row has been given [N s]
     bool bounces_, rough_, still_, gave_ = false;
 };

@@ -1,6 +1,6 @@
-// The edge kernel for every cloth and every row: a loop over the springs of a row and over the lanes
-// that have them. It sums as edge_row.hpp does, so that the bits are the same; missing springs are
-// 0.
+// The edge kernel for every cloth and every row: a loop over the springs of a row and over the
+// lanes that have them. It sums as edge_row.hpp does, so that the bits are the same; missing
+// springs are 0.
 #pragma once
 
 #include <utility>
@@ -12,7 +12,8 @@ namespace {
 
 // The springs that start in a row: its own, or only what they hand down to rows below.
 template <class Real>
-CLOTHSIM_INLINE Legs legs_of_row(const Features& features, const EdgeSources<Real>& source, bool own) {
+CLOTHSIM_INLINE Legs legs_of_row(const Features& features, const EdgeSources<Real>& source,
+                                 bool own) {
     const bool there[3] = {own, source.below != nullptr, source.below_2 != nullptr};
     Legs legs = 0;
     for (int leg = 0; leg < leg_count; ++leg) {
@@ -23,13 +24,16 @@ CLOTHSIM_INLINE Legs legs_of_row(const Features& features, const EdgeSources<Rea
 }
 
 template <class V, class Real, bool damped>
-__attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeSources<Real>& source,
-                                       bool own, const PendingRow<Real>& pending, const Real* ahead) {
+__attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e,
+                                       const EdgeSources<Real>& source, bool own,
+                                       const PendingRow<Real>& pending, const Real* ahead) {
     constexpr int W = int(V::size), kind_size = EdgeCoefficientIndex::count * W,
                   class_size = spring_kind_count * kind_size;
     const Legs legs = legs_of_row(e.features, source, own);
-    const auto has = [legs](Leg leg) __attribute__((always_inline)) { return (legs >> leg & 1) != 0; };
-    const std::ptrdiff_t stride = source_stride<V>(e.stage), past = std::ptrdiff_t(e.vectors) * 3 * W;
+    const auto has = [legs](Leg leg)
+                         __attribute__((always_inline)) { return (legs >> leg & 1) != 0; };
+    const std::ptrdiff_t stride = source_stride<V>(e.stage),
+                         past = std::ptrdiff_t(e.vectors) * 3 * W;
     const int m = e.vectors;
     const auto points = [](const Real* p) __attribute__((always_inline)) -> Points<V> {
         if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
@@ -41,18 +45,20 @@ __attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e, const EdgeS
     };
     const Vector3<V> none{V(Real(0)), V(Real(0)), V(Real(0))};
     Vector3<V> to_next = none, to_next_2 = none;  // passed on within the row
-    Vector3<V> fell = none, rose = none;          // the diagonal forces of the vector before
+    Vector3<V> fell = none, rose = none;  // the diagonal forces of the vector before
     const SpringConstants<V> constants{};
     for (int k = 0; k < m; ++k) {
-        const std::ptrdiff_t at = k * stride, next = place_of(k + 1), vector = std::ptrdiff_t(k) * 3 * W;
+        const std::ptrdiff_t at = k * stride, next = place_of(k + 1),
+                             vector = std::ptrdiff_t(k) * 3 * W;
         const Real* const coefficients = e.coefficients + e.coefficient_class[k] * class_size;
         if (ahead) fetch<V>(e, ahead, k);
-        const auto pull = [&](Leg leg, const Points<V>& from, const Real* to) __attribute__((always_inline)) {
-            Spring<V> spring = stretch<damped>(from, to, constants);
-            root(spring, constants);
-            return force<damped, Springs::by_coefficient>(spring,
-                                                          coefficients + kind_of_leg[leg] * kind_size);
-        };
+        const auto pull = [&](Leg leg, const Points<V>& from, const Real* to)
+                              __attribute__((always_inline)) {
+                                  Spring<V> spring = stretch<damped>(from, to, constants);
+                                  root(spring, constants);
+                                  return force<damped, Springs::by_coefficient>(
+                                      spring, coefficients + kind_of_leg[leg] * kind_size);
+                              };
         const Points<V> point = points(source.here + at);
         if (pending.there) finish_any<V, Real>(e, pending, k);
 
@@ -105,7 +111,8 @@ CLOTHSIM_INLINE void sum_row(EdgeArguments<Real>& e, const EdgeSources<Real>& so
     std::swap(e.received[0], e.received[1]);
 }
 
-// One stage of rows [begin, end), with two more behind them in `e.rows`: null past the last of the cloth.
+// One stage of rows [begin, end), with two more behind them in `e.rows`: null past the last of the
+// cloth.
 template <class Arch, class Real>
 void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
     using V = Lanes<Real, Arch>;
@@ -121,8 +128,8 @@ void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
     }
 }
 
-// Forces of the two rows before a band on its first two. Of the first of them springs two rows on count
-// alone: it comes without the row below.
+// Forces of the two rows before a band on its first two. Of the first of them springs two rows on
+// count alone: it comes without the row below.
 template <class Arch, class Real>
 void edge_halo_of_any(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2,
                       const EdgeSources<Real>& before) {

@@ -1,38 +1,40 @@
 // The edge kernel: every spring once, for speed.
 //
-// Layout ("lane-transposed"). With m vectors of W lanes a row, vector k, lane l holds column l m + k:
+// Layout ("lane-transposed"). With m vectors of W lanes a row, vector k, lane l holds column
+// l m + k:
 //
-//     lane          0      1      2             the right-hand neighbour of a whole vector is the next
-//     vector 0    0      m     2m     ...       vector, an aligned load without a shuffle; only behind
-//     vector 1    1     m+1   2m+1    ...       the last vector stands vector 0 again, one lane further.
-//     ...
+//     lane          0      1      2             the right-hand neighbour of a whole vector is the
+//     vector 0    0      m     2m     ...       next vector, an aligned load without a shuffle;
+//     vector 1    1     m+1   2m+1    ...       only behind the last vector stands vector 0 again,
+//     ...                                       one lane further.
 //
-// A row is stored vector by vector, all components of vector 0, then all of vector 1: one stream of memory.
-// The compensation is another, behind it.
+// A row is stored vector by vector, all components of vector 0, then all of vector 1: one stream of
+// memory. The compensation is another, behind it.
 //
-// A sweep goes from row to row. A row adds the force of each of its springs to its own points and passes
-// the opposite force on. Within the row it stays in registers. `received` holds forces for the next row,
-// `received_2` for the row after it. Forces past the row's end belong to its first vectors, a lane
-// further, and reach them last. A row's forces are complete at its end. Its Runge-Kutta stage is finished
-// vector by vector while the next row's springs are summed, between operations that wait for each other.
-// The row's old stage state is not needed any more: the new state replaces it.
+// A sweep goes from row to row. A row adds the force of each of its springs to its own points and
+// passes the opposite force on. Within the row it stays in registers. `received` holds forces for
+// the next row, `received_2` for the row after it. Forces past the row's end belong to its first
+// vectors, a lane further, and reach them last. A row's forces are complete at its end. Its
+// Runge-Kutta stage is finished vector by vector while the next row's springs are summed, between
+// operations that wait for each other. The row's old stage state is not needed any more: the new
+// state replaces it.
 //
 // Sweeps may start anywhere and go up or down: the force on a point is summed as
 //
 //     within the row + ((vertical + 2nd vertical) + (diagonal + other diagonal) of the rows before
 //                      -  the same of the rows behind)
 //
-// (forces past the row's end likewise, in a sum of their own). That gives the same bits either way, and
-// `edge_halo` repeats the forces of the two rows before a band. So do any number of threads.
+// (forces past the row's end likewise, in a sum of their own). That gives the same bits either way,
+// and `edge_halo` repeats the forces of the two rows before a band. So do any number of threads.
 //
-// Two loops do so. This one is compiled in versions for sets of families and stages, for cloths with
-// structural and shear springs. The other, edge_general.hpp, serves all other cloths, rows at the borders,
-// and instruction sets without versions.
+// Two loops do so. This one is compiled in versions for sets of families and stages, for cloths
+// with structural and shear springs. The other, edge_general.hpp, serves all other cloths, rows at
+// the borders, and instruction sets without versions.
 //
 // All springs of a row, in one pass over its vectors.
 //
-// Legs are the springs that start in a vector of mass points P. Their other ends lie in the vectors beside
-// and below it:
+// Legs are the springs that start in a vector of mass points P. Their other ends lie in the vectors
+// beside and below it:
 //
 //     row r      P ----side---- N ....side_2.... N2       N: the next vector, N2: the one after it
 //                |  \        /
@@ -47,13 +49,14 @@
 // A leg adds its force to P and passes the opposite force on:
 //
 //     along the row   `to_next`, `to_next_2`: in registers, to the vectors one and two further
-//     one row down    `straight` + `diagonal`: to `sent_down`, which the next row reads as `received`
+//     one row down    `straight` + `diagonal`: to `sent_down`, which the next row reads as
+//                     `received`
 //     two rows down   to `received_2`, which the next row adds to what it sends down
 //
-// For each vector the pass takes turns (Pipeline). A turn begins a leg, takes the root of an earlier leg, and
-// ends a still earlier leg as a force. A sum is formed in the turn in which the last of its forces is known
-// (Turns::after). After the last vector, what was passed beyond the row's end goes to its first vectors, a
-// lane further.
+// For each vector the pass takes turns (Pipeline). A turn begins a leg, takes the root of an
+// earlier leg, and ends a still earlier leg as a force. A sum is formed in the turn in which the
+// last of its forces is known (Turns::after). After the last vector, what was passed beyond the
+// row's end goes to its first vectors, a lane further.
 #pragma once
 
 #include <algorithm>
@@ -67,15 +70,15 @@
 namespace clothsim {
 namespace {
 
-// Where a vector stands in its row: from how many columns on springs lead past the last vector, or are
-// missing in some lanes.
+// Where a vector stands in its row: from how many columns on springs lead past the last vector, or
+// are missing in some lanes.
 enum class Place { inner, second_last, last, any };
 
-// A spring takes some sixty cycles from its first operation to the last, and each operation waits for the one
-// before. So the springs of a vector form a pipeline. In each turn another spring begins. The spring that
-// began `to_root` turns before takes its root, and the spring that began `to_force` turns before becomes a
-// force. In one of the turns the row before is finished. The bits are the same for any pipeline; these were
-// the fastest of some hundred.
+// A spring takes some sixty cycles from its first operation to the last, and each operation waits
+// for the one before. So the springs of a vector form a pipeline. In each turn another spring
+// begins. The spring that began `to_root` turns before takes its root, and the spring that began
+// `to_force` turns before becomes a force. In one of the turns the row before is finished. The bits
+// are the same for any pipeline; these were the fastest of some hundred.
 struct Pipeline {
     std::array<Leg, leg_count> legs;
     int to_root, to_force, finishing_turn;
@@ -84,8 +87,8 @@ template <class Real>
 #if defined(__AVX512F__)
 inline constexpr Pipeline pipeline{{down, rising, side, down_2, falling, side_2}, 1, 2, 2};
 #else
-// An operation takes half the time, so more of them fit between two that wait for each other. Double needs
-// most, as its springs wait for exact roots and divisions.
+// An operation takes half the time, so more of them fit between two that wait for each other.
+// Double needs most, as its springs wait for exact roots and divisions.
 inline constexpr Pipeline pipeline =
     sizeof(Real) == 4 ? Pipeline{{falling, side_2, side, down_2, down, rising}, 2, 4, 1}
                       : Pipeline{{rising, down, side, down_2, side_2, falling}, 2, 5, 5};
@@ -119,8 +122,8 @@ struct EdgeSet {
     bool bend, damped;
 };
 
-// All springs that start in a row with two more behind it. `fixed` is the number of vectors of a row, 0 if it
-// is not known here.
+// All springs that start in a row with two more behind it. `fixed` is the number of vectors of a
+// row, 0 if it is not known here.
 template <class Arch, class Real, EdgeSet set, Stage stage, int fixed>
 class RowPass {
     using V = Lanes<Real, Arch>;
@@ -149,7 +152,8 @@ class RowPass {
     // Passed on from vector to vector within the row.
     Vector3<V> to_next_ = none(), to_next_2_ = none();
     Vector3<V> fell_ = none(), rose_ = none();  // the diagonal forces of the vector before
-    Vector3<V> kept_[2];  // forces to which the row's end adds, where `fixed` keeps them in registers
+    // Forces to which the row's end adds, where `fixed` keeps them in registers.
+    Vector3<V> kept_[2];
 
     // A vector of mass points on its way through the turns.
     struct Column {
@@ -187,8 +191,12 @@ class RowPass {
 
     template <Leg leg>
     CLOTHSIM_INLINE void begin(Column& c, bool first_of_point) {
-        const Real* const row = leg == side || leg == side_2 ? here_ : leg == down_2 ? below_2_ : below_;
-        const std::ptrdiff_t end = leg == falling || leg == side ? c.next : leg == side_2 ? c.next_2 : c.at;
+        const Real* const row = leg == side || leg == side_2 ? here_
+            : leg == down_2                                  ? below_2_
+                                                             : below_;
+        const std::ptrdiff_t end = leg == falling || leg == side ? c.next
+            : leg == side_2                                      ? c.next_2
+                                                                 : c.at;
         if (first_of_point) c.point = points(here_ + c.at);
         if constexpr (leg == rising)
             c.springs[leg] = stretch<damped>(points(here_ + c.next), row + end, constants_);
@@ -215,7 +223,8 @@ class RowPass {
             c.straight = c.f[down];
             if constexpr (set.bend) c.straight = c.straight + load3<V>(received_2_ + c.vector, W);
         }
-        if constexpr (complete(1u << rising)) c.diagonal = first ? c.f[rising] : fell_ + c.f[rising];
+        if constexpr (complete(1u << rising))
+            c.diagonal = first ? c.f[rising] : fell_ + c.f[rising];
         if constexpr (complete(1u << rising | 1u << down))
             store3(sent_down_ + c.vector, W, c.straight + c.diagonal);
         if constexpr (complete(diagonals)) {
@@ -246,9 +255,11 @@ class RowPass {
     template <int turn, Place place, bool first>
     CLOTHSIM_INLINE void take_turn(Column& c) {
         constexpr int of_root = turn - Order::all.to_root, of_force = turn - Order::all.to_force;
-        if constexpr (turn < Order::legs) begin<Order::order[turn]>(c, turn == Order::first_of_point);
+        if constexpr (turn < Order::legs)
+            begin<Order::order[turn]>(c, turn == Order::first_of_point);
         if constexpr (turn == Order::finishing)
-            if (__builtin_expect(pending_.there, 1)) finish_vector<V, Real, stage, fixed>(e_, pending_, c.k);
+            if (__builtin_expect(pending_.there, 1))
+                finish_vector<V, Real, stage, fixed>(e_, pending_, c.k);
         if constexpr (of_root >= 0 && of_root < Order::legs)
             root(c.springs[Order::order[of_root]], constants_);
         if constexpr (of_force >= 0) end<Order::order[of_force], place>(c);
@@ -332,8 +343,8 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     Real* sent_down = e.received[1];
     for (int row = begin; row < end; ++row) {
         const EdgeSources<Real> sources{source(row), source(row + 1), source(row + 2)};
-        RowPass<Arch, Real, set, stage, fixed>(e, sources, received, sent_down, pending_row(e), reach,
-                                               row_ahead(e, row))
+        RowPass<Arch, Real, set, stage, fixed>(e, sources, received, sent_down, pending_row(e),
+                                               reach, row_ahead(e, row))
             .run();
         std::swap(received, sent_down);
         e.pending = row;
@@ -343,8 +354,9 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
     e.received[1] = sent_down;
 }
 
-// Damped rows of the paper's 32 columns are written out vector by vector where four vectors hold them: 8 to
-// 20 % of their time. Without damping it was 5 to 12 %, and no ready scene has so many columns.
+// Damped rows of the paper's 32 columns are written out vector by vector where four vectors hold
+// them: 8 to 20 % of their time. Without damping it was 5 to 12 %, and no ready scene has so many
+// columns.
 template <class Arch, class Real, EdgeSet set>
 inline constexpr int vectors_written_out =
     set.damped && 32 / int(Lanes<Real, Arch>::size) <= 4 ? 32 / int(Lanes<Real, Arch>::size) : 0;
@@ -358,8 +370,8 @@ CLOTHSIM_INLINE void edge_rows_in(EdgeArguments<Real>& e, int begin, int end) {
     edge_rows_of<Arch, Real, set, stage, 0>(e, begin, end);
 }
 
-// One stage of rows [begin, end), of which all have two more behind them in `e.rows`. Code that knows its
-// stage takes nine tenths of the time of code that asks.
+// One stage of rows [begin, end), of which all have two more behind them in `e.rows`. Code that
+// knows its stage takes nine tenths of the time of code that asks.
 template <class Arch, class Real, EdgeSet set>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     switch (e.stage) {

@@ -1,5 +1,5 @@
-// The edge kernel: a vector of springs, from points to forces; and from the forces on a row to the end of its
-// Runge-Kutta stage.
+// The edge kernel: a vector of springs, from points to forces; and from the forces on a row to the
+// end of its Runge-Kutta stage.
 #pragma once
 
 #include <array>
@@ -10,7 +10,8 @@
 namespace clothsim {
 namespace {
 
-// Springs that start in a vector of points, and the spring that rises from the row below to the next vector.
+// Springs that start in a vector of points, and the spring that rises from the row below to the
+// next vector.
 enum Leg : int {
     rising,
     down,
@@ -29,8 +30,9 @@ constexpr int legs_needed() {
     for (const MirroredNeighbour& n : neighbours) legs += leads_on(n);
     return legs;
 }
-static_assert(legs_needed() == leg_count,
-              "a spring without a leg here lacks a place in the sums of edge_row.hpp and edge_general.hpp");
+static_assert(
+    legs_needed() == leg_count,
+    "a spring without a leg here lacks a place in the sums of edge_row.hpp and edge_general.hpp");
 
 template <class V>
 CLOTHSIM_INLINE Vector3<V> shifted_lanes(const Vector3<V>& a) {
@@ -49,8 +51,8 @@ struct Points {
     Vector3<V> x, v;
 };
 
-// A vector of springs on its way to a force, in the steps `stretch`, `root` and `force`, which wait for each
-// other.
+// A vector of springs on its way to a force, in the steps `stretch`, `root` and `force`, which wait
+// for each other.
 template <class V>
 struct Spring {
     Vector3<V> d;  // difference of positions
@@ -60,7 +62,8 @@ struct Spring {
 
 // From points in registers to points in memory at `b`.
 template <bool damped, class V, class Real>
-CLOTHSIM_INLINE Spring<V> stretch(const Points<V>& a, const Real* b, const SpringConstants<V>& constants) {
+CLOTHSIM_INLINE Spring<V> stretch(const Points<V>& a, const Real* b,
+                                  const SpringConstants<V>& constants) {
     constexpr int W = int(V::size);
     Spring<V> s;
     s.d = a.x - load3<V>(b, W);
@@ -81,13 +84,15 @@ CLOTHSIM_INLINE void root(Spring<V>& s, const SpringConstants<V>& constants) {
     s.root = scaled_reciprocal_root(s.root, constants.newton);
 }
 
-// Which lanes have a spring, and how: all of them, some, or those whose coefficients are not 0. In the first
-// two all families are damped alike or not at all: the damping constant is in the unit of acceleration.
+// Which lanes have a spring, and how: all of them, some, or those whose coefficients are not 0. In
+// the first two all families are damped alike or not at all: the damping constant is in the unit of
+// acceleration.
 enum class Springs { all, some, by_coefficient };
 
 // On the points at b; an acceleration where all points have one mass.
 template <bool damped, Springs springs, class V, class Real>
-CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients, SomeLanes<V> lanes = {}) {
+CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients,
+                                 SomeLanes<V> lanes = {}) {
     constexpr int W = int(V::size);
     const V stiffness = V::load_aligned(coefficients + EdgeCoefficientIndex::stiffness * W);
     const V tension = V::load_aligned(coefficients + EdgeCoefficientIndex::tension * W);
@@ -97,16 +102,18 @@ CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients, S
         if constexpr (springs == Springs::by_coefficient)
             scale = scale * V::load_aligned(coefficients + EdgeCoefficientIndex::damping * W);
         scale = xsimd::fms(scale, s.root, tension);
-        scale = exact_at_rest<Real> ? scale * s.root + stiffness : xsimd::fma(scale, s.root, stiffness);
+        scale =
+            exact_at_rest<Real> ? scale * s.root + stiffness : xsimd::fma(scale, s.root, stiffness);
     } else {
-        scale = exact_at_rest<Real> ? stiffness - s.root * tension : xsimd::fnma(s.root, tension, stiffness);
+        scale = exact_at_rest<Real> ? stiffness - s.root * tension
+                                    : xsimd::fnma(s.root, tension, stiffness);
     }
     if constexpr (springs == Springs::some) scale = zero_elsewhere(lanes, scale);
     return {scale * s.d.x, scale * s.d.y, scale * s.d.z};
 }
 
-// The lanes of a row's vectors from which a spring leads one or two columns on: not of the last points, nor
-// of padding. With `fixed` vectors they are looked up once.
+// The lanes of a row's vectors from which a spring leads one or two columns on: not of the last
+// points, nor of padding. With `fixed` vectors they are looked up once.
 template <class V, int fixed>
 class Reach {
 public:
@@ -124,8 +131,11 @@ private:
     SomeLanes<V> known_[fixed ? 2 * fixed : 1];
 };
 
-// Whether a stage reads x_n and v_n in state records, or the result of the stage before in work records.
-constexpr bool source_is_state(Stage stage) { return stage == Stage::first || stage == Stage::evaluate; }
+// Whether a stage reads x_n and v_n in state records, or the result of the stage before in work
+// records.
+constexpr bool source_is_state(Stage stage) {
+    return stage == Stage::first || stage == Stage::evaluate;
+}
 
 // Elements from vector to vector of the rows that a stage reads.
 template <class V>
@@ -135,7 +145,8 @@ CLOTHSIM_INLINE std::ptrdiff_t source_stride(Stage stage) {
 
 #define CLOTHSIM_EACH(i) [&](auto i) __attribute__((always_inline))
 
-// The row before, whose forces are known: its stage is finished while the springs of the next row are summed.
+// The row before, whose forces are known: its stage is finished while the springs of the next row
+// are summed.
 template <class Real>
 struct PendingRow {
     bool there = false;
@@ -148,7 +159,8 @@ struct PendingRow {
 };
 
 template <class Real>
-CLOTHSIM_INLINE PendingRow<Real> row_to_finish(const EdgeArguments<Real>& e, int row, const Real* source) {
+CLOTHSIM_INLINE PendingRow<Real> row_to_finish(const EdgeArguments<Real>& e, int row,
+                                               const Real* source) {
     const EdgeRowPointers<Real>& r = e.rows[row];
     return {true, r.state, r.work, source, r.inverse_mass, r.applied, r.free};
 }
@@ -159,8 +171,8 @@ CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
     return row_to_finish(e, e.pending, e.pending_source);
 }
 
-// Finish the stage of one vector on which these forces act. `fixed`: the number of vectors of a row, 0 if not
-// known here.
+// Finish the stage of one vector on which these forces act. `fixed`: the number of vectors of a
+// row, 0 if not known here.
 template <class V, class Real, Stage stage, int fixed>
 CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k,
                                   const Vector3<V>& force) {
@@ -169,13 +181,15 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
     const Real* const source = row.source + k * source_stride<V>(stage);
     Real* const state = row.state + k * (StateRecord::count * W);
     Real* const work = row.work + k * ((stage == Stage::evaluate ? 3 : WorkRecord::count) * W);
-    const V step(stage == Stage::third ? e.h : e.half_h), step_a(stage == Stage::third ? e.h_a : e.half_h_a);
+    const V step(stage == Stage::third ? e.h : e.half_h),
+        step_a(stage == Stage::third ? e.h_a : e.half_h_a);
     const std::ptrdiff_t compensation = fixed ? fixed * StateRecord::count * W : e.compensation;
     const V h2_6(e.h2_6), h_6(e.h_6);
     V acceleration[3] = {force.x, force.y, force.z};
     if (__builtin_expect(e.drag != 0, 0))
         each<3>(CLOTHSIM_EACH(j) {
-            acceleration[j] = xsimd::fnma(V(e.drag), V::load_aligned(source + (3 + j) * W), acceleration[j]);
+            acceleration[j] =
+                xsimd::fnma(V(e.drag), V::load_aligned(source + (3 + j) * W), acceleration[j]);
         });
     if (__builtin_expect(row.inverse_mass != nullptr, 0)) {
         const V inverse_mass = V::load_aligned(row.inverse_mass + k * W);
@@ -218,12 +232,15 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
 }
 
 template <class V, class Real, Stage stage, int fixed = 0>
-CLOTHSIM_INLINE void finish_vector(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
-    finish_stage<V, Real, stage, fixed>(e, row, k, load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
+CLOTHSIM_INLINE void finish_vector(const EdgeArguments<Real>& e, const PendingRow<Real>& row,
+                                   int k) {
+    finish_stage<V, Real, stage, fixed>(e, row, k,
+                                        load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
 }
 // In the stage of `e`.
 template <class V, class Real>
-__attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k) {
+__attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const PendingRow<Real>& row,
+                                          int k) {
     switch (e.stage) {
         case Stage::first: return finish_vector<V, Real, Stage::first>(e, row, k);
         case Stage::second: return finish_vector<V, Real, Stage::second>(e, row, k);
@@ -233,8 +250,8 @@ __attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const Pe
     }
 }
 
-// Ask for the part of a row ahead that belongs to a vector. In one go the requests would wait for each
-// other, and the arithmetic with them.
+// Ask for the part of a row ahead that belongs to a vector. In one go the requests would wait for
+// each other, and the arithmetic with them.
 template <class V, class Real>
 CLOTHSIM_INLINE void fetch(const EdgeArguments<Real>& e, const Real* ahead, int k) {
     constexpr int line = 64 / int(sizeof(Real));

@@ -19,23 +19,23 @@ namespace clothsim {
 // which is the same method with fewer arrays kept. `evaluate` stores the acceleration only.
 enum class Stage : int { first, second, third, fourth, evaluate };
 
-// Whether the edge kernel rounds the stiffness as it rounds the tension of a spring at rest, and multiplies
-// and subtracts apart. A spring at rest then gives no force to the last bit. All rest lengths of a family are
-// shifted by the rounding of one. That is nothing in double, but as much as all other errors of a run
-// together in single.
+// Whether the edge kernel rounds the stiffness as it rounds the tension of a spring at rest, and
+// multiplies and subtracts apart. A spring at rest then gives no force to the last bit. All rest
+// lengths of a family are shifted by the rounding of one. That is nothing in double, but as much as
+// all other errors of a run together in single.
 template <class Real>
 inline constexpr bool exact_at_rest = sizeof(Real) == 8;
 
-// Constants of all points of a cloth in a step, in either kernel. The edge kernel sums accelerations in a
-// unit in which the damping constant is 1 where all families are damped alike, which saves a product for each
-// spring. Gravity, drag and applied accelerations are in that unit; the factors of
-// accelerations hold it.
+// Constants of all points of a cloth in a step, in either kernel. The edge kernel sums
+// accelerations in a unit in which the damping constant is 1 where all families are damped alike,
+// which saves a product for each spring. Gravity, drag and applied accelerations are in that unit;
+// the factors of accelerations hold it.
 template <class Real>
 struct StepConstants {
     Real unit;  // m / s^2; 1 in the gather kernel
     Real gravity[3];
-    Real drag;                      // divided by mass where it is uniform; 0: none
-    Real half_h, h;                 // of a velocity
+    Real drag;  // divided by mass where it is uniform; 0: none
+    Real half_h, h;  // of a velocity
     Real half_h_a, h_a, h2_6, h_6;  // of an acceleration
 };
 
@@ -56,21 +56,21 @@ struct LanesWithNeighbour {
 template <class Real>
 struct GatherArguments : StepConstants<Real> {
     std::ptrdiff_t stride;  // elements from row to row
-    std::ptrdiff_t plane;   // elements from component to component
+    std::ptrdiff_t plane;  // elements from component to component
     int rows;
     Stage stage;
     Features features;
     SpringCoefficients<Real> spring[spring_kind_count];
     const LanesWithNeighbour* lanes;  // for each vector of a row
-    const Real* inverse_mass;         // null: uniform, and no force on points
-    const Real* applied;              // three planes: accelerations by forces on points; null: none
-    const Real* free;                 // one plane, 0 for pinned and padding points, else 1
+    const Real* inverse_mass;  // null: uniform, and no force on points
+    const Real* applied;  // three planes: accelerations by forces on points; null: none
+    const Real* free;  // one plane, 0 for pinned and padding points, else 1
     const std::uint8_t* row_has_fixed;
     // Six planes each (x, y, z, vx, vy, vz).
-    const Real* source;     // state that this stage reads
-    Real* state;            // x_n, v_n; stage four writes the new state here
-    Real* target;           // state for the next stage
-    Real* compensation;     // what rounding took from x and v; null: not compensated
+    const Real* source;  // state that this stage reads
+    Real* state;  // x_n, v_n; stage four writes the new state here
+    Real* target;  // state for the next stage
+    Real* compensation;  // what rounding took from x and v; null: not compensated
     // Three planes each.
     Real* first_acceleration;
     Real* acceleration_sum;  // a2 + a3

@@ -1,19 +1,19 @@
 // The gather kernel: one lane is one thread of the compute shader, one thread one mass point.
 //
-// A lane reads its neighbours in the order of `neighbours` (model/stencil.hpp). It sums the spring forces on
-// its own point and finishes its own point's Runge-Kutta stage. Nothing is written for other lanes, so any
-// number of threads gives the same bits.
+// A lane reads its neighbours in the order of `neighbours` (model/stencil.hpp). It sums the spring
+// forces on its own point and finishes its own point's Runge-Kutta stage. Nothing is written for
+// other lanes, so any number of threads gives the same bits.
 //
 //   force on i from the spring to j, d = x_j - x_i, w = v_j - v_i, l = |d|, L its rest length:
-//   f = (K (l - L) / l + c (w.d) / l^2) d          (Kim et al., eq 1 with p_i - p_j; damping along d)
+//   f = (K (l - L) / l + c (w.d) / l^2) d      (Kim et al., eq 1 with p_i - p_j; damping along d)
 //
-// Roots and divisions are exact and nothing is fused, so every instruction set and the shader give the same
-// bits.
+// Roots and divisions are exact and nothing is fused, so every instruction set and the shader give
+// the same bits.
 //
-// Rows are padded with far, finite points. So a lane may read a neighbour that its point does not have, and
-// takes no force from it. Neighbours of a family that the cloth lacks are skipped, and so are missing
-// neighbours above or below. A bit per neighbour marks them, the same for a whole row, so that the processor
-// predicts the branches.
+// Rows are padded with far, finite points. So a lane may read a neighbour that its point does not
+// have, and takes no force from it. Neighbours of a family that the cloth lacks are skipped, and so
+// are missing neighbours above or below. A bit per neighbour marks them, the same for a whole row,
+// so that the processor predicts the branches.
 #pragma once
 
 #include "kernels/kernel_table.hpp"
@@ -35,16 +35,18 @@ struct SpringLanes {
 // Elements from a component to the ones after it.
 struct Planes {
     std::ptrdiff_t one, three, five;
-    explicit CLOTHSIM_INLINE Planes(std::ptrdiff_t plane) : one(plane), three(3 * plane), five(5 * plane) {
-        // The compiler would make a pointer of each row and component, which are more than there are
-        // registers.
+    explicit CLOTHSIM_INLINE Planes(std::ptrdiff_t plane)
+        : one(plane), three(3 * plane), five(5 * plane) {
+        // The compiler would make a pointer of each row and component, which are more than there
+        // are registers.
         asm("" : "+r"(one), "+r"(three), "+r"(five));
     }
 };
 
 template <class V, class Real>
 CLOTHSIM_INLINE Vector3<V> position(const Real* p, const Planes& planes) {
-    return {V::load_unaligned(p), V::load_unaligned(p + planes.one), V::load_unaligned(p + 2 * planes.one)};
+    return {V::load_unaligned(p), V::load_unaligned(p + planes.one),
+            V::load_unaligned(p + 2 * planes.one)};
 }
 
 template <class V, class Real>
@@ -56,8 +58,8 @@ CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const Planes& planes) {
 // `all`: every point has this neighbour; otherwise those of the lanes whose bit is set in `there`.
 template <bool damped, bool all, class V, class Real>
 CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
-                                const Real* other, const Planes& planes, const SpringLanes<V>& spring,
-                                std::uint64_t there) {
+                                const Real* other, const Planes& planes,
+                                const SpringLanes<V>& spring, std::uint64_t there) {
     const Vector3<V> d = position<V>(other, planes) - x;
     // First what the most operations wait for.
     // Coincident points: a spring without direction gives no force instead of a NaN.
@@ -77,7 +79,8 @@ CLOTHSIM_INLINE unsigned neighbours_of_row(const Features& features, int row, in
     unsigned present = 0;
     each<neighbour_count>([&](auto n) __attribute__((always_inline)) {
         constexpr MirroredNeighbour neighbour = neighbours[n];
-        const bool there = features.has(neighbour) && row + neighbour.row >= 0 && row + neighbour.row < rows;
+        const bool there =
+            features.has(neighbour) && row + neighbour.row >= 0 && row + neighbour.row < rows;
         present |= unsigned(there) << n;
     });
     return present;
@@ -87,20 +90,22 @@ template <bool damped, class V, class Real>
 CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
                                  const Real* point, const Planes& planes,
                                  const SpringLanes<V> (&springs)[spring_kind_count],
-                                 const LanesWithNeighbour& lanes, unsigned present, std::ptrdiff_t stride) {
+                                 const LanesWithNeighbour& lanes, unsigned present,
+                                 std::ptrdiff_t stride) {
     each<neighbour_count>([&](auto n) __attribute__((always_inline)) {
         constexpr MirroredNeighbour neighbour = neighbours[n];
         if (!(present >> n & 1)) return;
         constexpr bool all = neighbour.column == 0;
-        const std::uint64_t there = all ? 0 : lanes.bits[LanesWithNeighbour::index(neighbour.column)];
-        add_spring<damped, all>(force, x, v, point + neighbour.row * stride + neighbour.column, planes,
-                                springs[neighbour.kind], there);
+        const std::uint64_t there =
+            all ? 0 : lanes.bits[LanesWithNeighbour::index(neighbour.column)];
+        add_spring<damped, all>(force, x, v, point + neighbour.row * stride + neighbour.column,
+                                planes, springs[neighbour.kind], there);
     });
 }
 
 template <class V, class Real>
-CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t point, const Planes& planes,
-                                  const V (&v_here)[3], const V (&a)[3]) {
+CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t point,
+                                  const Planes& planes, const V (&v_here)[3], const V (&a)[3]) {
     each<3>([&](auto k) __attribute__((always_inline)) {
         const std::ptrdiff_t at = point + k * planes.one;
         Real *const x = g.state + at, *const v = x + planes.three;
@@ -132,20 +137,21 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const
     const std::ptrdiff_t stride = g.stride;
     SpringLanes<V> springs[spring_kind_count];
     each<spring_kind_count>([&](auto kind) __attribute__((always_inline)) {
-        springs[kind] = {V(g.spring[kind].stiffness), V(g.spring[kind].rest), V(g.spring[kind].damping)};
+        springs[kind] = {V(g.spring[kind].stiffness), V(g.spring[kind].rest),
+                         V(g.spring[kind].damping)};
     });
     for (int row = tile.row_begin; row < tile.row_end; ++row) {
         const unsigned present = neighbours_of_row(g.features, row, g.rows);
         for (int column = tile.column_begin; column < tile.column_end; column += int(V::size)) {
             std::ptrdiff_t at = row * stride + column;
-            // The compiler would keep a pointer of its own to each row and array, which are more than there
-            // are registers.
+            // The compiler would keep a pointer of its own to each row and array, which are more
+            // than there are registers.
             asm("" : "+r"(at));
             const Real* const point = g.source + at;
             const Vector3<V> x = position<V>(point, planes), v = velocity<V>(point, planes);
             Vector3<V> a{zero, zero, zero};
-            add_springs<damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)], present,
-                                stride);
+            add_springs<damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)],
+                                present, stride);
             if (__builtin_expect(g.drag != 0, 0)) {
                 const V c(g.drag);
                 a = {a.x - c * v.x, a.y - c * v.y, a.z - c * v.z};

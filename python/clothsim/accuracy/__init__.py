@@ -1,4 +1,4 @@
-"""Trusted solutions, and the errors of other methods, measured against them. See docs/accuracy.md."""
+"""Trusted solutions, and errors of other methods measured against them. See docs/accuracy.md."""
 
 from ..base.extras import on_demand as _on_demand
 from .solution import Reference, reference

@@ -1,12 +1,14 @@
-"""Derivatives of a motion with respect to parameters of its scene, and parameters from a measured motion.
+"""Derivatives of a motion with respect to parameters of its scene, and parameters from a measured
+motion.
 
-Derivatives: runs that differ in a parameter are the members of one batch, with the same steps and method, so their
-differences are as smooth as the solution. A central difference and one more value give a difference of third order, and the
-correction from second order bounds its error.
+Derivatives: runs that differ in a parameter are the members of one batch, with the same steps and
+method, so their differences are as smooth as the solution. A central difference and one more value
+give a difference of third order, and the correction from second order bounds its error.
 
-Fit: least squares over the logarithms of positive parameters. A start that is far off gives a motion that is out of phase
-with the data, where least squares finds a wrong minimum. So the first times are fitted first, and then twice as many, until
-all are. While few times are fitted, each parameter is held near its start by a weak prior.
+Fit: least squares over the logarithms of positive parameters. A start that is far off gives a
+motion that is out of phase with the data, where least squares finds a wrong minimum. So the first
+times are fitted first, and then twice as many, until all are. While few times are fitted, each
+parameter is held near its start by a weak prior.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ from .solution import METHOD, ORDER, Motion, motion
 if TYPE_CHECKING:
     import xarray
 
-_STEP = 7e-5  # of a parameter over its scale: rounding and truncation are then below 1e-9 of most derivatives
+# Of a parameter over its scale: rounding and truncation are then below 1e-9 of most derivatives.
+_STEP = 7e-5
 _PARTED = 1e-3  # error over the largest derivative so far, from which on neither is believed
 _VISIBLE = 1e-4  # of the cloth's size: the least derivative of which that part is asked
 _ROUNDING = 2e-14  # of positions, over the cloth's size
@@ -46,7 +49,9 @@ _PRIOR = 3.0  # width of the prior, in logarithms or scales
 _WIDEST = 1e3  # factor, or scales, that a parameter without bounds may move
 _EDGE = 1e-3  # of logarithms or scales, from a bound
 _STARTS = 8  # further starts where a minimum does not explain the data
-_SINGULAR = 1e-5  # singular value over the largest, of columns of length 1: below, the data cannot tell parameters apart
+# Singular value over the largest, of columns of length 1: below, the data cannot tell parameters
+# apart.
+_SINGULAR = 1e-5
 _PART = 1e-2  # of a parameter in a direction that is not determined
 _SIGMAS = 5.0  # from which on a chi-square, or a correlation of residuals, is no chance
 _CORRELATED = 0.2  # of residuals at neighbouring times
@@ -73,43 +78,74 @@ def _numbers(scene: Scene) -> dict[str, list[float]]:
     """The numbers of a scene that can vary continuously, by the names of a sweep."""
     cloth = scene.cloth
     found = {"mass": [float(cloth.mass_per_point.sum())], "drag": [cloth.drag]}
-    for kind, families in (("stiffness", cloth.family_stiffness), ("damping", cloth.family_damping)):
-        found |= {kind: [*families.values()], **{f"{kind}_{family}": [value] for family, value in families.items()}}
-    vectors = {"gravity": [scene.gravity], **{f"pin{k}": [scene.initial_position[pin]] for k, pin in enumerate(cloth.pins)}}
-    for prefix, spheres in {"sphere": scene.spheres, **{f"sphere{k}": [one] for k, one in enumerate(scene.spheres)}}.items():
+    for kind, families in (
+        ("stiffness", cloth.family_stiffness),
+        ("damping", cloth.family_damping),
+    ):
+        found |= {
+            kind: [*families.values()],
+            **{f"{kind}_{family}": [value] for family, value in families.items()},
+        }
+    vectors = {
+        "gravity": [scene.gravity],
+        **{f"pin{k}": [scene.initial_position[pin]] for k, pin in enumerate(cloth.pins)},
+    }
+    for prefix, spheres in {
+        "sphere": scene.spheres,
+        **{f"sphere{k}": [one] for k, one in enumerate(scene.spheres)},
+    }.items():
         parts = ["restitution", "friction"]
         if all(isinstance(one, Sphere) for one in spheres):  # no plane
             vectors[f"{prefix}_center"] = [sphere.center for sphere in spheres]
             parts.append("radius")
         for part in parts:
             found[f"{prefix}_{part}"] = [getattr(sphere, part) for sphere in spheres]
-    found |= {f"{name}_{c}": [float(v[k]) for v in some] for name, some in vectors.items() for k, c in enumerate("xyz")}
+    found |= {
+        f"{name}_{c}": [float(v[k]) for v in some]
+        for name, some in vectors.items()
+        for k, c in enumerate("xyz")
+    }
     return {name: values for name, values in found.items() if values}
 
 
 def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
     """The named parameters with their values in `scene`."""
     if isinstance(names, str) or not isinstance(names, (Sequence, Mapping)) or not names:
-        raise TypeError(f"{argument} must be a sequence of names such as ('stiffness', 'drag'), got {check.shown(names)}")
+        raise TypeError(
+            f"{argument} must be a sequence of names such as ('stiffness', 'drag'), got "
+            f"{check.shown(names)}"
+        )
     known, found = _numbers(scene), []
     scales = {"m": max(scene.cloth.size), "m/s^2": 9.80665, "1": 1.0}
     scales["N s/m"] = float(scene.cloth.mass_per_point.min())  # a drag that acts within a second
     for name in names:
         field = check_name(name.replace(".", "_") if isinstance(name, str) else name)
         if field not in known:
-            raise ValueError(f"{argument} must name numbers of the scene, got {name!r}; this one has {', '.join(known)}")
+            raise ValueError(
+                f"{argument} must name numbers of the scene, got {name!r}; this one has "
+                f"{', '.join(known)}"
+            )
         value = known[field][0]
         if any(other != value for other in known[field]):
-            raise ValueError(f"{argument} must name single numbers, got {name!r}, here {known[field]}: name its parts")
+            raise ValueError(
+                f"{argument} must name single numbers, got {name!r}, here {known[field]}: "
+                "name its parts"
+            )
         least = -math.inf if field[-2:] in ("_x", "_y", "_z") else 0.0
         most = 1.0 if field.endswith("restitution") else math.inf
-        found.append(Parameter(name, field, value, max(abs(value), scales.get(units(field), 0.0)), least, most))
+        found.append(
+            Parameter(
+                name, field, value, max(abs(value), scales.get(units(field), 0.0)), least, most
+            )
+        )
     if len({one.field for one in found}) < len(found):
         raise ValueError(f"{argument} must name each parameter once, got {list(names)}")
     return found
 
 
-def changed(scene: Scene, parameters: Sequence[Parameter], values: Sequence[float] | Floats) -> Scene:
+def changed(
+    scene: Scene, parameters: Sequence[Parameter], values: Sequence[float] | Floats
+) -> Scene:
     """A copy of `scene` with new values of the parameters."""
     named: dict[str, Any] = {p.field: float(value) for p, value in zip(parameters, values)}
     if "mass" in named:  # the masses of the points keep their ratios
@@ -131,12 +167,14 @@ class Clock:
     """The times of all steps: every run of a comparison takes the same."""
 
     def __init__(self, scene: Scene, times: Floats, rtol: float) -> None:
-        """With steps so short that positions should be off by at most `rtol` of the cloth's size."""
+        """With steps so short that positions should err by at most `rtol` of the cloth's size."""
         self.times, self.size, self.finer = times, max(scene.cloth.size), 1.0
         self.stops = sorted({*times.tolist(), *stops_of(scene, 0.0, float(times[-1]))} - {0.0})
         coarse = self.counts(scene)
         x, y = (self.run([scene], counts) for counts in (coarse + -(-coarse // 4), coarse))
-        off = np.abs(x.x - y.x)[:, times <= min(x.known, y.known)].max(initial=0.0) / (rtol * self.size)
+        off = np.abs(x.x - y.x)[:, times <= min(x.known, y.known)].max(initial=0.0) / (
+            rtol * self.size
+        )
         # The coarse steps are longer by a fourth, which is not counted on.
         self.finer = float(np.clip(off ** (1 / ORDER), 1.0, _FINEST)) * 1.25
 
@@ -154,22 +192,32 @@ class Clock:
         return found._replace(x=x)
 
 
-def derivatives(scene: Scene, parameters: Sequence[Parameter], clock: Clock, most: int = 3) -> tuple[Motion, Floats, Floats]:
-    """The motion of `scene`, its changes per scale of each parameter, and the last term of each change.
+def derivatives(
+    scene: Scene, parameters: Sequence[Parameter], clock: Clock, most: int = 3
+) -> tuple[Motion, Floats, Floats]:
+    """The motion of `scene`, its changes per scale of each parameter, and the last term of each
+    change.
 
-    Each is a difference of three positions, for the values -1, 0 and 1 of the parameter or, at a bound, 0, 1 and 2. With
-    `most` = 4 values the term of third order corrects it.
+    Each is a difference of three positions, for the values -1, 0 and 1 of the parameter or, at a
+    bound, 0, 1 and 2. With `most` = 4 values the term of third order corrects it.
     """
-    places = [np.arange(most) * one.side if one.side else np.arange(-1, most - 1) for one in parameters]
+    places = [
+        np.arange(most) * one.side if one.side else np.arange(-1, most - 1) for one in parameters
+    ]
     members = [
-        changed(scene, [p], [p.value + k * _STEP * p.scale]) for p, some in zip(parameters, places) for k in some if k
+        changed(scene, [p], [p.value + k * _STEP * p.scale])
+        for p, some in zip(parameters, places)
+        for k in some
+        if k
     ]
     found = clock.run([scene, *members], clock.counts(scene))
     change = np.empty((len(parameters), *found.x.shape[1:]))
     term, moved = np.zeros_like(change), iter(found.x[1:])
     for n, (one, some) in enumerate(zip(parameters, places)):
         x = [next(moved) if k else found.x[0] for k in some]
-        change[n] = (4 * (x[1] - x[0]) - (x[2] - x[0])) / 2 * one.side if one.side else (x[2] - x[0]) / 2
+        change[n] = (
+            (4 * (x[1] - x[0]) - (x[2] - x[0])) / 2 * one.side if one.side else (x[2] - x[0]) / 2
+        )
         if most > 3:
             term[n] = (x[3] - x[0] - 3 * (x[2] - x[1])) * (one.side / 3 or -1 / 6)
     return found._replace(x=found.x[0]), (change + term) / _STEP, term / _STEP
@@ -178,14 +226,17 @@ def derivatives(scene: Scene, parameters: Sequence[Parameter], clock: Clock, mos
 def known_derivatives(
     scene: Scene, parameters: Sequence[Parameter], clock: Clock
 ) -> tuple[Floats, Floats, Floats, Floats, list[str]]:
-    """Positions, derivatives per scale of each parameter, their errors, the times until which they are known, and why."""
+    """Positions, derivatives per scale of each parameter, their errors, the times until which they
+    are known, and why.
+    """
     found, change, term = derivatives(scene, parameters, clock, 4)
     largest = np.fmax.accumulate(np.abs(change).max(axis=(2, 3, 4)), axis=1)
     error = np.abs(term).max(axis=(2, 3, 4)) + _ROUNDING * clock.size / _STEP + _DIGITS * largest
     bad = np.isnan(error) | (clock.times > found.known)
     parted = ~bad & (error > _PARTED * (largest + _VISIBLE * clock.size))
     reasons = [
-        f"differences of two orders disagree from {clock.times[one.argmax()]:.4g} s on: motions part there"
+        f"differences of two orders disagree from {clock.times[one.argmax()]:.4g} s on: "
+        "motions part there"
         if one.any()
         else found.reason * bool(late.any())
         for one, late in zip(parted, bad)
@@ -196,7 +247,8 @@ def known_derivatives(
 
 
 def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray.Dataset:
-    """How each position changes with each parameter, and how far that is known, at the cost of three runs a parameter.
+    """How each position changes with each parameter, and how far that is known, at the cost of
+    three runs a parameter.
 
     Parameters
     ----------
@@ -204,17 +256,19 @@ def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray
     times : array_like
         Times at which the derivatives are wanted [s], increasing, >= 0.
     of : sequence of str
-        Names as in `sweep`: "mass" (the total; the ratios of the points stay), "stiffness", "damping", those of a family,
-        such as "stiffness_shear" or "stiffness.shear", "drag", "gravity_y", "pin0_x" (the place of a pin), and of spheres
-        "sphere_radius", "sphere0_center_x", "sphere_friction", "sphere_restitution".
+        Names as in `sweep`: "mass" (the total; the ratios of the points stay), "stiffness",
+        "damping", those of a family, such as "stiffness_shear" or "stiffness.shear", "drag",
+        "gravity_y", "pin0_x" (the place of a pin), and of spheres "sphere_radius",
+        "sphere0_center_x", "sphere_friction", "sphere_restitution".
 
     Returns
     -------
     xarray.Dataset
-        "dx", derivatives of the positions at (parameter, time, row, column, component) in metres per unit of the parameter;
-        "error", their error at (parameter, time), the largest over the points: estimated by a difference of lower order, and
-        usually far above the true error; "x", the positions [m]; "value" and "unit" of the parameters; "known_until" [s],
-        after which derivatives are NaN, for example because of a contact, with the "reason".
+        "dx", derivatives of the positions at (parameter, time, row, column, component) in metres
+        per unit of the parameter; "error", their error at (parameter, time), the largest over the
+        points: estimated by a difference of lower order, and usually far above the true error; "x",
+        the positions [m]; "value" and "unit" of the parameters; "known_until" [s], after which
+        derivatives are NaN, for example because of a contact, with the "reason".
 
     Examples
     --------
@@ -243,7 +297,11 @@ def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray
             "known_until": ("parameter", until, {"units": "s"}),
             "reason": ("parameter", reasons),
         },
-        {"parameter": [p.name for p in parameters], "time": ("time", clock.times, {"units": "s"}), "component": [*"xyz"]},
+        {
+            "parameter": [p.name for p in parameters],
+            "time": ("time", clock.times, {"units": "s"}),
+            "component": [*"xyz"],
+        },
     )
     return data
 
@@ -257,19 +315,22 @@ class Fit:
     scene : Scene
         The scene at the minimum; a parameter that is not determined has an arbitrary value.
     values, errors : dict
-        Parameters by name, and their standard deviations; NaN where the data does not determine them.
+        Parameters by name, and their standard deviations; NaN where the data does not determine
+        them.
     covariance : numpy.ndarray
         Covariance of the values, in their order; NaN as above.
     residuals : numpy.ndarray
-        Measured less fitted positions [m], of the shape of the data; NaN where nothing was measured.
+        Measured less fitted positions [m], of the shape of the data; NaN where nothing was
+        measured.
     run : Run
         The run of `scene`, with frames at `times`.
     times, positions : numpy.ndarray
         The data [s, m].
     report : dict
-        "reason": "", or why something is NaN; "reasons" by parameter; "sigma" [m], as given or estimated; "chi_square" per
-        degree of freedom (NaN if sigma is estimated); "correlation" of residuals at neighbouring times; "condition" of the
-        Jacobian with columns of length 1; "evaluations", "jacobians", "starts", "wall_time" [s].
+        "reason": "", or why something is NaN; "reasons" by parameter; "sigma" [m], as given or
+        estimated; "chi_square" per degree of freedom (NaN if sigma is estimated); "correlation" of
+        residuals at neighbouring times; "condition" of the Jacobian with columns of length 1;
+        "evaluations", "jacobians", "starts", "wall_time" [s].
     """
 
     scene: Scene
@@ -284,12 +345,15 @@ class Fit:
 
     def __repr__(self) -> str:
         reasons = self.report["reasons"]
-        rows = [(n, f"{v:.6g}", f"+- {self.errors[n]:.2g}", reasons[n]) for n, v in self.values.items()]
+        rows = [
+            (n, f"{v:.6g}", f"+- {self.errors[n]:.2g}", reasons[n]) for n, v in self.values.items()
+        ]
         text = aligned([("parameter", "value", "one sigma", ""), *rows], left=(0, 3))
         return text + f"\n{self.report['reason']}".rstrip()
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw data and fit, residuals, and correlations of the parameters; the three axes come back.
+        """Draw data and fit, residuals, and correlations of the parameters; the three axes come
+        back.
 
         Parameters
         ----------
@@ -299,7 +363,8 @@ class Fit:
         Examples
         --------
         >>> motion = cs.simulate(cs.scenes.oscillator(), 0.2, rtol=1e-6, fps=50)
-        >>> len(cs.fit(cs.scenes.oscillator(stiffness=90.0), motion.t, motion.x, over=["stiffness"]).plot())
+        >>> guess = cs.scenes.oscillator(stiffness=90.0)
+        >>> len(cs.fit(guess, motion.t, motion.x, over=["stiffness"]).plot())
         3
         """
         from ..viewing.plots import draw_fit
@@ -308,19 +373,29 @@ class Fit:
 
 
 class _Problem:
-    """Residuals in sigmas and their Jacobian, as functions of coordinates that are 0 at the start: logarithms of positive
-    parameters, else their changes."""
+    """Residuals in sigmas and their Jacobian, as functions of coordinates that are 0 at the start:
+    logarithms of positive parameters, else their changes.
+    """
 
-    def __init__(self, scene: Scene, names: Sequence[str], times: Floats, data: Floats, measured: Any) -> None:
+    def __init__(
+        self, scene: Scene, names: Sequence[str], times: Floats, data: Floats, measured: Any
+    ) -> None:
         self.scene, self.names, self.times = scene, names, times
-        self.data, self.measured = data, measured  # (times, rows, columns, 3); whether a number counts
+        self.data, self.measured = (
+            data,
+            measured,
+        )  # (times, rows, columns, 3); whether a number counts
         self.parameters = parameters_of(scene, names, "over")
         self.start, self.scales, *ends = np.array([one[2:] for one in self.parameters]).T
         self.ends, self.evaluations, self.jacobians = np.array(ends), 0, 0
         self.logarithmic = (self.ends[0] == 0) & (self.start > 0)
 
     def values(self, u: Floats) -> Floats:
-        values: Floats = np.where(self.logarithmic, self.start * np.exp(u * self.logarithmic), self.start + u * self.scales)
+        values: Floats = np.where(
+            self.logarithmic,
+            self.start * np.exp(u * self.logarithmic),
+            self.start + u * self.scales,
+        )
         return values
 
     def slopes(self, u: Floats) -> Floats:
@@ -333,13 +408,18 @@ class _Problem:
         ends = self.ends.copy()
         for k, name in enumerate(self.names if isinstance(over, Mapping) else ()):
             argument, value, (low, high) = f"over[{name!r}]", self.start[k], ends[:, k]
-            given = [check.number(argument, n) for n in check.items(argument, over[name], 2, "numbers (least, most)")]
+            given = [
+                check.number(argument, n)
+                for n in check.items(argument, over[name], 2, "numbers (least, most)")
+            ]
             if not (low <= given[0] <= value <= given[1] <= high and given[0] < given[1]):
                 accepted = f"(least, most) from {low:g} to {high:g} around {value:g}"
                 raise ValueError(f"{argument} must be {accepted}, got {tuple(given)}")
             ends[:, k] = given
         with np.errstate(divide="ignore", invalid="ignore"):
-            u = np.where(self.logarithmic, np.log(ends / self.start), (ends - self.start) / self.scales)
+            u = np.where(
+                self.logarithmic, np.log(ends / self.start), (ends - self.start) / self.scales
+            )
         far = np.where(self.logarithmic, math.log(_WIDEST), _WIDEST)
         return np.asarray(np.clip(u, -far, far))
 
@@ -347,20 +427,28 @@ class _Problem:
         return changed(self.scene, self.parameters, self.values(u))
 
     def columns(self, change: Floats, parameters: Sequence[Parameter], u: Floats) -> Floats:
-        """Changes per scale of each parameter as columns of a Jacobian [m per coordinate]; 0 where a run failed."""
+        """Changes per scale of each parameter as columns of a Jacobian [m per coordinate]; 0 where
+        a run failed.
+        """
         slopes = self.slopes(u) / [one.scale for one in parameters]
         return np.nan_to_num(change[:, self.measured[: change.shape[1]]].T * slopes)
 
-    def minimise(self, u: Floats, bounds: Floats, sigma: float, rtol: float, least_squares: Any) -> Any:
+    def minimise(
+        self, u: Floats, bounds: Floats, sigma: float, rtol: float, least_squares: Any
+    ) -> Any:
         """The minimum over all times that is found from `u` by way of the first times."""
         total = len(self.times)
         counts = [-(-total // 2**k) for k in range(int(math.log2(total)), 0, -1)]
         for count in [*(n for n in counts if n >= _FEWEST), total]:
-            found = self._minimum(u, bounds, sigma, Clock(self.at(u), self.times[:count], rtol), least_squares)
+            found = self._minimum(
+                u, bounds, sigma, Clock(self.at(u), self.times[:count], rtol), least_squares
+            )
             u = found.x
         return found
 
-    def _minimum(self, middle: Floats, bounds: Floats, sigma: float, clock: Clock, least_squares: Any) -> Any:
+    def _minimum(
+        self, middle: Floats, bounds: Floats, sigma: float, clock: Clock, least_squares: Any
+    ) -> Any:
         """The minimum over the times of `clock`, near `middle` unless these are all times."""
         n = len(clock.times)
         held, data, measured = (n < len(self.times)) / _PRIOR, self.data[:n], self.measured[:n]
@@ -377,7 +465,10 @@ class _Problem:
             found = self.columns(derivatives(scene, parameters, clock)[1], parameters, u)
             return np.append(found / sigma, np.eye(len(u)) * held, axis=0)
 
-        digits, most = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if held else 1e-10), 20 if held else 60
+        digits, most = (
+            dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if held else 1e-10),
+            20 if held else 60,
+        )
         start = np.clip(middle, bounds[0] + _EDGE / 2, bounds[1] - _EDGE / 2)
         return least_squares(residuals, start, jacobian, (*bounds,), max_nfev=most, **digits)
 
@@ -396,12 +487,14 @@ def fit(
     Parameters
     ----------
     scene : Scene
-        Initial state of the motion, and starting values of the parameters, which may be off by a factor of ten.
+        Initial state of the motion, and starting values of the parameters, which may be off by a
+        factor of ten.
     times : array_like
         Times of the measurement [s], increasing, >= 0; the scene's initial state is at time 0.
     positions : array_like
-        Measured positions [m], shape (times, rows, columns, 3), or (times, points, 3) with `points`; NaN where nothing was
-        measured. Pinned points do not count, unless the place of a pin is fitted.
+        Measured positions [m], shape (times, rows, columns, 3), or (times, points, 3) with
+        `points`; NaN where nothing was measured. Pinned points do not count, unless the place of a
+        pin is fitted.
     over : sequence of str, or mapping of str to (least, most)
         Names as in `sensitivity`; a mapping gives bounds too.
     points : sequence of (row, column), optional
@@ -414,14 +507,16 @@ def fit(
     Returns
     -------
     Fit
-        A parameter that the data does not determine is NaN, with a reason. After a contact all are NaN. Errors are NaN if
-        the residuals are not noise: then the model does not describe the measured motion.
+        A parameter that the data does not determine is NaN, with a reason. After a contact all are
+        NaN. Errors are NaN if the residuals are not noise: then the model does not describe the
+        measured motion.
 
     Examples
     --------
     >>> import numpy as np
     >>> times = np.linspace(0.05, 0.5, 10)
-    >>> tracked = cs.simulate(cs.scenes.hanging(shape=(4, 4)), 0.5, rtol=1e-8, times=times).x[1:, -1:, -1]
+    >>> scene = cs.scenes.hanging(shape=(4, 4))
+    >>> tracked = cs.simulate(scene, 0.5, rtol=1e-8, times=times).x[1:, -1:, -1]
     >>> noise = np.random.default_rng(0).normal(0, 1e-4, tracked.shape)
     >>> guess = cs.scenes.hanging(shape=(4, 4), stiffness=300.0)
     >>> found = cs.fit(guess, times, tracked + noise, over=["stiffness"], points=[(-1, -1)])
@@ -443,7 +538,10 @@ def fit(
         measured &= ~scene.cloth.pinned[:, :, None]
     count = int(measured.sum())
     if count <= len(names):
-        raise ValueError(f"positions must have more numbers at free points than over has names, {len(names)}, got {count}")
+        raise ValueError(
+            "positions must have more numbers at free points than over has names, "
+            f"{len(names)}, got {count}"
+        )
     problem = _Problem(scene, names, times, data, measured)
     bounds = problem.bounds(over)
     least = rtol * max(scene.cloth.size)  # of what residuals can show
@@ -456,7 +554,10 @@ def fit(
         found = problem.minimise(u, bounds, unit, rtol, least_squares)
         best = found if best is None or found.cost < best.cost else best
         quality, misfit = _judged(best, measured, len(names), sigma, unit, least)
-        u, starts = random.uniform(-math.log(10), math.log(10), len(names)) * problem.logarithmic, starts + 1
+        u, starts = (
+            random.uniform(-math.log(10), math.log(10), len(names)) * problem.logarithmic,
+            starts + 1,
+        )
     parameters = parameters_of(scene := problem.at(best.x), names, "over")
     _, change, _, _, ended = known_derivatives(scene, parameters, Clock(scene, times, rtol))
     run = simulate(scene, float(times[-1]), rtol=rtol, times=times)
@@ -466,19 +567,41 @@ def fit(
     slopes = problem.slopes(best.x)
     values = np.where([bool(reason) for reason in reasons], np.nan, problem.values(best.x))
     covariance = covariance * np.outer(slopes, slopes) + 0 * np.add.outer(values, values)
-    groups = {one: [name for name, reason in zip(names, reasons) if reason == one] for one in reasons if one}
+    groups = {
+        one: [name for name, reason in zip(names, reasons) if reason == one]
+        for one in reasons
+        if one
+    }
     told = [f"{', '.join(group)}: {one}" for one, group in groups.items()]
     if any(ended):
         told = [f"{next(filter(None, ended))}: give only the times before"]
     elif misfit:
-        told.append(f"{misfit}: no such cloth moves like this, or the noise is not independent; errors have no meaning")
+        told.append(
+            f"{misfit}: no such cloth moves like this, or the noise is not independent; "
+            "errors have no meaning"
+        )
         covariance = np.full_like(covariance, np.nan)
-    report = {"reason": "; ".join(told), "reasons": dict(zip(names, reasons)), **quality, "condition": condition}
+    report = {
+        "reason": "; ".join(told),
+        "reasons": dict(zip(names, reasons)),
+        **quality,
+        "condition": condition,
+    }
     spent = {"evaluations": problem.evaluations, "jacobians": problem.jacobians}
     report |= {**spent, "starts": starts, "wall_time": wall_time}
     residuals = given - run.x[np.searchsorted(run.t, times)][:, place[0], place[1]]
     errors = dict(zip(names, np.sqrt(np.diag(covariance)).tolist()))
-    return Fit(scene, dict(zip(names, values.tolist())), errors, covariance, residuals, run, times, given, report)
+    return Fit(
+        scene,
+        dict(zip(names, values.tolist())),
+        errors,
+        covariance,
+        residuals,
+        run,
+        times,
+        given,
+        report,
+    )
 
 
 def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tuple[Floats, Any]:
@@ -488,7 +611,9 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
         pairs = []
         for k, pair in enumerate(check.items("points", points, None, "(row, column)", 1)):
             both = zip(check.items(f"points[{k}]", pair, 2, "integers (row, column)"), sides)
-            pairs.append([check.integer(f"points[{k}]", i, minimum=-n, maximum=n - 1) % n for i, n in both])
+            pairs.append(
+                [check.integer(f"points[{k}]", i, minimum=-n, maximum=n - 1) % n for i, n in both]
+            )
         place = np.array(pairs).T
         if len(np.unique(place, axis=1).T) < len(pairs):
             raise ValueError(f"points must name each point once, got {list(points)}")
@@ -505,13 +630,17 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
 def _judged(
     found: Any, measured: Any, parameters: int, sigma: float | None, unit: float, least: float
 ) -> tuple[dict[str, float], str]:
-    """Sigma, chi-square per degree of freedom, correlation of neighbouring residuals; and why residuals are no noise."""
+    """Sigma, chi-square per degree of freedom, correlation of neighbouring residuals; and why
+    residuals are no noise.
+    """
     free = measured.sum() - parameters
     whole = np.full(measured.shape, np.nan)
     whole[measured] = found.fun[: measured.sum()]
     pairs = whole[1:] * whole[:-1]
     number = int(np.isfinite(pairs).sum())
-    correlation = float(np.nansum(pairs) / number / max(np.nanmean(whole**2), 1e-300)) if number else math.nan
+    correlation = (
+        float(np.nansum(pairs) / number / max(np.nanmean(whole**2), 1e-300)) if number else math.nan
+    )
     chi, reason = 2 * float(found.cost) / free, ""
     if sigma is not None:
         if chi > 1 + _SIGMAS * math.sqrt(2 / free):
@@ -523,15 +652,23 @@ def _judged(
     return {"sigma": max(noise, least), "chi_square": math.nan, "correlation": correlation}, reason
 
 
-def _determined(jacobian: Floats, ended: list[str], u: Floats, bounds: Floats) -> tuple[Floats, float, list[str]]:
-    """Covariance of the coordinates, condition of the scaled Jacobian, and why a parameter is not determined."""
+def _determined(
+    jacobian: Floats, ended: list[str], u: Floats, bounds: Floats
+) -> tuple[Floats, float, list[str]]:
+    """Covariance of the coordinates, condition of the scaled Jacobian, and why a parameter is not
+    determined.
+    """
     lengths = np.linalg.norm(jacobian, axis=0)
     used = lengths > 0
     scaled = jacobian / np.where(used, lengths, 1.0)
     _, singular, right = np.linalg.svd(scaled, full_matrices=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
     kept = singular > _SINGULAR * singular[0]
-    inverse = right[kept].T / singular[kept] ** 2 @ right[kept] if kept.any() else np.zeros((len(u), len(u)))
+    inverse = (
+        right[kept].T / singular[kept] ** 2 @ right[kept]
+        if kept.any()
+        else np.zeros((len(u), len(u)))
+    )
     safe = np.where(used, lengths, np.inf)
     covariance = inverse / np.outer(safe, safe)
     lost = np.abs(right[~kept] / safe)
@@ -541,7 +678,8 @@ def _determined(jacobian: Floats, ended: list[str], u: Floats, bounds: Floats) -
     for k, error in enumerate(np.sqrt(np.diag(covariance))):
         why = {
             "has no effect on what was measured": not used[k],
-            f"only combinations are determined: the condition of the scaled Jacobian is {condition:.1e}": vague[k],
+            "only combinations are determined: the condition of the scaled Jacobian is "
+            f"{condition:.1e}": vague[k],
             "ends at its bound": near_bound[k],
             f"its error would be {error:.1g} times its value or scale": error > 1,
         }

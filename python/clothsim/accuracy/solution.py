@@ -32,7 +32,8 @@ _MOST_HALVINGS = 8
 _STEPS_BETWEEN_PAUSES = 512
 
 
-# The extrapolation that is returned, and the one that it is compared with; tolerances per step over the cloth's extent.
+# The extrapolation that is returned, and the one that it is compared with; tolerances per step over
+# the cloth's extent.
 _TRUSTED: dict[str, Any] = {"columns": 8, "tolerance": 1e-15}
 _CONTROL: dict[str, Any] = {"columns": 7, "tolerance": 1e-14}
 
@@ -47,13 +48,14 @@ class Reference:
     t : numpy.ndarray
         Times of the frames [s], shape (frames,); the first is 0, the last the duration.
     x, v : numpy.ndarray
-        Positions [m] and velocities [m/s] of the extrapolation in double-double, rounded to float64, shape (frames, rows,
-        columns, 3), read-only.
+        Positions [m] and velocities [m/s] of the extrapolation in double-double, rounded to
+        float64, shape (frames, rows, columns, 3), read-only.
     error_bound : dict
-        "max" and "rms" [m], each of shape (frames,): distance of the mass points from the second method, plus half a unit
-        in the last place.
+        "max" and "rms" [m], each of shape (frames,): distance of the mass points from the second
+        method, plus half a unit in the last place.
     error_estimate : dict
-        The likely error of `x`, with the same keys: the distance to a looser extrapolation of another order.
+        The likely error of `x`, with the same keys: the distance to a looser extrapolation of
+        another order.
     """
 
     scene: Scene
@@ -80,7 +82,8 @@ class Reference:
         Returns
         -------
         dict
-            "max" and "rms" [m] over the mass points of the distance to the reference; NaN if `x` is not finite.
+            "max" and "rms" [m] over the mass points of the distance to the reference; NaN if `x` is
+            not finite.
 
         Examples
         --------
@@ -93,16 +96,21 @@ class Reference:
         if x.shape != self.x.shape[1:]:
             raise ValueError(f"x must be {accepted}, got {x.shape}")
         frame = check.integer("frame", frame, minimum=-len(self.t), maximum=len(self.t) - 1)
-        return {name: float(value) for name, value in distances(x.astype(np.float64), self.x[frame]).items()}
+        return {
+            name: float(value)
+            for name, value in distances(x.astype(np.float64), self.x[frame]).items()
+        }
 
 
 def reference(scene: Scene, duration: float, every: float | None = None) -> Reference:
     """A trusted solution of a scene without contact, with its own error bound.
 
-    Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer extrapolation of order 16 is
-    returned, in double-double (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section II.9). It takes
-    the rows of `Cloth.spring_table` and shares no code with the kernels. The Dormand-Prince method of order 8 in double uses
-    the kernels. Its steps are halved until only rounding changes the result. The last 32 solutions are kept in memory.
+    Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer
+    extrapolation of order 16 is returned, in double-double (Hairer, Norsett, Wanner, Solving
+    Ordinary Differential Equations I, section II.9). It takes the rows of `Cloth.spring_table` and
+    shares no code with the kernels. The Dormand-Prince method of order 8 in double uses the
+    kernels. Its steps are halved until only rounding changes the result. The last 32 solutions are
+    kept in memory.
 
     Parameters
     ----------
@@ -120,10 +128,12 @@ def reference(scene: Scene, duration: float, every: float | None = None) -> Refe
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above, or if a mass point meets a sphere before `duration`. A trajectory after contact is
-        chaotic: perturbations grow a hundred thousand times within a sixth of a second.
+        If an argument is not as above, or if a mass point meets a sphere before `duration`. A
+        trajectory after contact is chaotic: perturbations grow a hundred thousand times within a
+        sixth of a second.
     ArithmeticError
-        If the extrapolation cannot continue, because points coincide or the state grows beyond bounds.
+        If the extrapolation cannot continue, because points coincide or the state grows beyond
+        bounds.
     KeyboardInterrupt
         On Ctrl-C.
 
@@ -136,17 +146,21 @@ def reference(scene: Scene, duration: float, every: float | None = None) -> Refe
     """
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
-    frames = Frames(None if every is None else check.number("every", every, minimum=0, exclusive=True))
+    frames = Frames(
+        None if every is None else check.number("every", every, minimum=0, exclusive=True)
+    )
     return _solved(scene, tuple(t for t, _ in frames.moments(0.0, 0.0, duration, None)[1:]))
 
 
 def reference_for(scene: Scene, duration: float, given: Reference | None) -> Reference:
-    """The reference `given`, checked to fit the scene and duration; where it is None, a new reference."""
+    """The reference `given`, checked to fit the scene and duration; where it is None, a new one."""
     if given is None:
         return reference(scene, duration)
     check.instance("reference", given, Reference)
     if given.scene != scene or given.t[-1] != duration:
-        raise ValueError(f"reference must be one of this scene over {duration:g} s, got {given!r} of its scene")
+        raise ValueError(
+            f"reference must be one of this scene over {duration:g} s, got {given!r} of its scene"
+        )
     return given
 
 
@@ -157,14 +171,15 @@ def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
     # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
     stops = sorted({*times, *stops_of(free, 0.0, times[-1])})
     frames = np.searchsorted(stops, times)
-    # A continuous sphere misses no contact between two states, and does nothing without one. Without spheres the
-    # extrapolation comes first: it finds out whether forces are smooth.
+    # A continuous sphere misses no contact between two states, and does nothing without one.
+    # Without spheres the extrapolation comes first: it finds out whether forces are smooth.
     swept = [continuous(sphere) for sphere in scene.spheres]
     double = solve_in_double(scene.replace(spheres=swept), stops, threads) if swept else None
     if double and double.ended.contact:
         raise ValueError(
-            f"duration must end before the cloth meets a sphere, at about {double.ended.known:.4g} s, got {times[-1]:g} s. "
-            "After contact trajectories are chaotic and there is no reference: compare outcomes (penetration, energy)"
+            "duration must end before the cloth meets a sphere, at about "
+            f"{double.ended.known:.4g} s, got {times[-1]:g} s. After contact trajectories are "
+            "chaotic and there is no reference: compare outcomes (penetration, energy)"
         )
     x, v = (one[frames] for one in extrapolation(free, stops, **_TRUSTED, threads=threads))
     control = extrapolation(free, stops, **_CONTROL, threads=threads)[0][frames]
@@ -173,7 +188,10 @@ def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
         raise ArithmeticError(f"no reference: {double.ended.reason}")
     # The solution is rounded to float64: half a unit in the last place, but for the state given.
     rounding = np.spacing(np.abs(x).max()) / 2 * (np.arange(len(times) + 1) > 0)
-    x, v = (np.concatenate([[a], b]) for a, b in ((scene.initial_position, x), (scene.initial_velocity, v)))
+    x, v = (
+        np.concatenate([[a], b])
+        for a, b in ((scene.initial_position, x), (scene.initial_velocity, v))
+    )
     second, control = (np.concatenate([x[:1], one]) for one in (double.x[frames], control))
     bound = {name: frozen(value + rounding) for name, value in distances(x, second).items()}
     estimate = {name: frozen(value) for name, value in distances(x, control).items()}
@@ -184,12 +202,19 @@ class Motion(NamedTuple):
     """Positions of scenes at some times, and until when they have a meaning."""
 
     x: Floats  # [m], shape (scenes, times, rows, columns, 3); NaN after a failure
-    known: float  # time before the first response of a sphere or failure in any of the scenes [s]; infinite without
+    # Time before the first response of a sphere or failure in any of the scenes [s]; infinite
+    # without.
+    known: float
     reason: str = ""  # what ended it
     contact: bool = False  # whether that was a response
 
 
-def motion(scenes: Sequence[Scene], times: Sequence[float], counts: Sequence[int], threads: int | None = None) -> Motion:
+def motion(
+    scenes: Sequence[Scene],
+    times: Sequence[float],
+    counts: Sequence[int],
+    threads: int | None = None,
+) -> Motion:
     """The scenes at `times` [s], increasing and > 0, with `counts` equal steps up to each."""
     stepper = Stepper(scenes if len(scenes) > 1 else scenes[0], integrator=METHOD, threads=threads)
     x = np.full((len(scenes), len(times), *scenes[0].cloth.shape, 3), np.nan)
@@ -206,7 +231,9 @@ def motion(scenes: Sequence[Scene], times: Sequence[float], counts: Sequence[int
         x[:, k], t = stepper.positions, end
     contact = float(np.fmin.reduce([one["first_contact"] for one in stepper._state.core.watched]))
     if not math.isnan(contact):
-        return Motion(x, contact, f"the cloth meets a sphere at {contact:.4g} s: motions part there", True)
+        return Motion(
+            x, contact, f"the cloth meets a sphere at {contact:.4g} s: motions part there", True
+        )
     return Motion(x, t if failure else math.inf, failure)
 
 
@@ -214,18 +241,22 @@ class InDouble(NamedTuple):
     """Positions of a scene at some times, and their error."""
 
     x: Floats  # [m], shape (times, rows, columns, 3); NaN after a failure
-    change: Floats  # by the last halving: the largest distance of a mass point [m], shape (times,); infinite without one
+    # By the last halving: the largest distance of a mass point [m], shape (times,); infinite
+    # without one.
+    change: Floats
     ended: Motion
 
 
 def solve_in_double(scene: Scene, times: Sequence[float], threads: int | None = None) -> InDouble:
     """Positions at `times` [s], increasing and > 0, by the kernels.
 
-    The step is halved until the change is no larger than rounding errors. No tolerance has to be chosen for a scene. After
-    a response of a sphere or a failure nothing is halved.
+    The step is halved until the change is no larger than rounding errors. No tolerance has to be
+    chosen for a scene. After a response of a sphere or a failure nothing is halved.
     """
     largest = min(_COARSEST * stable_dt(scene), times[-1] / _FEWEST_STEPS)
-    counts = np.ceil(np.diff(times, prepend=0.0) / largest * 2.0 ** np.arange(1 + _MOST_HALVINGS)[:, None]).astype(int)
+    counts = np.ceil(
+        np.diff(times, prepend=0.0) / largest * 2.0 ** np.arange(1 + _MOST_HALVINGS)[:, None]
+    ).astype(int)
     found, halving = motion([scene], times, counts[0].tolist(), threads), 0
     change, changes = math.inf, np.full(len(times), np.inf)
     while not found.reason and halving < _MOST_HALVINGS:
@@ -247,8 +278,9 @@ def extrapolation(
     time, xs, vs = _core.extrapolate(plan, x, v, times, columns, tolerance, threads)
     if xs is None or vs is None:
         raise ArithmeticError(
-            f"no reference: the extrapolation came to t = {time:g} s, where its step fell below 1e-9 of the "
-            "duration; the forces are not smooth there (points that coincide?) or something grows beyond bounds"
+            f"no reference: the extrapolation came to t = {time:g} s, where its step fell below "
+            "1e-9 of the duration; the forces are not smooth there (points that coincide?) or "
+            "something grows beyond bounds"
         )
     return xs, vs
 

@@ -38,7 +38,8 @@ _HALVINGS = 7
 _RTOLS = tuple(10.0**-k for k in range(3, 14))
 _ONCE = 2.0  # s; a run that takes longer is timed once
 _LONGEST = 10.0  # s; after a longer run the finer settings of its method are left out
-_FLOOR_PART = 0.1  # an error is fitted where rounding and the reference make less than this part of it
+# An error is fitted where rounding and the reference make less than this part of it ...
+_FLOOR_PART = 0.1
 _ASYMPTOTIC = 0.1  # ... and where it is below this part of how far the cloth has moved
 _STALLED = 0.5  # slope between two steps below which smaller steps no longer help: rounding
 _COLUMNS = {
@@ -62,11 +63,13 @@ class Method:
     ----------
     name : str
     solve : callable
-        Function of the scene, the duration [s] and a setting. It returns positions [m] and velocities [m/s] at the end, the
-        number of force evaluations, and the wall time [s] of the stepping alone: no setting up, no compiling.
+        Function of the scene, the duration [s] and a setting. It returns positions [m] and
+        velocities [m/s] at the end, the number of force evaluations, and the wall time [s] of the
+        stepping alone: no setting up, no compiling.
     control : {"dt", "rtol"}, default "dt"
-        Kind of a setting: a time step [s], or a relative tolerance. `simulate` bounds the error at the end by the tolerance
-        times the cloth's longer side. Other solvers mostly bound the error of each step.
+        Kind of a setting: a time step [s], or a relative tolerance. `simulate` bounds the error at
+        the end by the tolerance times the cloth's longer side. Other solvers mostly bound the error
+        of each step.
     library : str, default "own"
         Name of the package.
     precision : str, default "double"
@@ -86,7 +89,8 @@ class Method:
     ...         v = v + dt * cs.acceleration(scene, x, v)
     ...         x = x + dt / 2 * v
     ...     return x, v, steps, time.perf_counter() - start
-    >>> data = cs.work_precision(cs.scenes.oscillator(), 0.5, [Method("leapfrog", leapfrog)], dts=[0.005, 0.0025])
+    >>> method = Method("leapfrog", leapfrog)
+    >>> data = cs.work_precision(cs.scenes.oscillator(), 0.5, [method], dts=[0.005, 0.0025])
     >>> round(float(data.rms_error[0, 0] / data.rms_error[0, 1]), 1)
     4.0
     """
@@ -117,48 +121,52 @@ def work_precision(
 ) -> xarray.Dataset:
     """Error against cost of methods over their steps or tolerances.
 
-    Errors are distances from the trusted solution at the end, and over its frames. The time is that of the steps alone, and
-    the least of several runs. The methods take turns, in another order each round, so a slow spell of the machine affects
-    all of them.
+    Errors are distances from the trusted solution at the end, and over its frames. The time is that
+    of the steps alone, and the least of several runs. The methods take turns, in another order each
+    round, so a slow spell of the machine affects all of them.
 
     Parameters
     ----------
     scene, duration
         As for `reference`.
     methods : sequence, optional
-        Names of `clothsim.integrators`, run at fixed steps; "NAME adaptive", run at tolerances; or a
-        `clothsim.accuracy.Method` of your own. Default: "semi_implicit_euler", "velocity_verlet", "rk4", "dopri5 adaptive"
-        and "dop853 adaptive".
+        Names of `clothsim.integrators`, run at fixed steps; "NAME adaptive", run at tolerances; or
+        a `clothsim.accuracy.Method` of your own. Default: "semi_implicit_euler", "velocity_verlet",
+        "rk4", "dopri5 adaptive" and "dop853 adaptive".
     precisions : sequence of {"double", "single"}, default ("double",)
         Precisions of the methods that are given by name.
     dts : sequence of float, optional
-        Time steps [s] of fixed-step methods. Default: seven steps, each half the one before. The first is 0.95 of the
-        guaranteed stable step (of RK4 for a method of your own; 8 times that for an implicit method), and at most a quarter
-        of the duration.
+        Time steps [s] of fixed-step methods. Default: seven steps, each half the one before. The
+        first is 0.95 of the guaranteed stable step (of RK4 for a method of your own; 8 times that
+        for an implicit method), and at most a quarter of the duration.
     rtols : sequence of float, optional
-        Tolerances of adaptive methods, over the cloth's longer side. `simulate` applies them to the error at the end. The
-        cost does not include its error estimate. Default: 1e-3, 1e-4, ..., 1e-13.
+        Tolerances of adaptive methods, over the cloth's longer side. `simulate` applies them to the
+        error at the end. The cost does not include its error estimate. Default: 1e-3, 1e-4, ...,
+        1e-13.
     threads : int, optional
         Threads of every method. Default: as in `simulate`.
     windows : int, default 5
-        Timed runs of each method and setting. After a run of more than 10 s the finer settings of its method are left out.
+        Timed runs of each method and setting. After a run of more than 10 s the finer settings of
+        its method are left out.
     reference : Reference, optional
-        Default: `reference(scene, duration)`, which has no frame before the end. If the reference has frames, each setting
-        is also solved up to every frame.
+        Default: `reference(scene, duration)`, which has no frame before the end. If the reference
+        has frames, each setting is also solved up to every frame.
     progress : bool, default False
         Show a progress bar (tqdm, in the extra "demo").
 
     Returns
     -------
     xarray.Dataset
-        Dimensions "solver" and "level" (the number of the setting, the coarsest first). Coordinates of "solver": its name,
-        "integrator", "precision", "library", "threads" (0: the library's choice) and "control" ("dt" or "rtol"). Variables,
-        NaN where a solver has no such level: "setting" (dt [s] or rtol); "rms_error" and "max_error" [m] at the end and
-        "frames_rms_error" [m], the largest over the frames, infinite where unstable; "force_evaluations"; "wall_time" per
-        simulated second, the least, and "wall_time_spread", the interquartile range of all [s/s]; "energy_drift" [J], the
-        total energy at the end less that of the reference, which is the change of energy itself where nothing is damped;
-        "pareto", True where no run is both faster and more accurate. The attributes have scene, duration, reference error,
-        instruction set and version.
+        Dimensions "solver" and "level" (the number of the setting, the coarsest first). Coordinates
+        of "solver": its name, "integrator", "precision", "library", "threads" (0: the library's
+        choice) and "control" ("dt" or "rtol"). Variables, NaN where a solver has no such level:
+        "setting" (dt [s] or rtol); "rms_error" and "max_error" [m] at the end and
+        "frames_rms_error" [m], the largest over the frames, infinite where unstable;
+        "force_evaluations"; "wall_time" per simulated second, the least, and "wall_time_spread",
+        the interquartile range of all [s/s]; "energy_drift" [J], the total energy at the end less
+        that of the reference, which is the change of energy itself where nothing is damped;
+        "pareto", True where no run is both faster and more accurate. The attributes have scene,
+        duration, reference error, instruction set and version.
 
     Examples
     --------
@@ -188,7 +196,9 @@ def work_precision(
                     table[name][m, n] = np.inf
                 x, v, evaluations, once = _solved(chosen[m], scene, duration, levels[m][n])
                 if np.isfinite(x).all():
-                    table["rms_error"][m, n], table["max_error"][m, n] = (solution.error_of(x)[k] for k in ("rms", "max"))
+                    table["rms_error"][m, n], table["max_error"][m, n] = (
+                        solution.error_of(x)[k] for k in ("rms", "max")
+                    )
                     table["force_evaluations"][m, n] = evaluations
                     table["energy_drift"][m, n] = energy(scene, x, v)["total"] - start
                     frames = [float(table["rms_error"][m, n])]
@@ -198,22 +208,33 @@ def work_precision(
                     table["frames_rms_error"][m, n] = np.max(frames)  # NaN if one is unstable
                     taken[m, n] = []
                 bar.advance()
-        # Another order in each round: a slow spell of the machine affects all methods, and none always follows another.
+        # Another order in each round: a slow spell of the machine affects all methods, and none
+        # always follows another.
         shuffle, stable = Random(0).shuffle, [*taken]
         for _ in range(windows):
             shuffle(stable)
             for m, n in stable:
                 if not (taken[m, n] and min(taken[m, n]) > _ONCE / duration):
-                    taken[m, n].append(_solved(chosen[m], scene, duration, levels[m][n])[3] / duration)
+                    taken[m, n].append(
+                        _solved(chosen[m], scene, duration, levels[m][n])[3] / duration
+                    )
                 bar.advance()
     for at, seconds in taken.items():
         lower, upper = np.quantile(seconds, (0.25, 0.75))
         table["wall_time"][at], table["wall_time_spread"][at] = min(seconds), upper - lower
     columns: dict[str, Any] = {**table, "pareto": pareto(table["rms_error"], table["wall_time"])}
-    of_solver = {name: [getattr(one, name) for one in chosen] for name in ("precision", "library", "control")}
-    of_solver |= {"integrator": [one.name for one in chosen], "threads": [one.threads or 0 for one in chosen]}
+    of_solver = {
+        name: [getattr(one, name) for one in chosen] for name in ("precision", "library", "control")
+    }
+    of_solver |= {
+        "integrator": [one.name for one in chosen],
+        "threads": [one.threads or 0 for one in chosen],
+    }
     found: xarray.Dataset = xr.Dataset(
-        {k: (("solver", "level"), columns[k], {"long_name": text, "units": unit}) for k, (text, unit) in _COLUMNS.items()},
+        {
+            k: (("solver", "level"), columns[k], {"long_name": text, "units": unit})
+            for k, (text, unit) in _COLUMNS.items()
+        },
         {
             "solver": [f"{one.name} {one.precision}" for one in chosen],
             "level": np.arange(shape[1]),
@@ -230,11 +251,14 @@ def work_precision(
     return found
 
 
-def _solved(method: Method, scene: Scene, duration: float, setting: float) -> tuple[Floats, Floats, int, float]:
+def _solved(
+    method: Method, scene: Scene, duration: float, setting: float
+) -> tuple[Floats, Floats, int, float]:
     """What `method.solve` returns; NaN where it is unstable."""
     try:
         with warnings.catch_warnings():
-            # The run shows whether a step above the guarantee is stable here, and what an order does to the error.
+            # The run shows whether a step above the guarantee is stable here, and what an order
+            # does to the error.
             warnings.simplefilter("ignore", StabilityWarning)
             warnings.simplefilter("ignore", OrderWarning)
             return method.solve(scene, duration, setting)
@@ -244,7 +268,8 @@ def _solved(method: Method, scene: Scene, duration: float, setting: float) -> tu
 
 
 def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """True at the points of the Pareto front: no other point has both a smaller error and a smaller cost.
+    """True at the points of the Pareto front: no other point has both a smaller error and a smaller
+    cost.
 
     Points whose error or cost is not finite are left out.
     """
@@ -257,14 +282,29 @@ def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     return front.reshape(error.shape)
 
 
-def _chosen(methods: Sequence[str | Method] | None, precisions: Sequence[Precision], threads: int | None) -> list[Method]:
+def _chosen(
+    methods: Sequence[str | Method] | None, precisions: Sequence[Precision], threads: int | None
+) -> list[Method]:
     """The integrators that are given by name, then the methods of others."""
     precisions = check.items("precisions", precisions, None, "names", 1)
     for k, precision in enumerate(precisions):
         check.choice(f"precisions[{k}]", precision, PRECISIONS)
-    given = list(_COMPARED) if methods is None else check.items("methods", methods, None, "names or methods", 1)
-    named = [own_method(one, precision, threads) for one in given if isinstance(one, str) for precision in precisions]
-    return named + [check.instance(f"methods[{k}]", one, Method) for k, one in enumerate(given) if not isinstance(one, str)]
+    given = (
+        list(_COMPARED)
+        if methods is None
+        else check.items("methods", methods, None, "names or methods", 1)
+    )
+    named = [
+        own_method(one, precision, threads)
+        for one in given
+        if isinstance(one, str)
+        for precision in precisions
+    ]
+    return named + [
+        check.instance(f"methods[{k}]", one, Method)
+        for k, one in enumerate(given)
+        if not isinstance(one, str)
+    ]
 
 
 def own_method(name: str, precision: Precision = "double", threads: int | None = None) -> Method:
@@ -276,7 +316,12 @@ def own_method(name: str, precision: Precision = "double", threads: int | None =
         label = check.choice("methods", f"{integrator} adaptive", adaptive)
 
     def solve(scene: Scene, duration: float, setting: float) -> tuple[Floats, Floats, int, float]:
-        by: dict[str, Any] = {control: setting, "integrator": integrator, "precision": precision, "threads": threads}
+        by: dict[str, Any] = {
+            control: setting,
+            "integrator": integrator,
+            "precision": precision,
+            "threads": threads,
+        }
         run = simulate(scene, duration, **by)
         return run.x[-1], run.v[-1], run.report["solution_evaluations"], run.report["wall_time"]
 
@@ -288,7 +333,10 @@ def _settings(method: Method, scene: Scene, duration: float, dts: Any, rtols: An
     name, given = ("dts", dts) if method.control == "dt" else ("rtols", rtols)
     if given is not None:
         given = check.items(name, given, None, "numbers > 0", 1)
-        values = {check.number(f"{name}[{k}]", value, minimum=0, exclusive=True) for k, value in enumerate(given)}
+        values = {
+            check.number(f"{name}[{k}]", value, minimum=0, exclusive=True)
+            for k, value in enumerate(given)
+        }
         return sorted(values, reverse=True)
     if name == "rtols":
         return list(_RTOLS)
@@ -312,18 +360,19 @@ class Convergence:
     steps : numpy.ndarray
         Number of steps of each run, shape (steps,).
     rms, max : numpy.ndarray
-        Distances of the mass points from the reference at the end [m], shape (steps,); infinite where the run was unstable.
+        Distances of the mass points from the reference at the end [m], shape (steps,); infinite
+        where the run was unstable.
     order : float
-        Slope of log rms over log dt, a least-squares fit of the steps in `fitted`. NaN if `fitted` has fewer than two
-        steps.
+        Slope of log rms over log dt, a least-squares fit of the steps in `fitted`. NaN if `fitted`
+        has fewer than two steps.
     fitted : numpy.ndarray
-        True where the method causes the error, shape (steps,). The error is then at least ten times the `floor`, and below
-        a tenth of the rms distance that the cloth has moved.
+        True where the method causes the error, shape (steps,). The error is then at least ten times
+        the `floor`, and below a tenth of the rms distance that the cloth has moved.
     floor : numpy.ndarray
-        Smallest error that the comparison can show [m], shape (steps,), the largest of three: the reference's error
-        estimate; the least error from where smaller steps no longer help (slope < 1/2); and eps/2 times the cloth's size,
-        in double times the root of the number of steps. In double the rounding of the positions adds up like a random walk;
-        "single" compensates it.
+        Smallest error that the comparison can show [m], shape (steps,), the largest of three: the
+        reference's error estimate; the least error from where smaller steps no longer help (slope <
+        1/2); and eps/2 times the cloth's size, in double times the root of the number of steps. In
+        double the rounding of the positions adds up like a random walk; "single" compensates it.
     reference : Reference
     """
 
@@ -339,7 +388,8 @@ class Convergence:
     reference: Reference
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw errors, order and floor on axes, which come back: hollow is not fitted, a cross unstable.
+        """Draw errors, order and floor on axes, which come back: hollow is not fitted, a cross
+        unstable.
 
         Parameters
         ----------
@@ -358,11 +408,16 @@ class Convergence:
     def __str__(self) -> str:
         fitted = f"order {self.order:.2f} (* fitted)"
         if math.isnan(self.order):
-            fitted = f"no order: fewer than two errors are well above the floor, {self.floor.min():.1e} m"
+            fitted = (
+                "no order: fewer than two errors are well above the floor, "
+                f"{self.floor.min():.1e} m"
+            )
         orders = ["", *(f"{order:.2f}" for order in _slopes(self.dt, self.rms))]
         rows = [
             (f"{dt:.4g}", f"{rms:.2e}", f"{largest:.2e}", order, "*" * bool(fit))
-            for dt, rms, largest, order, fit in zip(self.dt, self.rms, self.max, orders, self.fitted, strict=True)
+            for dt, rms, largest, order, fit in zip(
+                self.dt, self.rms, self.max, orders, self.fitted, strict=True
+            )
         ]
         table = aligned([("dt [s]", "rms [m]", "max [m]", "order", ""), *rows], left=())
         return f"{self.integrator}, {self.precision}: {fitted}\n{table}"
@@ -387,13 +442,14 @@ def convergence(
     scene, duration
         As for `reference`.
     dts : sequence of float
-        Time steps [s], > 0, at least one. Each step is shortened until it divides the duration, so that all steps of a run
-        are equal.
+        Time steps [s], > 0, at least one. Each step is shortened until it divides the duration, so
+        that all steps of a run are equal.
     integrator : str, default "rk4"
         A name of `clothsim.integrators`; an adaptive one runs at the fixed steps given.
     precision : {"double", "single"}, default "double"
     reference : Reference, optional
-        Solution to measure by; its last frame is at `duration`. Default: `reference(scene, duration)`.
+        Solution to measure by; its last frame is at `duration`. Default: `reference(scene,
+        duration)`.
     **options
         Further arguments of `simulate`: threads, kernel.
 
@@ -414,7 +470,9 @@ def convergence(
     integrator = integrator_name(integrator)
     check.choice("precision", precision, ("double", "single"))
     listed = check.items("dts", dts, None, "time steps > 0", 1)
-    given = [check.number(f"dts[{k}]", dt, minimum=0, exclusive=True) for k, dt in enumerate(listed)]
+    given = [
+        check.number(f"dts[{k}]", dt, minimum=0, exclusive=True) for k, dt in enumerate(listed)
+    ]
     if not duration / min(given) <= check.INT64_MAX:
         raise ValueError(f"dts must be above duration / {check.INT64_MAX:.3g}, got {min(given):g}")
     steps = np.array(sorted({max(1, math.ceil(duration / dt - 1e-9)) for dt in given}))
@@ -422,22 +480,31 @@ def convergence(
     dt, errors = duration / steps, []
     for one in dt.tolist():
         try:
-            end = simulate(scene, duration, one, integrator=integrator, precision=precision, **options).x[-1]
+            end = simulate(
+                scene, duration, one, integrator=integrator, precision=precision, **options
+            ).x[-1]
             errors.append([solution.error_of(end)[name] for name in ("rms", "max")])
         except UnstableError:
             errors.append([math.inf, math.inf])
     rms, largest = np.array(errors).T
     stalled = np.flatnonzero(_slopes(dt, rms) < _STALLED)
-    known = max(float(solution.error_estimate["rms"][-1]), float(rms[stalled[0] :].min()) if stalled.size else 0.0)
+    known = max(
+        float(solution.error_estimate["rms"][-1]),
+        float(rms[stalled[0] :].min()) if stalled.size else 0.0,
+    )
     single = precision == "single"
-    digits = np.finfo(np.float32 if single else np.float64).eps / 2 * np.sqrt(np.where(single, 1, steps))
+    digits = (
+        np.finfo(np.float32 if single else np.float64).eps / 2 * np.sqrt(np.where(single, 1, steps))
+    )
     floor = np.maximum(known, max(scene.cloth.size) * digits)
     moved = solution.error_of(scene.initial_position)["rms"]
     fitted = (rms >= floor / _FLOOR_PART) & (rms <= _ASYMPTOTIC * moved)
     order = math.nan
     if fitted.sum() > 1:
         order = float(np.polyfit(np.log(dt[fitted]), np.log(rms[fitted]), 1)[0])
-    return Convergence(integrator, precision, dt, steps, rms, largest, order, fitted, floor, solution)
+    return Convergence(
+        integrator, precision, dt, steps, rms, largest, order, fitted, floor, solution
+    )
 
 
 def _slopes(dt: Floats, rms: Floats) -> Floats:

@@ -15,7 +15,9 @@ from .. import _core
 
 def available_threads() -> int:
     """The processors that this process may use, at most `OMP_NUM_THREADS`."""
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     limit = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
     return min(count, int(limit)) if limit.isdecimal() and int(limit) > 0 else count
 
@@ -48,14 +50,26 @@ def build_config() -> dict[str, Any]:
 
 def provenance() -> dict[str, Any]:
     """The time, the build and the machine that numbers belong to."""
-    machine = {"cpu": _processor(), "cores": os.cpu_count(), "system": f"{platform.system()} {platform.machine()}"}
-    return {"created": datetime.now(timezone.utc).isoformat(timespec="seconds"), "build": build_config(), "machine": machine}
+    machine = {
+        "cpu": _processor(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+    }
+    return {
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "build": build_config(),
+        "machine": machine,
+    }
 
 
 def _processor() -> str:
     """The processor's name; on Linux with the numbers that distinguish processors of equal name."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().split("\n\n")[0].splitlines() if cpuinfo.exists() else []
-    facts = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    facts = {
+        key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)
+    }
     numbers = [f"{key} {facts[key]}" for key in ("cpu family", "model", "stepping") if key in facts]
-    return ", ".join([facts.get("model name") or platform.processor() or platform.machine(), *numbers])
+    return ", ".join(
+        [facts.get("model name") or platform.processor() or platform.machine(), *numbers]
+    )

@@ -1,6 +1,8 @@
-"""Checks of arguments: each returns the value in the form that the package uses, or raises an error that names the argument.
+"""Checks of arguments: each returns the value in the form that the package uses, or raises an error
+that names the argument.
 
-A wrong type raises a ``TypeError``, a wrong value a ``ValueError``. A ``bool`` is not a number, a NumPy scalar is.
+A wrong type raises a ``TypeError``, a wrong value a ``ValueError``. A ``bool`` is not a number, a
+NumPy scalar is.
 """
 
 from __future__ import annotations
@@ -36,8 +38,10 @@ def _refuse(error: type[Exception], name: str, accepted: str, value: Any) -> NoR
 
 _INSTEAD = {
     "strict": "; kernel='gather' has one set of bits on every instruction set",
-    "wind": "; simulate(force=f) takes a force f(t, x, v) on each mass point, and Cloth(drag=...) slows points down",
-    "air": "; Cloth(drag=...) slows points down, and simulate(force=f) takes a force f(t, x, v) on each mass point",
+    "wind": "; simulate(force=f) takes a force f(t, x, v) on each mass point, and Cloth(drag=...) "
+    "slows points down",
+    "air": "; Cloth(drag=...) slows points down, and simulate(force=f) takes a force f(t, x, v) "
+    "on each mass point",
 }
 
 
@@ -49,25 +53,40 @@ def no_argument(unknown: Mapping[str, object]) -> None:
 
 def instance(name: str, value: Any, kind: type[T]) -> T:
     """`value` if it is an object of this class."""
-    return value if isinstance(value, kind) else _refuse(TypeError, name, f"a {kind.__name__}", value)
+    return (
+        value if isinstance(value, kind) else _refuse(TypeError, name, f"a {kind.__name__}", value)
+    )
 
 
 def boolean(name: str, value: Any) -> bool:
     """`value` as a bool; 0 and 1 are refused."""
-    return bool(value) if isinstance(value, (bool, np.bool_)) else _refuse(TypeError, name, "True or False", value)
+    return (
+        bool(value)
+        if isinstance(value, (bool, np.bool_))
+        else _refuse(TypeError, name, "True or False", value)
+    )
 
 
 def real(value: Any) -> Any:
-    """`value` if it is one real number, also in an array without dimensions, else None. A bool is none."""
-    value = value.item() if isinstance(value, (np.ndarray, np.generic)) and value.ndim == 0 else value
+    """`value` if it is one real number, also in a 0-d array, else None. A bool is none."""
+    value = (
+        value.item() if isinstance(value, (np.ndarray, np.generic)) and value.ndim == 0 else value
+    )
     return value if isinstance(value, numbers.Real) and not isinstance(value, bool) else None
 
 
-def _within(name: str, value: Any, kind: type, accepted: str, low: float, high: float, above: bool = False) -> Any:
+def _within(
+    name: str, value: Any, kind: type, accepted: str, low: float, high: float, above: bool = False
+) -> Any:
     given = real(value)
     good = isinstance(given, kind)
     # Python compares large integers exactly: 10**400 is too large for a float.
-    if good and low <= given <= high and abs(given) <= sys.float_info.max and not (above and given == low):
+    if (
+        good
+        and low <= given <= high
+        and abs(given) <= sys.float_info.max
+        and not (above and given == low)
+    ):
         return given
     bounds = [f" {'>' if above else '>='} {low:.12g}"] if low > -math.inf else []
     bounds += [f" <= {high:.12g}"] if high < INT64_MAX or (good and given > high) else []
@@ -75,7 +94,12 @@ def _within(name: str, value: Any, kind: type, accepted: str, low: float, high: 
 
 
 def number(
-    name: str, value: Any, *, minimum: float = -math.inf, exclusive: bool = False, maximum: float = math.inf
+    name: str,
+    value: Any,
+    *,
+    minimum: float = -math.inf,
+    exclusive: bool = False,
+    maximum: float = math.inf,
 ) -> float:
     """`value` as a finite float >= `minimum` (> with `exclusive`) and <= `maximum`."""
     if type(value) is float and minimum < value < maximum:
@@ -92,7 +116,10 @@ def integer(name: str, value: Any, *, minimum: float = -math.inf, maximum: int =
 
 def items(name: str, value: Any, count: int | None, what: str, least: int = 0) -> list[Any]:
     """The entries of a sequence or one-dimensional array: `count` of them, or at least `least`."""
-    accepted = f"a sequence of {f'at least {least} ' * bool(least) if count is None else f'{count} '}{what}"
+    accepted = (
+        "a sequence of "
+        f"{f'at least {least} ' * bool(least) if count is None else f'{count} '}{what}"
+    )
     if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
         _refuse(TypeError, name, accepted, value)
     listed = list(value) if not isinstance(value, np.ndarray) or value.ndim == 1 else []
@@ -103,13 +130,18 @@ def items(name: str, value: Any, count: int | None, what: str, least: int = 0) -
 
 def vector(name: str, value: Any, length: int = 3) -> Any:
     """`value` as a tuple of `length` finite floats."""
-    return tuple(number(f"{name}[{k}]", one) for k, one in enumerate(items(name, value, length, "finite numbers")))
+    return tuple(
+        number(f"{name}[{k}]", one)
+        for k, one in enumerate(items(name, value, length, "finite numbers"))
+    )
 
 
 def step_count(duration: float, dt: float) -> None:
     """Refuse a run of more steps than the core can count."""
     if not duration / dt <= INT64_MAX:
-        raise ValueError(f"duration / dt must be at most {INT64_MAX:.3g} steps, got {duration:g} s / {dt:g} s")
+        raise ValueError(
+            f"duration / dt must be at most {INT64_MAX:.3g} steps, got {duration:g} s / {dt:g} s"
+        )
 
 
 def choice(name: str, value: Any, options: Collection[T]) -> T:
@@ -128,13 +160,19 @@ def nearest(value: Any, options: Collection[Any]) -> str:
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
-def keys(name: str, value: Any, known: Collection[str], required: Collection[str] = ()) -> dict[str, Any]:
-    """A plain copy of the mapping `value`, checked to have only keys of `known` and all keys of `required`."""
+def keys(
+    name: str, value: Any, known: Collection[str], required: Collection[str] = ()
+) -> dict[str, Any]:
+    """A plain copy of the mapping `value`, checked to have only keys of `known` and all keys of
+    `required`.
+    """
     accepted = ", ".join(map(repr, known)) or "none"
     if not isinstance(value, Mapping):
         _refuse(TypeError, name, f"a mapping with the keys {accepted}", value)
     for key in (one for one in value if one not in known):
-        raise ValueError(f"{name} has the unknown key {key!r}{nearest(key, known)}; accepted: {accepted}")
+        raise ValueError(
+            f"{name} has the unknown key {key!r}{nearest(key, known)}; accepted: {accepted}"
+        )
     for key in (one for one in required if one not in value):
         raise ValueError(f"{name} lacks the key {key!r}; needed: {', '.join(map(repr, required))}")
     return dict(value)
@@ -144,7 +182,11 @@ def path(name: str, value: Any, accepted: str = "a path") -> Path:
     """`value` as a path."""
     if not isinstance(value, (str, os.PathLike)):
         _refuse(TypeError, name, accepted, value)
-    return Path(value) if str(value) and "\0" not in str(value) else _refuse(ValueError, name, accepted, value)
+    return (
+        Path(value)
+        if str(value) and "\0" not in str(value)
+        else _refuse(ValueError, name, accepted, value)
+    )
 
 
 def as_array(name: str, value: Any, accepted: str, kinds: str = "iuf") -> np.ndarray:
@@ -153,11 +195,17 @@ def as_array(name: str, value: Any, accepted: str, kinds: str = "iuf") -> np.nda
         given = np.asarray(value)
     except (ValueError, TypeError):
         given = np.array(None)
-    return given if given.dtype.kind in kinds or not given.size else _refuse(TypeError, name, accepted, value)
+    return (
+        given
+        if given.dtype.kind in kinds or not given.size
+        else _refuse(TypeError, name, accepted, value)
+    )
 
 
-def array(name: str, value: Any, shape: tuple[int, ...] | None = None, what: str = "finite numbers") -> Floats:
-    """A C-contiguous float64 copy of `value`, checked to be finite and to have `shape`, if given."""
+def array(
+    name: str, value: Any, shape: tuple[int, ...] | None = None, what: str = "finite numbers"
+) -> Floats:
+    """A C-contiguous float64 copy of `value`, checked to be finite and of `shape`, if given."""
     accepted = what if shape is None else f"an array of shape {shape} of {what}"
     given = as_array(name, value, accepted)
     if shape is not None and given.shape != shape:
@@ -167,8 +215,12 @@ def array(name: str, value: Any, shape: tuple[int, ...] | None = None, what: str
     return result
 
 
-def check_all(name: str, values: np.ndarray, good: np.ndarray, accepted: str, *, points: bool = False) -> None:
-    """Refuse the first entry of `values` where `good` is False; `points`: its axes end with row, column and component."""
+def check_all(
+    name: str, values: np.ndarray, good: np.ndarray, accepted: str, *, points: bool = False
+) -> None:
+    """Refuse the first entry of `values` where `good` is False; `points`: its axes end with row,
+    column and component.
+    """
     if not good.all():
         at = tuple(int(k) for k in np.argwhere(~good)[0])
         where = f" at index {at}" * bool(at) + f", mass point {at[-3:-1]}" * points

@@ -14,15 +14,22 @@ _LEFT = {
 
 
 def needed(name: str, what: str, extra: str = "sweep") -> Any:
-    """The module of that name, or an ImportError: which extra brings it, or why it cannot be loaded."""
+    """The named module, or an ImportError: which extra brings it, or why it cannot be loaded."""
     try:
         module = import_module(name)
     except ImportError as error:
         package = name.partition(".")[0]
-        if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == package:
-            raise ImportError(f"{what} needs {package}: run pip install 'clothsim[{extra}]'") from error
+        if (
+            isinstance(error, ModuleNotFoundError)
+            and (error.name or "").partition(".")[0] == package
+        ):
+            raise ImportError(
+                f"{what} needs {package}: run pip install 'clothsim[{extra}]'"
+            ) from error
         # An installed package may lack memory, or a package of its own.
-        raise ImportError(f"{what} needs {package}, which is installed but could not be loaded: {error}") from error
+        raise ImportError(
+            f"{what} needs {package}, which is installed but could not be loaded: {error}"
+        ) from error
     if name == "xarray":
         from ..sweeps import accessor  # noqa: F401  # registers `Dataset.clothsim`
     return module
@@ -33,8 +40,8 @@ def on_demand(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """`__getattr__` and `__dir__` of the module with that namespace (PEP 562).
 
-    `modules` has the names of each module, relative to the package. `dir` lists `__all__`, the names
-    of Python itself and those in `also`.
+    `modules` has the names of each module, relative to the package. `dir` lists `__all__`, the
+    names of Python itself and those in `also`.
     """
     package = namespace["__name__"]
     places = {name: module for module, names in modules.items() for name in names}

@@ -1,7 +1,8 @@
-"""Files that the package writes: whole or not at all; NumPy archives (.npz) without pickle; and one form of JSON.
+"""Files that the package writes: whole or not at all; NumPy archives (.npz) without pickle; and one
+form of JSON.
 
-A file is written in a new folder beside its target, forced to the disk, and then renamed to its target. A full disk or a
-kill leaves the old file as it was.
+A file is written in a new folder beside its target, forced to the disk, and then renamed to its
+target. A full disk or a kill leaves the old file as it was.
 """
 
 from __future__ import annotations
@@ -24,13 +25,17 @@ from . import check
 
 @contextmanager
 def folder_beside(path: Path) -> Iterator[Path]:
-    """A new folder beside `path`, for files that `put` moves to their places; it is removed at the end."""
+    """A new folder beside `path` for files that `put` moves to their places, removed at the end."""
     if not path.parent.is_dir():
         raise FileNotFoundError(f"path must be in an existing folder, got {str(path)!r}")
     if path.exists() and not path.is_file():
-        raise ValueError(f"path must be a file, or not exist yet, got {str(path)!r}, which is a folder or device")
+        raise ValueError(
+            f"path must be a file, or not exist yet, got {str(path)!r}, which is a folder or device"
+        )
     if path.exists() and not os.access(path, os.W_OK):
-        raise PermissionError(f"path must be a file that may be written, got {str(path)!r}, which is read-only")
+        raise PermissionError(
+            f"path must be a file that may be written, got {str(path)!r}, which is read-only"
+        )
     try:
         with TemporaryDirectory(prefix=".clothsim-", dir=path.parent) as folder:
             yield Path(folder)
@@ -42,7 +47,9 @@ def folder_beside(path: Path) -> Iterator[Path]:
 
 
 def put(files: Sequence[Path], folder: Path) -> list[Path]:
-    """Move complete files to `folder`, the first one last; a symbolic link there is replaced, not followed."""
+    """Move complete files to `folder`, the first one last; a symbolic link there is replaced, not
+    followed.
+    """
     places = [folder / file.name for file in files]
     for file, place in reversed(list(zip(files, places))):
         with open(file, "r+b") as written:
@@ -55,7 +62,7 @@ def put(files: Sequence[Path], folder: Path) -> list[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new file to write, which replaces `path` at the end of the block, unless the block raises."""
+    """A new file to write, which replaces `path` at the end of the block, unless it raises."""
     with folder_beside(path) as folder:
         yield folder / path.name
         put([folder / path.name], path.parent)
@@ -72,7 +79,10 @@ def npz_path(path: str | os.PathLike[str], name: str = "path") -> Path:
     """`path` as the path of a .npz file; the ending is added where there is none."""
     found = check.path(name, path)
     if found.suffix not in ("", ".npz"):
-        raise ValueError(f"{name} must end in .npz, the ending of NumPy archives, or have no ending, got {str(found)!r}")
+        raise ValueError(
+            f"{name} must end in .npz, the ending of NumPy archives, or have no ending, got "
+            f"{str(found)!r}"
+        )
     return found.with_name(found.name.removesuffix(".npz") + ".npz")
 
 
@@ -82,7 +92,8 @@ def write_npz(path: Path, arrays: dict[str, Any]) -> Path:
 
     with replacing(path) as part:
         np.savez_compressed(part, **arrays)
-        with ZipFile(part, "a") as archive:  # its list of members has no checksum, so damage could hide some
+        # Its list of members has no checksum, so damage could hide some.
+        with ZipFile(part, "a") as archive:
             archive.comment = b"%d arrays" % len(arrays)
     return path
 
@@ -95,11 +106,15 @@ def reading(path: str | os.PathLike[str], what: str) -> Iterator[None]:
     except MemoryError:
         raise
     except Exception as error:
-        raise ValueError(f"{os.fspath(path)} is no {what} of clothsim: {error or type(error).__name__}") from None
+        raise ValueError(
+            f"{os.fspath(path)} is no {what} of clothsim: {error or type(error).__name__}"
+        ) from None
 
 
-def read_npz(path: str | os.PathLike[str], what: str, needed: Collection[str]) -> dict[str, np.ndarray]:
-    """The arrays of a file that `write_npz` wrote, or a ValueError that says why it is no `what`."""
+def read_npz(
+    path: str | os.PathLike[str], what: str, needed: Collection[str]
+) -> dict[str, np.ndarray]:
+    """The arrays of a file of `write_npz`, or a ValueError that says why it is no `what`."""
     from zipfile import ZipFile
 
     path = check.path("path", path)
@@ -110,7 +125,10 @@ def read_npz(path: str | os.PathLike[str], what: str, needed: Collection[str]) -
         if archive.comment != b"%d arrays" % len(names):
             raise ValueError("its list of arrays is damaged")
         # A member is read whole: only then does zipfile compare its checksum.
-        return {name: np.lib.format.read_array(BytesIO(archive.read(f"{name}.npy")), allow_pickle=False) for name in names}
+        return {
+            name: np.lib.format.read_array(BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
+            for name in names
+        }
 
 
 def _plain(value: Any) -> Any:
@@ -125,5 +143,7 @@ def _plain(value: Any) -> Any:
 
 
 def as_json(data: Any) -> str:
-    """`data` as indented standard JSON: a number that is not finite becomes null, an object becomes its `str`."""
+    """`data` as indented standard JSON: a number that is not finite becomes null, an object becomes
+    its `str`.
+    """
     return json.dumps(_plain(data), indent=1, allow_nan=False)

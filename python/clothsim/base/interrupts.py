@@ -17,7 +17,9 @@ class Interrupts:
     _pending: tuple[Any, ...] = ()
 
     def __enter__(self) -> Interrupts:
-        if threading.current_thread() is threading.main_thread() and callable(handler := signal.getsignal(signal.SIGINT)):
+        if threading.current_thread() is threading.main_thread() and callable(
+            handler := signal.getsignal(signal.SIGINT)
+        ):
             self._handler = handler
             signal.signal(signal.SIGINT, self._note)
         return self

@@ -34,9 +34,9 @@ def print_above(text: str, file: TextIO) -> None:
 class ProgressBar:
     """A tqdm bar as a context; nothing where it is not asked for, or goes to a pipe or a file.
 
-    `shown` is the caller's argument `progress`: a TypeError refuses what is no bool, and an ImportError names the extra
-    that brings tqdm. `options` are those of ``tqdm.tqdm``, such as `total`, `unit` and `desc`. `bar` is None where
-    nothing is shown.
+    `shown` is the caller's argument `progress`: a TypeError refuses what is no bool, and an
+    ImportError names the extra that brings tqdm. `options` are those of ``tqdm.tqdm``, such as
+    `total`, `unit` and `desc`. `bar` is None where nothing is shown.
     """
 
     def __init__(self, shown: bool, **options: Any) -> None:

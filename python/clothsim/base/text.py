@@ -20,7 +20,8 @@ def quantity(value: float, unit: str) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]], left: Collection[int] = (0,)) -> str:
-    """Align a table: columns are as wide as their widest cell and two blanks apart; those of `left` are aligned left.
+    """Align a table: columns are as wide as their widest cell and two blanks apart; those of `left`
+    are aligned left.
 
     >>> print(aligned([("family", "springs"), ("shear", "1,922"), ("bend", "16")]))
     family  springs
@@ -29,5 +30,8 @@ def aligned(rows: Sequence[Sequence[str]], left: Collection[int] = (0,)) -> str:
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
-        "  ".join(f"{cell:{'<' if k in left else '>'}{widths[k]}}" for k, cell in enumerate(row)).rstrip() for row in rows
+        "  ".join(
+            f"{cell:{'<' if k in left else '>'}{widths[k]}}" for k, cell in enumerate(row)
+        ).rstrip()
+        for row in rows
     )

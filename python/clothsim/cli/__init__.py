@@ -1,7 +1,7 @@
 """The `clothsim` command.
 
-Exit codes: 0 done, 1 the computation failed or a part is not installed, 2 wrong input, 130 interrupted. Every failure is
-one line on stderr.
+Exit codes: 0 done, 1 the computation failed or a part is not installed, 2 wrong input, 130
+interrupted. Every failure is one line on stderr.
 """
 
 from __future__ import annotations

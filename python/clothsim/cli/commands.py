@@ -24,9 +24,22 @@ from ..viewing.picture import file_path
 FPS = 60  # frames a second that a run stores for pages, films and exports without --every or --fps
 
 # Options that are arguments of `simulate`, which checks them.
-OPTIONS = ("dt", "every", "fps", "integrator", "rtol", "atol", "kernel", "precision", "threads", "backend")
+OPTIONS = (
+    "dt",
+    "every",
+    "fps",
+    "integrator",
+    "rtol",
+    "atol",
+    "kernel",
+    "precision",
+    "threads",
+    "backend",
+)
 READY: dict[str, Callable[..., cs.Scene]] = {
-    name: getattr(cs.scenes, name) for name in cs.scenes.__all__ if name not in ("PAPER_DT", "hard_cases")
+    name: getattr(cs.scenes, name)
+    for name in cs.scenes.__all__
+    if name not in ("PAPER_DT", "hard_cases")
 }
 
 
@@ -35,12 +48,27 @@ def _add_run(command: argparse.ArgumentParser) -> None:
     _add_scene(command)
     add("--duration", type=float, default=1.0, metavar="S", help="seconds to simulate (default 1)")
     add("--dt", type=float, metavar="S", help="time step in seconds (default: a stable one)")
-    add("--every", type=_every, metavar="N|S", help="store a frame every N steps, or every S seconds (with a point)")
+    add(
+        "--every",
+        type=_every,
+        metavar="N|S",
+        help="store a frame every N steps, or every S seconds (with a point)",
+    )
     add("--fps", type=float, metavar="F", help="frames a second (default: first and last only)")
     add("--integrator", metavar="NAME", help=f"one of {', '.join(cs.integrators())}")
-    add("--rtol", type=float, metavar="E", help="error asked for, relative to the cloth's longer side")
+    add(
+        "--rtol",
+        type=float,
+        metavar="E",
+        help="error asked for, relative to the cloth's longer side",
+    )
     add("--atol", type=float, metavar="E", help="error asked for in metres")
-    add("--kernel", default="auto", metavar="NAME", help="auto, edge or gather (the bits of the shader)")
+    add(
+        "--kernel",
+        default="auto",
+        metavar="NAME",
+        help="auto, edge or gather (the bits of the shader)",
+    )
     add("--precision", default="double", metavar="NAME", help="double or single")
     add("--threads", type=int, metavar="N", help="threads (default: automatic)")
     add("--backend", default="cpu", metavar="NAME", help="cpu or gpu")
@@ -49,7 +77,11 @@ def _add_run(command: argparse.ArgumentParser) -> None:
     add("--picture", metavar="FILE", help="write a picture of the last frame")
     add("--film", metavar="FILE", help=f"write a film; its suffix is one of {', '.join(FILMS)}")
     add("--export", metavar="FILE", help=f"write files for other programs: {', '.join(EXPORTS)}")
-    add("--save-scene", metavar="FILE.toml", help="save the scene, with its changes, as a file to edit")
+    add(
+        "--save-scene",
+        metavar="FILE.toml",
+        help="save the scene, with its changes, as a file to edit",
+    )
 
 
 def _every(text: str) -> int | float:
@@ -107,13 +139,18 @@ def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
 
 def _add_scene(command: argparse.ArgumentParser) -> None:
     """The argument SCENE, and its changes."""
-    command.add_argument("scene", metavar="SCENE", help=f"a scene file (.toml), a hard case, or one of {', '.join(READY)}")
+    command.add_argument(
+        "scene",
+        metavar="SCENE",
+        help=f"a scene file (.toml), a hard case, or one of {', '.join(READY)}",
+    )
     command.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="change the scene by a name of clothsim.sweepable(), such as stiffness=2e4, shape=(64,64), "
+        help="change the scene by a name of clothsim.sweepable(), such as stiffness=2e4, "
+        "shape=(64,64), "
         "sphere_response=continuous; may be given several times",
     )
 
@@ -149,8 +186,15 @@ def _scene(text: str) -> cs.Scene:
 
 def _add_live(command: argparse.ArgumentParser) -> None:
     _add_scene(command)
-    command.add_argument("-o", "--out", metavar="FILE", default="live.html", help="default: live.html")
-    command.add_argument("--dt", type=float, metavar="S", help="time step in seconds (default: half of the guaranteed step)")
+    command.add_argument(
+        "-o", "--out", metavar="FILE", default="live.html", help="default: live.html"
+    )
+    command.add_argument(
+        "--dt",
+        type=float,
+        metavar="S",
+        help="time step in seconds (default: half of the guaranteed step)",
+    )
     command.add_argument("--title", help="heading of the page (default: the shape of the cloth)")
 
 
@@ -162,8 +206,14 @@ def _live(args: argparse.Namespace) -> None:
 def _add_reproduce(command: argparse.ArgumentParser) -> None:
     from clothsim.paper import EXPERIMENTS
 
-    command.add_argument("--quick", action="store_true", help="fewer and coarser steps: some 20 seconds on two free cores")
-    command.add_argument("--out", default="report", metavar="DIR", help="folder of the report (default: report)")
+    command.add_argument(
+        "--quick",
+        action="store_true",
+        help="fewer and coarser steps: some 20 seconds on two free cores",
+    )
+    command.add_argument(
+        "--out", default="report", metavar="DIR", help="folder of the report (default: report)"
+    )
     command.add_argument("--threads", type=int, metavar="N", help="threads (default: all)")
     command.add_argument(
         "--experiment",
@@ -178,7 +228,13 @@ def _reproduce(args: argparse.Namespace) -> None:
     from clothsim.paper import EXPERIMENTS, reproduce, text
 
     chosen = args.experiment or EXPERIMENTS
-    report = reproduce(args.out, quick=args.quick, experiments=chosen, threads=args.threads, progress=wanted_by_command())
+    report = reproduce(
+        args.out,
+        quick=args.quick,
+        experiments=chosen,
+        threads=args.threads,
+        progress=wanted_by_command(),
+    )
     print(as_json(report) if args.json else text(report))
     if not args.json:
         print(f"Report folder: {report['folder']} (open index.html)")
@@ -213,13 +269,24 @@ def _lines(data: Mapping[str, Any], indent: str = "") -> Iterator[str]:
             yield f"{indent}{name}:"
             yield from _lines(value, indent + "  ")
         else:
-            yield f"{indent}{name}: {', '.join(map(str, value)) if isinstance(value, list) else value}"
+            yield (
+                f"{indent}{name}: "
+                f"{', '.join(map(str, value)) if isinstance(value, list) else value}"
+            )
 
 
 # The help of each command, what adds its arguments, and what runs it.
 COMMANDS = {
     "run": ("Simulate a scene, print its report, and write files of it.", _add_run, _run),
     "live": ("Write a page that simulates a scene in the browser, by WebGPU.", _add_live, _live),
-    "reproduce": ("Run the experiments of Kim et al. and write a report.", _add_reproduce, _reproduce),
-    "info": ("Print the build, instruction sets, threads, libraries and graphics adapters.", lambda command: None, _info),
+    "reproduce": (
+        "Run the experiments of Kim et al. and write a report.",
+        _add_reproduce,
+        _reproduce,
+    ),
+    "info": (
+        "Print the build, instruction sets, threads, libraries and graphics adapters.",
+        lambda command: None,
+        _info,
+    ),
 }

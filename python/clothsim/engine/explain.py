@@ -20,12 +20,14 @@ class Explanation(dict[str, Any]):
     Examples
     --------
     >>> account = cs.scenes.paper_swing().explain()
-    >>> account["springs"], account["left_out"]
-    (3906, ('bend springs', 'drag', 'mass per point', 'forces on points', 'driven pins', 'spheres', 'compensation'))
+    >>> account["springs"], account["left_out"][:3]
+    (3906, ('bend springs', 'drag', 'mass per point'))
     """
 
     def __str__(self) -> str:
-        return aligned([(name.replace("_", " "), _text(value)) for name, value in self.items()], left=(0, 1))
+        return aligned(
+            [(name.replace("_", " "), _text(value)) for name, value in self.items()], left=(0, 1)
+        )
 
     __repr__ = __str__
 
@@ -49,7 +51,11 @@ def _radius_text(sphere: Sphere | Plane, cloth: Cloth) -> str:
 
 
 def explain(
-    scene: Scene, precision: str = "double", kernel: str = "auto", threads: int | None = None, integrator: str = "rk4"
+    scene: Scene,
+    precision: str = "double",
+    kernel: str = "auto",
+    threads: int | None = None,
+    integrator: str = "rk4",
 ) -> Explanation:
     """See `Scene.explain`."""
     options = Options(integrator, precision, threads, kernel)
@@ -75,11 +81,14 @@ def explain(
             "computed": tuple(name for name, present in everything.items() if present),
             "left_out": tuple(name for name, present in everything.items() if not present),
             "collision_passes": tuple(
-                f"{s.response}{' (as printed)' if s.as_printed else ''}, {_radius_text(s, cloth)}" for s in scene.spheres
+                f"{s.response}{' (as printed)' if s.as_printed else ''}, {_radius_text(s, cloth)}"
+                for s in scene.spheres
             ),
             "integrator": integrator,
             "order": method.order_of(scene),
-            "force_evaluations_per_step": (stages if method.explicit else "as many as Newton's method takes"),
+            "force_evaluations_per_step": (
+                stages if method.explicit else "as many as Newton's method takes"
+            ),
             "max_stable_dt": term.max_stable_dt,
             "limited_by": str(term),
             "kernel": options.chosen_kernel,

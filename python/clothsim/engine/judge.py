@@ -16,14 +16,20 @@ from ..model.scene import Scene
 
 
 class Judge:
-    """Gives each warning of a simulation once, and raises the error of a failed step, with the state of `core`.
+    """Gives each warning of a simulation once, and raises the error of a failed step, with the
+    state of `core`.
 
-    `scenes` and the guaranteed time steps `max_stable_dt` [s] have one entry for each member, which messages name where the
-    state is `batched`.
+    `scenes` and the guaranteed time steps `max_stable_dt` [s] have one entry for each member, which
+    messages name where the state is `batched`.
     """
 
     def __init__(
-        self, core: _core.Simulation, scenes: Sequence[Scene], batched: bool, integrator: str, max_stable_dt: Sequence[float]
+        self,
+        core: _core.Simulation,
+        scenes: Sequence[Scene],
+        batched: bool,
+        integrator: str,
+        max_stable_dt: Sequence[float],
     ) -> None:
         self._core, self._scenes, self._batched = core, scenes, batched
         self._integrator, self._max_stable_dt = integrator, max_stable_dt
@@ -43,8 +49,13 @@ class Judge:
             stable = f"guaranteed to be stable for {which}"
             text = f"no dt is {stable} with {self._integrator}"
             if limit:
-                text = f"dt = {dt:g} s is above {limit:.3g} s, up to which {self._integrator} is {stable}"
-            warn_caller(f"{text}; {limiting_term(self._scenes[member], self._integrator)}", StabilityWarning)
+                text = (
+                    f"dt = {dt:g} s is above {limit:.3g} s, up to which {self._integrator} is "
+                    f"{stable}"
+                )
+            warn_caller(
+                f"{text}; {limiting_term(self._scenes[member], self._integrator)}", StabilityWarning
+            )
 
     def outcome(self, outcome: dict[str, Any], dt: float) -> None:
         """Give a warning for each finding of the core, and raise an error for a failed step."""
@@ -78,8 +89,10 @@ class Judge:
     def _pins_text(self, found: tuple[int, int]) -> str:
         member, point = found
         return (
-            f"a sphere has run into the pinned mass point {divmod(point, self._scenes[member].cloth.columns)}"
-            f"{self._of(member)}; a pinned point never moves, so it, and triangles at it, are inside while the sphere is "
+            "a sphere has run into the pinned mass point "
+            f"{divmod(point, self._scenes[member].cloth.columns)}"
+            f"{self._of(member)}; a pinned point never moves, so it, and triangles at it, "
+            "are inside while the sphere is "
             "there"
         )
 
@@ -89,29 +102,33 @@ class Judge:
         least = min(sphere.radius for sphere in self._scenes[member].spheres if sphere.in_cells)
         half = math.hypot(*cloth.spacing) / 2
         needed = (
-            f"cells with a diagonal below {2 * least:.3g} m, where this cloth has {2 * half:.3g} m at rest"
+            f"cells with a diagonal below {2 * least:.3g} m, where this cloth has "
+            f"{2 * half:.3g} m at rest"
             if half >= least
             else f"a stretch of its cells below {least / half:.3g}"
         )
         return (
-            f"a cell at the mass point {divmod(point, cloth.columns)}{self._of(member)} is larger than the sphere that it "
-            f"touches; take more mass points: offset 'cell' needs {needed}, else triangles there may be inside"
+            f"a cell at the mass point {divmod(point, cloth.columns)}{self._of(member)} is larger "
+            "than the sphere that it touches; take more mass points: offset 'cell' needs "
+            f"{needed}, else triangles there may be inside"
         )
 
     def _start_text(self, found: tuple[int, int, int, int, float]) -> str:
         member, k, points, deepest, depth = found
         scene = self._scenes[member]
         return (
-            f"spheres[{k}] starts on the cloth{self._of(member)}: {points} mass points are "
-            f"nearer than they may be, the deepest, {divmod(deepest, scene.cloth.columns)}, by {depth:.3g} m; they are "
-            f"pushed out at {scene.spheres[k].push_out_speed:g} m/s at most"
+            f"spheres[{k}] starts on the cloth{self._of(member)}: {points} mass points are nearer "
+            f"than they may be, the deepest, {divmod(deepest, scene.cloth.columns)}, by "
+            f"{depth:.3g} m; they are pushed out at {scene.spheres[k].push_out_speed:g} m/s at "
+            "most"
         )
 
     def _lifts_text(self, member: int) -> str:
         return (
-            f"cells that grow on a sphere{self._of(member)} have lifted mass points against their springs and gravity: this "
-            f"made {self._core.watched[member]['lift_work']:.3g} J, more than 1 % of the largest kinetic and elastic "
-            "energy; take more mass points, or offset 'edge'"
+            f"cells that grow on a sphere{self._of(member)} have lifted mass points against their "
+            f"springs and gravity: this made {self._core.watched[member]['lift_work']:.3g} J, "
+            "more than 1 % of the largest kinetic and elastic energy; take more mass points, or "
+            "offset 'edge'"
         )
 
     def _warn_of_growth(self, member: int, dt: float) -> None:
@@ -122,10 +139,17 @@ class Judge:
             limit = max_stable_dt(self._scenes[member], self._integrator, *self._state(member))
         except ValueError:  # points too near for a direction; no reason to end the run
             limit = self._max_stable_dt[member]
-        advice = "take a dt below it" if limit < dt else "states before it bear less; take a smaller dt"
-        reach = f"is stable at that state up to {limit:.3g} s: {advice}" if limit else "is stable there at no time step"
+        advice = (
+            "take a dt below it" if limit < dt else "states before it bear less; take a smaller dt"
+        )
+        reach = (
+            f"is stable at that state up to {limit:.3g} s: {advice}"
+            if limit
+            else "is stable there at no time step"
+        )
         warn_caller(
-            f"energy{self._of(member)} grows out of nothing: at t = {self._core.time:g} s more than half of the kinetic and "
+            f"energy{self._of(member)} grows out of nothing: at t = {self._core.time:g} s "
+            "more than half of the kinetic and "
             f"elastic energy was made by the time step dt = {dt:g} s; {self._integrator} {reach}",
             StabilityWarning,
         )

@@ -1,4 +1,6 @@
-"""The options that every stepping function takes, checked once, and the plan of the core for a scene with them."""
+"""The options that every stepping function takes, checked once, and the plan of the core for a
+scene with them.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ PRECISIONS: tuple[Precision, ...] = ("double", "single")
 KERNELS: tuple[Kernel, ...] = get_args(Kernel)
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
-# Mass points from which one cloth is stepped by all threads. Smaller ones gain less than the threads would take from others.
+# Mass points from which one cloth is stepped by all threads. Smaller ones gain less than the
+# threads would take from others.
 _LEAST_POINTS_OF_TEAM = 16_384
 _MOST_PLANS = 8  # kept for a scene
 
@@ -50,7 +53,10 @@ class Options:
             ("threads", self.threads, (None,)),
         ):
             if value not in accepted:
-                raise ValueError(f"{name} must be {' or '.join(map(repr, accepted))} with backend 'gpu', got {value!r}")
+                raise ValueError(
+                    f"{name} must be {' or '.join(map(repr, accepted))} with backend 'gpu', "
+                    f"got {value!r}"
+                )
 
     @property
     def chosen_kernel(self) -> str:

@@ -25,8 +25,8 @@ _FIELD = "snapshot_"  # an array of a file whose name begins so is a field of th
 class Snapshot:
     """A simulation at one moment, to be continued bit for bit.
 
-    It has the scene, the options and the whole state, the compensation of "single" included. `Stepper.restore` continues
-    it. Two snapshots are equal only if they are the same object.
+    It has the scene, the options and the whole state, the compensation of "single" included.
+    `Stepper.restore` continues it. Two snapshots are equal only if they are the same object.
 
     Examples
     --------
@@ -51,7 +51,10 @@ class Snapshot:
 
     def __repr__(self) -> str:
         size, options = " x ".join(map(str, self.shape[:-1])), self.options
-        return f"<Snapshot of {size} mass points at t = {self.time:g} s ({options.integrator}, {options.precision})>"
+        return (
+            f"<Snapshot of {size} mass points at t = {self.time:g} s ({options.integrator}, "
+            f"{options.precision})>"
+        )
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the snapshot to a .npz file that `load` reads.
@@ -82,7 +85,8 @@ class Snapshot:
         --------
         >>> import tempfile
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     cs.Snapshot.load(cs.Stepper(cs.scenes.oscillator()).snapshot().save(folder + "/start")).time
+        ...     start = cs.Stepper(cs.scenes.oscillator()).snapshot()
+        ...     cs.Snapshot.load(start.save(folder + "/start")).time
         0.0
         """
         arrays = _files.read_npz(path, "snapshot", ("snapshot",))
@@ -91,7 +95,7 @@ class Snapshot:
 
 
 def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
-    """The snapshot as a text, "snapshot" (JSON), and the fields of the core, "snapshot_" and their names."""
+    """The snapshot as text, "snapshot" (JSON), and the core's fields, "snapshot_" and names."""
     scene = snapshot.scene
     header = {
         "schema": SCHEMA,
@@ -101,7 +105,9 @@ def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
         "shape": list(snapshot.shape),
         "dtype": snapshot.dtype,
     }
-    return {"snapshot": json.dumps(header)} | {_FIELD + name: value for name, value in snapshot.core.items()}
+    return {"snapshot": json.dumps(header)} | {
+        _FIELD + name: value for name, value in snapshot.core.items()
+    }
 
 
 def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
@@ -111,25 +117,40 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
         raise ValueError(f"its schema must be {SCHEMA}, got {header['schema']!r}")
     given = header["scene"]
     scene = list(map(Scene.from_dict, given)) if isinstance(given, list) else Scene.from_dict(given)
-    core = {name.removeprefix(_FIELD): value for name, value in arrays.items() if name.startswith(_FIELD)}
+    core = {
+        name.removeprefix(_FIELD): value
+        for name, value in arrays.items()
+        if name.startswith(_FIELD)
+    }
     if "time" not in core:
         raise ValueError("it lacks the fields of the state")
     for name in {"positions", "velocities"} & set(core):
         check.check_all(name, core[name], np.isfinite(core[name]), "finite numbers")
-    return Snapshot(scene, Options(**header["arguments"]), tuple(header["shape"]), str(header["dtype"]), core)
+    return Snapshot(
+        scene, Options(**header["arguments"]), tuple(header["shape"]), str(header["dtype"]), core
+    )
 
 
-def take(state: Any, scene: Scene | Sequence[Scene], options: Options, core: dict[str, Any] | None = None) -> Snapshot:
-    """A snapshot of a state with these options, or of one of its members, whose fields are `core`."""
+def take(
+    state: Any, scene: Scene | Sequence[Scene], options: Options, core: dict[str, Any] | None = None
+) -> Snapshot:
+    """A snapshot of a state with these options, or of one of its members, with fields `core`."""
     shape = state.shape if core is None else state.shape[-3:]
-    return Snapshot(scene, options, shape, state.dtype.str, state.core.snapshot() if core is None else core)
+    return Snapshot(
+        scene, options, shape, state.dtype.str, state.core.snapshot() if core is None else core
+    )
 
 
 def of_members(core: dict[str, Any], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
     """The fields of the core for each member of a batch, as they are for its scene alone."""
     found, spheres = [], 0
     for k, scene in enumerate(scenes):
-        part = {name: value[k : k + 1].copy() if isinstance(value, np.ndarray) else value for name, value in core.items()}
-        part["impulses"] = core["impulses"][spheres : (spheres := spheres + len(scene.spheres))].copy()
+        part = {
+            name: value[k : k + 1].copy() if isinstance(value, np.ndarray) else value
+            for name, value in core.items()
+        }
+        part["impulses"] = core["impulses"][
+            spheres : (spheres := spheres + len(scene.spheres))
+        ].copy()
         found.append(part)
     return found

@@ -23,8 +23,9 @@ from .options import Options, kept_plan
 FloatArray = npt.NDArray[Any]
 
 _ROUNDING = 2.0**-53  # of a float64, as part of it
-# Rounding of float32 positions, as part of the size of the cloth and of the distance from the origin. Half of it refuses
-# float32 states; with twice as much a pin may jump by 2 um on a sheet of a metre.
+# Rounding of float32 positions, as part of the size of the cloth and of the distance from the
+# origin. Half of it refuses float32 states; with twice as much a pin may jump by 2 um on a sheet of
+# a metre.
 _PLACE_ROUNDING = 1e-6
 
 
@@ -47,15 +48,21 @@ def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
 def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> FloatArray:
     """`value` as a finite, C-contiguous float32 or float64 array, copied only where necessary.
 
-    Its shape is (rows, columns, 3), or (B, rows, columns, 3). If the scenes came as a sequence (`batched`), B is their
-    number, else B is free.
+    Its shape is (rows, columns, 3), or (B, rows, columns, 3). If the scenes came as a sequence
+    (`batched`), B is their number, else B is free.
     """
     shape = (*scenes[0].cloth.shape, 3)
-    shapes = f"({len(scenes)}, {shape[0]}, {shape[1]}, 3)" if batched else f"{shape} or (B, {shape[0]}, {shape[1]}, 3)"
+    shapes = (
+        f"({len(scenes)}, {shape[0]}, {shape[1]}, 3)"
+        if batched
+        else f"{shape} or (B, {shape[0]}, {shape[1]}, 3)"
+    )
     accepted = f"an array of shape {shapes} of finite numbers"
     given = check.as_array(name, value, accepted)
     members = given.shape[0] if given.ndim == 4 else 0
-    fits = given.shape[-3:] == shape and (members == len(scenes) if batched else given.ndim == 3 or members > 0)
+    fits = given.shape[-3:] == shape and (
+        members == len(scenes) if batched else given.ndim == 3 or members > 0
+    )
     if not fits:
         raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
     dtype = np.float32 if given.dtype == np.float32 else np.float64
@@ -67,7 +74,9 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
 def state_arrays(
     x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str = "double"
 ) -> tuple[FloatArray, FloatArray]:
-    """`x` and `v` checked, of one shape and dtype (the wider of the two), with numbers in the range of the precision."""
+    """`x` and `v` checked, of one shape and dtype (the wider of the two), with numbers in the range
+    of the precision.
+    """
     x, v = state_array("x", x, scenes, batched), state_array("v", v, scenes, batched)
     if x.shape != v.shape:
         raise ValueError(f"x and v must have one shape, got {x.shape} and {v.shape}")
@@ -80,11 +89,15 @@ def state_arrays(
     return x.astype(dtype, copy=False), v.astype(dtype, copy=False)
 
 
-def out_arrays(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[FloatArray, FloatArray]:
+def out_arrays(
+    out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]
+) -> tuple[FloatArray, FloatArray]:
     """`out` checked to be two arrays that can hold the results; new arrays if it is None."""
     if out is None:
         return np.empty(shape, dtype), np.empty(shape, dtype)
-    x, v = out if type(out) is tuple and len(out) == 2 else check.items("out", out, 2, "arrays (x, v)")
+    x, v = (
+        out if type(out) is tuple and len(out) == 2 else check.items("out", out, 2, "arrays (x, v)")
+    )
     out_array("out[0]", x, shape, dtype)
     out_array("out[1]", v, shape, dtype)
     if x is v or (np.may_share_memory(x, v) and np.shares_memory(x, v)):
@@ -94,14 +107,23 @@ def out_arrays(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[
 
 def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
     """Check that `array` can be written to in place of a new array."""
-    if type(array) is np.ndarray and array.dtype == dtype and array.shape == shape and array.flags.carray:
+    if (
+        type(array) is np.ndarray
+        and array.dtype == dtype
+        and array.shape == shape
+        and array.flags.carray
+    ):
         return
     accepted = f"a writeable, C-contiguous, aligned {dtype} array of shape {shape}"
     if not isinstance(array, np.ndarray):
         raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
     flags = array.flags
-    found = f"writeable {flags.writeable}, C-contiguous {flags.c_contiguous}, aligned {flags.aligned}"
-    raise ValueError(f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}, {found}")
+    found = (
+        f"writeable {flags.writeable}, C-contiguous {flags.c_contiguous}, aligned {flags.aligned}"
+    )
+    raise ValueError(
+        f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}, {found}"
+    )
 
 
 def start_time(t: Any, scenes: Sequence[Scene]) -> float:
@@ -111,18 +133,26 @@ def start_time(t: Any, scenes: Sequence[Scene]) -> float:
     if t is not None:
         return check.number("t", t)
     for scene in scenes:
-        moving = [("sphere", f"spheres[{k}]") for k, sphere in enumerate(scene.spheres) if sphere.motion is not None]
+        moving = [
+            ("sphere", f"spheres[{k}]")
+            for k, sphere in enumerate(scene.spheres)
+            if sphere.motion is not None
+        ]
         moving += [("pin", f"pins[{pin}]") for pin in scene.cloth.driven]
         if moving:
             raise ValueError(
-                f"t must be given where a {moving[0][0]} moves, and {moving[0][1]} has a motion: give "
-                "the time of this state in seconds, t=0.0 if it is the start"
+                f"t must be given where a {moving[0][0]} moves, and {moving[0][1]} has a motion: "
+                "give the time of this state in seconds, t=0.0 if it is the start"
             )
     return 0.0
 
 
-def check_driven_pins(scenes: Sequence[Scene], x: FloatArray, t: float, frozen: Sequence[bool] = ()) -> None:
-    """Refuse positions in which a driven pin is not where its motion puts it at the time `t`, except in frozen members."""
+def check_driven_pins(
+    scenes: Sequence[Scene], x: FloatArray, t: float, frozen: Sequence[bool] = ()
+) -> None:
+    """Refuse positions in which a driven pin is not where its motion puts it at the time `t`,
+    except in frozen members.
+    """
     for member, scene in enumerate(scenes):
         one = x[member] if x.ndim == 4 else x
         for pins in () if frozen and frozen[member] else scene.driven_pins:
@@ -133,13 +163,17 @@ def check_driven_pins(scenes: Sequence[Scene], x: FloatArray, t: float, frozen: 
                 k = int(bad.argmax())
                 point = int(pins.rows[k]), int(pins.columns[k])
                 raise ValueError(
-                    f"x must have the driven pin {point} at its place at t = {t:g} s, {places[k].tolist()}, "
-                    f"got {one[point].tolist()}"
+                    f"x must have the driven pin {point} at its place at t = {t:g} s, "
+                    f"{places[k].tolist()}, got {one[point].tolist()}"
                 )
 
 
-def put_driven_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, t: float, frozen: Sequence[bool] = ()) -> None:
-    """Write places and velocities of driven pins at the time `t` into a state, except those of frozen members."""
+def put_driven_pins(
+    scenes: Sequence[Scene], x: FloatArray, v: FloatArray, t: float, frozen: Sequence[bool] = ()
+) -> None:
+    """Write places and velocities of driven pins at the time `t` into a state, except those of
+    frozen members.
+    """
     for member, scene in enumerate(scenes):
         for pins in () if frozen and frozen[member] else scene.driven_pins:
             at = (pins.rows, pins.columns) if x.ndim == 3 else (member, pins.rows, pins.columns)
@@ -147,18 +181,24 @@ def put_driven_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, t: fl
             v[at] = pins.motion._velocity(np.array(t))
 
 
-def check_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, own_x: FloatArray, own_v: FloatArray) -> None:
+def check_pins(
+    scenes: Sequence[Scene], x: FloatArray, v: FloatArray, own_x: FloatArray, own_v: FloatArray
+) -> None:
     """Refuse a state that would move a pin or change its velocity."""
     for member, scene in enumerate(scenes):
         one = member if x.ndim == 4 else ...
         size = max(scene.cloth.size)
-        for name, given, own, scale in (("x", x[one], own_x[one], size), ("v", v[one], own_v[one], 0.0)):
+        for name, given, own, scale in (
+            ("x", x[one], own_x[one], size),
+            ("v", v[one], own_v[one], 0.0),
+        ):
             off = np.abs(given - own) > _PLACE_ROUNDING * (scale + np.abs(own))
             bad = np.argwhere(off.any(axis=-1) & scene.cloth.pinned)
             if bad.size:
                 point = tuple(int(n) for n in bad[0])
                 raise ValueError(
-                    f"{name} must be {own[point].tolist()} at the pin {point}, got {given[point].tolist()}; "
+                    f"{name} must be {own[point].tolist()} at the pin {point}, got "
+                    f"{given[point].tolist()}; "
                     "driven pins move: Cloth(pins={(row, column): cs.Linear(velocity)})"
                 )
 
@@ -166,28 +206,44 @@ def check_pins(scenes: Sequence[Scene], x: FloatArray, v: FloatArray, own_x: Flo
 def sphere_targets(centers: Any, scenes: Sequence[Scene]) -> dict[int, npt.NDArray[np.float64]]:
     """`centers` of `Stepper.advance` checked."""
     if not isinstance(centers, Mapping):
-        raise TypeError(f"centers must be a mapping of spheres' indices to centres, got {check.shown(centers)}")
+        raise TypeError(
+            f"centers must be a mapping of spheres' indices to centres, got {check.shown(centers)}"
+        )
     count = min(len(scene.spheres) for scene in scenes)
     if centers and not count:
-        raise ValueError(f"centers must be None for a scene without spheres, got {check.shown(centers)}")
+        raise ValueError(
+            f"centers must be None for a scene without spheres, got {check.shown(centers)}"
+        )
     keys = [check.integer("centers", k, minimum=0, maximum=count - 1) for k in centers]
-    return {k: np.array(check.vector(f"centers[{k}]", one)) for k, one in zip(keys, centers.values())}
+    return {
+        k: np.array(check.vector(f"centers[{k}]", one)) for k, one in zip(keys, centers.values())
+    }
 
 
 def own_arrays(scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
     """The scenes' own states."""
     if not batched:
         return scenes[0].initial_position, scenes[0].initial_velocity
-    return np.array([one.initial_position for one in scenes]), np.array([one.initial_velocity for one in scenes])
+    return np.array([one.initial_position for one in scenes]), np.array(
+        [one.initial_velocity for one in scenes]
+    )
 
 
 class State:
-    """A simulation of the core for checked input. Its `judge` turns outcomes into warnings and errors."""
+    """A simulation of the core for checked input. `judge` makes warnings and errors of outcomes."""
 
     def __init__(
-        self, scenes: list[Scene], batched: bool, shape: tuple[int, ...], dtype: npt.DTypeLike, t: float, options: Options
+        self,
+        scenes: list[Scene],
+        batched: bool,
+        shape: tuple[int, ...],
+        dtype: npt.DTypeLike,
+        t: float,
+        options: Options,
     ) -> None:
-        """A state without values, with one scene for each member; `batched`: its arrays have a first axis of members."""
+        """A state without values, with one scene for each member; `batched`: its arrays have a
+        first axis of members.
+        """
         self.batched, self.options, self.integrator = batched, options, options.integrator
         self.shape, self.dtype = shape, np.dtype(dtype)
         self.threads = 1
@@ -198,15 +254,20 @@ class State:
             simulation = Simulation(scenes, t, options.precision)
             self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
         else:
-            self.threads = _core.granted_threads(options.threads_for(scenes[0].cloth.shape, len(scenes)))
+            self.threads = _core.granted_threads(
+                options.threads_for(scenes[0].cloth.shape, len(scenes))
+            )
             self.core = _core.Simulation(plans, t, self.threads)
         self.core.set_stable_dt(stable_dt)
         self._may_lose_order = not METHODS[self.integrator].damped
         self._adopt(scenes, plans, stable_dt)
 
     @classmethod
-    def checked(cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, options: Options) -> State:
-        """The state of the arguments of a call. A state or time that is not given is that of the scenes.
+    def checked(
+        cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, options: Options
+    ) -> State:
+        """The state of the arguments of a call. A state or time that is not given is that of the
+        scenes.
 
         Driven pins that are elsewhere are refused.
         """
@@ -240,20 +301,28 @@ class State:
         self._adopt(scenes, plans, stable_dt)
 
     def _compiled(self, scenes: list[Scene]) -> tuple[list[Any], list[float]]:
-        """Plans for the core, or scenes for the adapter, and the guaranteed time step [s] of each member."""
-        plans = scenes if self.options.backend == "gpu" else [kept_plan(scene, self.options) for scene in scenes]
+        """Plans for the core, or scenes for the adapter, and each member's guaranteed step [s]."""
+        plans = (
+            scenes
+            if self.options.backend == "gpu"
+            else [kept_plan(scene, self.options) for scene in scenes]
+        )
         return plans, [guaranteed_dt(scene.cloth.core, self.integrator) for scene in scenes]
 
     def _adopt(self, scenes: list[Scene], plans: list[Any], stable_dt: list[float]) -> None:
         self.scenes, self.max_stable_dt = scenes, stable_dt
         on_gpu = self.options.backend == "gpu"
         self.kernel = "gather" if on_gpu else self.options.chosen_kernel
-        self.instruction_set = str(cast("Any", self.core).adapter if on_gpu else plans[0].instruction_set)
+        self.instruction_set = str(
+            cast("Any", self.core).adapter if on_gpu else plans[0].instruction_set
+        )
         self.judge = Judge(self.core, scenes, self.batched, self.integrator, stable_dt)
         self._driven = self._moves = False
         for scene in scenes:
             self._driven |= bool(scene.cloth.driven)
-            self._moves |= self._driven or any(sphere.motion is not None for sphere in scene.spheres)
+            self._moves |= self._driven or any(
+                sphere.motion is not None for sphere in scene.spheres
+            )
 
     def step(
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any
@@ -287,7 +356,8 @@ class State:
         out_array("out", result, self.shape, np.dtype(np.float64))
         if self._driven:
             check_driven_pins(self.scenes, x, time)
-        # Driven pins have the velocity of their motion, and `out` may lie over a part of `x` or `v`.
+        # Driven pins have the velocity of their motion, and `out` may lie over a part of `x` or
+        # `v`.
         whole = out is None and x.flags.c_contiguous and v.flags.c_contiguous and not self._driven
         if not (whole and self.core.accelerations(x, v, result, self.threads)):
             self.core.load(*self._arrays(x, v), time)
@@ -295,7 +365,9 @@ class State:
         return result
 
     def _arrays(self, x: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The arrays, contiguous; a ValueError for numbers that are not finite, or too large for the precision."""
+        """The arrays, contiguous; a ValueError for numbers that are not finite, or too large for
+        the precision.
+        """
         return state_arrays(x, v, self.scenes, self.batched, self.options.precision)
 
     def advance(self, steps: Any, dt: Any) -> None:
@@ -306,9 +378,16 @@ class State:
             self._go_on(outcome, steps, dt)
 
     def _checked(self, steps: Any, dt: Any, t: float) -> tuple[int, float]:
-        """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long. `t`: time of the state [s]."""
+        """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long. `t`:
+        time of the state [s].
+        """
         # The form of nearly every call, recognised in a tenth of the time that the checks take.
-        if type(steps) is int and type(dt) is float and 0 <= steps < 2**62 and 0.0 < dt <= self.judge.least_stable_dt:
+        if (
+            type(steps) is int
+            and type(dt) is float
+            and 0 <= steps < 2**62
+            and 0.0 < dt <= self.judge.least_stable_dt
+        ):
             if t + dt != t:
                 return steps, dt
         if isinstance(steps, float) and isinstance(dt, int):
@@ -321,8 +400,8 @@ class State:
         dt = check.number("dt", dt, minimum=0, exclusive=True)
         if t + dt == t:
             raise ValueError(
-                f"dt must be above the rounding of the time t = {t:g} s, {abs(t) * _ROUNDING:.3g} s, got {dt!r}: "
-                "start at a t nearer to 0"
+                f"dt must be above the rounding of the time t = {t:g} s, {abs(t) * _ROUNDING:.3g} "
+                f"s, got {dt!r}: start at a t nearer to 0"
             )
         self.judge.time_step(dt)
         return steps, dt
@@ -348,21 +427,31 @@ class State:
         time = None if t is None else check.number("t", t)
         own_x, own_v = np.empty(self.shape), np.empty(self.shape)
         self.core.store(own_x, own_v)
-        put_driven_pins(self.scenes, own_x, own_v, self.core.time if time is None else time, self.core.frozen)
-        # With float64 for what is not given, the core's own is of float64: the whole state of "single".
+        put_driven_pins(
+            self.scenes, own_x, own_v, self.core.time if time is None else time, self.core.frozen
+        )
+        # With float64 for what is not given, the core's own is of float64: the whole state of
+        # "single".
         given_x, given_v = own_x if x is None else x, own_v if v is None else v
-        new_x, new_v = state_arrays(given_x, given_v, self.scenes, self.batched, self.options.precision)
+        new_x, new_v = state_arrays(
+            given_x, given_v, self.scenes, self.batched, self.options.precision
+        )
         if new_x.shape != self.shape:
             raise ValueError(f"x and v must have shape {self.shape}, got {new_x.shape}")
         check_pins(self.scenes, new_x, new_v, own_x, own_v)
         self.core.load(new_x, new_v, time)
 
-    def advance_spheres(self, steps: Any, dt: Any, targets: dict[int, npt.NDArray[np.float64]]) -> None:
+    def advance_spheres(
+        self, steps: Any, dt: Any, targets: dict[int, npt.NDArray[np.float64]]
+    ) -> None:
         """Advance while spheres travel straight to their targets [m]; there they rest."""
         begin = self.core.time
         steps, dt = self._checked(steps, dt, begin)
         starts = {k: [scene.spheres[k].center_at(begin) for scene in self.scenes] for k in targets}
-        speeds = {k: [(target - start) / (steps * dt) for start in starts[k]] for k, target in targets.items()}
+        speeds = {
+            k: [(target - start) / (steps * dt) for start in starts[k]]
+            for k, target in targets.items()
+        }
         for k in targets:
             motions = [Linear(v).core for v in speeds[k]]
             self.core.set_sphere(k, [x - begin * v for x, v in zip(starts[k], speeds[k])], motions)
@@ -376,7 +465,9 @@ class State:
                 ends = [target if arrived else x + passed * v for x, v in zip(starts[k], speeds[k])]
                 self.core.set_sphere(k, ends, [_core.Motion()] * len(ends))
                 self.scenes = [
-                    scene.replace(spheres=[held(s, x) if n == k else s for n, s in enumerate(scene.spheres)])
+                    scene.replace(
+                        spheres=[held(s, x) if n == k else s for n, s in enumerate(scene.spheres)]
+                    )
                     for scene, x in zip(self.scenes, ends)
                 ]
 

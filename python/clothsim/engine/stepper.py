@@ -29,16 +29,16 @@ class Stepper:
         Initial positions [m] and velocities [m/s], shape (rows, columns, 3) or
         (B, rows, columns, 3). Default: the scene's own.
     t : float, optional
-        Time of that state [s]. Required where a sphere moves and `x` is given. Default: 0, the time of the scene's own
-        state.
+        Time of that state [s]. Required where a sphere moves and `x` is given. Default: 0, the time
+        of the scene's own state.
     integrator, precision, threads, kernel, backend
         As for `step`. With the backend "gpu" the state stays on the adapter.
 
     Attributes
     ----------
     x, v : numpy.ndarray
-        Positions [m] and velocities [m/s], read-only copies, of the shape and dtype that the state was given in; also
-        `positions` and `velocities`.
+        Positions [m] and velocities [m/s], read-only copies, of the shape and dtype that the state
+        was given in; also `positions` and `velocities`.
     t : float
         Time of the state [s]; also `time`.
 
@@ -54,7 +54,11 @@ class Stepper:
     (0.005, (32, 32, 3))
     """
 
-    __slots__ = ("_options", "_scene", "_state")  # a new attribute, such as `dt`, would change nothing
+    __slots__ = (
+        "_options",
+        "_scene",
+        "_state",
+    )  # a new attribute, such as `dt`, would change nothing
 
     def __init__(
         self,
@@ -78,7 +82,10 @@ class Stepper:
         self._state.warn_of_order()
 
     def advance(
-        self, steps: int, dt: float, centers: Mapping[int, Sequence[float] | npt.NDArray[np.float64]] | None = None
+        self,
+        steps: int,
+        dt: float,
+        centers: Mapping[int, Sequence[float] | npt.NDArray[np.float64]] | None = None,
     ) -> None:
         """Advance by `steps` time steps of `dt`.
 
@@ -89,26 +96,28 @@ class Stepper:
         dt : float
             Time step [s], > 0. `steps` comes before `dt` here, but after it in `step`.
         centers : mapping of int to 3 floats, optional
-            Spheres moved by hand, by their indices. In this call each moves straight from its place to this centre [m], at
-            constant speed. Contacts have its velocity. After the call it rests there, its own motion has ended, and
-            `scene` has its new centre.
+            Spheres moved by hand, by their indices. In this call each moves straight from its place
+            to this centre [m], at constant speed. Contacts have its velocity. After the call it
+            rests there, its own motion has ended, and `scene` has its new centre.
 
         Raises
         ------
         UnstableError
-            If the state stops being finite; if it has gained more than nine tenths of its kinetic and elastic energy
-            (docs/stability.md); or, with a step above `max_stable_dt`, if a point crosses the whole sheet within a step.
+            If the state stops being finite; if it has gained more than nine tenths of its kinetic
+            and elastic energy (docs/stability.md); or, with a step above `max_stable_dt`, if a
+            point crosses the whole sheet within a step.
         ContactError
-            If spheres trap a mass point. After either error all members have the state before that step, with the bits
-            that they have when run alone. After `freeze` of the failed member, the others can continue.
+            If spheres trap a mass point. After either error all members have the state before that
+            step, with the bits that they have when run alone. After `freeze` of the failed member,
+            the others can continue.
         KeyboardInterrupt
             On Ctrl-C. The stepper is then at the end of a step, at the time `time`.
 
         Warns
         -----
         StabilityWarning
-            Once if `dt` is above `max_stable_dt`, and once if the state has gained more than half of its kinetic and elastic
-            energy.
+            Once if `dt` is above `max_stable_dt`, and once if the state has gained more than half
+            of its kinetic and elastic energy.
         ContactWarning
             As `step`, each once.
 
@@ -128,7 +137,11 @@ class Stepper:
 
     def _take_scenes(self) -> None:
         state = self._state
-        self._scene = state.scenes[0] if isinstance(self._scene, Scene) and not state.batched else state.scenes
+        self._scene = (
+            state.scenes[0]
+            if isinstance(self._scene, Scene) and not state.batched
+            else state.scenes
+        )
 
     def freeze(self, member: int) -> None:
         """Exclude a member of the batch from all further steps; it keeps its present state.
@@ -148,18 +161,24 @@ class Stepper:
         [False, True]
         """
         members = len(self._state.scenes)
-        self._state.core.set_frozen(check.integer("member", member, minimum=0, maximum=members - 1), True)
+        self._state.core.set_frozen(
+            check.integer("member", member, minimum=0, maximum=members - 1), True
+        )
 
-    def set_state(self, x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None, t: float | None = None) -> None:
+    def set_state(
+        self, x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None, t: float | None = None
+    ) -> None:
         """Replace the positions, the velocities or the time.
 
-        A pin cannot be moved here. `Cloth` takes a motion for it: ``pins={(0, 0): cs.Linear((1, 0, 0))}``.
+        A pin cannot be moved here. `Cloth` takes a motion for it: ``pins={(0, 0): cs.Linear((1, 0,
+        0))}``.
 
         Parameters
         ----------
         x, v : array_like, optional
-            Positions [m] and velocities [m/s], of the shape of `positions`, with the places and velocities that the pins
-            have. Default: the present positions and velocities, with all their digits.
+            Positions [m] and velocities [m/s], of the shape of `positions`, with the places and
+            velocities that the pins have. Default: the present positions and velocities, with all
+            their digits.
         t : float, optional
             Time of the state [s]. Default: the present time.
 
@@ -173,8 +192,9 @@ class Stepper:
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
         """Replace the scene, and keep the state.
 
-        Positions, velocities (with the compensation of "single"), clock and frozen members stay. Newly pinned points stop
-        where they are. Points that are no longer pinned start from rest. The new scene's initial state is ignored.
+        Positions, velocities (with the compensation of "single"), clock and frozen members stay.
+        Newly pinned points stop where they are. Points that are no longer pinned start from rest.
+        The new scene's initial state is ignored.
 
         Parameters
         ----------
@@ -192,10 +212,16 @@ class Stepper:
         members = None if isinstance(self._scene, Scene) else len(old.scenes)
         if members != (None if isinstance(scene, Scene) else len(scenes)):
             accepted = "a Scene" if members is None else f"a sequence of {members} scenes"
-            raise ValueError(f"scene must be {accepted}, as the stepper was made of, got {check.shown(scene)}")
+            raise ValueError(
+                f"scene must be {accepted}, as the stepper was made of, got {check.shown(scene)}"
+            )
         if scenes[0].cloth.shape != shape:
-            raise ValueError(f"scene must have a cloth of shape {shape}, got {scenes[0].cloth.shape}")
-        check_driven_pins(scenes * (len(old.scenes) // len(scenes)), self.positions, self.time, old.core.frozen)
+            raise ValueError(
+                f"scene must have a cloth of shape {shape}, got {scenes[0].cloth.shape}"
+            )
+        check_driven_pins(
+            scenes * (len(old.scenes) // len(scenes)), self.positions, self.time, old.core.frozen
+        )
         old.set_scene(scene)
         self._scene = scene
         self._state.warn_of_order()
@@ -208,7 +234,8 @@ class Stepper:
         Parameters
         ----------
         force : array_like
-            Force on each mass point [N], of the shape of `positions`, or (rows, columns, 3) for all members of a batch.
+            Force on each mass point [N], of the shape of `positions`, or (rows, columns, 3) for all
+            members of a batch.
 
         Examples
         --------
@@ -234,8 +261,8 @@ class Stepper:
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         raise TypeError(
-            "a Stepper cannot be pickled or copied, as its state lies in the core: pickle stepper.snapshot() and call "
-            "Stepper.restore"
+            "a Stepper cannot be pickled or copied, as its state lies in the core: pickle "
+            "stepper.snapshot() and call Stepper.restore"
         )
 
     @classmethod
@@ -253,14 +280,22 @@ class Stepper:
         >>> other = cs.Stepper.restore(one.snapshot())
         """
         if not isinstance(snapshot, Snapshot):
-            hint = "; Snapshot.load reads it from a file" if isinstance(snapshot, (str, os.PathLike)) else ""
+            hint = (
+                "; Snapshot.load reads it from a file"
+                if isinstance(snapshot, (str, os.PathLike))
+                else ""
+            )
             raise TypeError(f"snapshot must be a Snapshot, got {check.shown(snapshot)}{hint}")
         scene = snapshot.scene
         stepper = cls.__new__(cls)
         stepper._scene, stepper._options = scene, snapshot.options
         shape = snapshot.shape
-        scenes = scenes_of(scene) * (shape[0] if isinstance(scene, Scene) and len(shape) == 4 else 1)
-        state = State(scenes, len(shape) == 4, shape, snapshot.dtype, snapshot.time, stepper._options)
+        scenes = scenes_of(scene) * (
+            shape[0] if isinstance(scene, Scene) and len(shape) == 4 else 1
+        )
+        state = State(
+            scenes, len(shape) == 4, shape, snapshot.dtype, snapshot.time, stepper._options
+        )
         state.core.restore(snapshot.core)
         stepper._state = state
         state.warn_of_order()
@@ -301,11 +336,13 @@ class Stepper:
     def impulses(self) -> npt.NDArray[np.float64]:
         """Impulse on each sphere since the stepper was made [N s], shape (spheres, 3).
 
-        It is the momentum that responses of the sphere took from the cloth, summed over the steps. Moves of points without
-        velocity, such as `push_out_speed`, give none. Pinned points take no momentum.
+        It is the momentum that responses of the sphere took from the cloth, summed over the steps.
+        Moves of points without velocity, such as `push_out_speed`, give none. Pinned points take no
+        momentum.
 
-        A batch has one row per member, shape (B, spheres, 3), NaN where a member has fewer spheres. `set_state` and
-        `set_scene` keep the sums, and so do snapshots. With the backend "gpu" all are NaN.
+        A batch has one row per member, shape (B, spheres, 3), NaN where a member has fewer spheres.
+        `set_state` and `set_scene` keep the sums, and so do snapshots. With the backend "gpu" all
+        are NaN.
 
         Examples
         --------
@@ -315,7 +352,8 @@ class Stepper:
         >>> scene = cs.Scene(cloth, cs.Sphere((0.5, -0.3, 0.5), 0.25), gravity=(0, 0, 0))
         >>> stepper = cs.Stepper(scene, v=scene.initial_velocity + (0, -1, 0))
         >>> stepper.advance(200, 1e-3)
-        >>> bool(abs(stepper.impulses[0] + 2.0 * (stepper.v.mean(axis=(0, 1)) + (0, 1, 0))).max() < 1e-12)
+        >>> gained = 2.0 * (stepper.v.mean(axis=(0, 1)) + (0, 1, 0))
+        >>> bool(abs(stepper.impulses[0] + gained).max() < 1e-12)
         True
         """
         members = [np.reshape(one["impulse"], (-1, 3)) for one in self._state.core.watched]
@@ -329,6 +367,13 @@ class Stepper:
     def __repr__(self) -> str:
         state, scene = self._state, self._state.scenes[0]
         what = cloth_text(scene)
-        what = f"a batch of {state.shape[0]}, each {what}" if state.batched else f"{what}, {spheres_text(scene)}"
-        how = f"{state.integrator} in {self._options.precision}, kernel {state.kernel}, {counted(state.threads, 'thread')}"
+        what = (
+            f"a batch of {state.shape[0]}, each {what}"
+            if state.batched
+            else f"{what}, {spheres_text(scene)}"
+        )
+        how = (
+            f"{state.integrator} in {self._options.precision}, kernel {state.kernel}, "
+            f"{counted(state.threads, 'thread')}"
+        )
         return f"<Stepper of {what}; t = {self.time:.6g} s; {how}, {state.instruction_set}>"

@@ -1,7 +1,8 @@
 """Stepping a scene, arrays in and arrays out: `step`, `acceleration`, `reference_step`.
 
-A scene keeps its engines for the next call. To compile a scene and to build an engine for it costs ten steps of a small
-cloth. A scene is immutable, so an engine can be reused by later calls with equal arithmetic and arrays of equal shape.
+A scene keeps its engines for the next call. To compile a scene and to build an engine for it costs
+ten steps of a small cloth. A scene is immutable, so an engine can be reused by later calls with
+equal arithmetic and arrays of equal shape.
 """
 
 from __future__ import annotations
@@ -19,9 +20,11 @@ from ..typing import Backend, Integrator, Kernel, Precision
 from .options import Options, core_plan
 from .state import FloatArray, State, check_driven_pins, scenes_of, start_time, state_arrays
 
-# Larger states are stepped so long that a new engine does not count, and their engines would hold memory.
+# Larger states are stepped so long that a new engine does not count, and their engines would hold
+# memory.
 _MOST_BYTES = 1 << 22
-# Engines that wait for one kind of call, so that two threads find one each, and kinds of calls per scene.
+# Engines that wait for one kind of call, so that two threads find one each, and kinds of calls per
+# scene.
 _MOST_WAITING, _MOST_KINDS = 2, 8
 
 _THREADS = (int, type(None))
@@ -29,17 +32,35 @@ _DTYPES = (np.dtype(np.float64), np.dtype(np.float32))
 
 
 def _engine(
-    scene: Any, x: Any, v: Any, integrator: Any, precision: Any, threads: Any, kernel: Any, backend: Any = "cpu"
+    scene: Any,
+    x: Any,
+    v: Any,
+    integrator: Any,
+    precision: Any,
+    threads: Any,
+    kernel: Any,
+    backend: Any = "cpu",
 ) -> tuple[State, list[State], FloatArray, FloatArray]:
-    """An engine for a call, which no other call can have meanwhile, where it may wait for the next, and the arrays for it.
+    """An engine for a call, which no other call can have meanwhile, where it may wait for the next,
+    and the arrays for it.
 
-    Arrays are checked here where they are no plain float arrays, or of a new shape; `State.step` finds numbers that are not
-    finite.
+    Arrays are checked here where they are no plain float arrays, or of a new shape; `State.step`
+    finds numbers that are not finite.
     """
-    if not (type(x) is type(v) is np.ndarray and x.dtype is v.dtype and x.dtype in _DTYPES and x.shape == v.shape):
+    if not (
+        type(x) is type(v) is np.ndarray
+        and x.dtype is v.dtype
+        and x.dtype in _DTYPES
+        and x.shape == v.shape
+    ):
         x, v = state_arrays(x, v, scenes_of(scene), not isinstance(scene, Scene))
     waiting: list[State] = []
-    if x.nbytes <= _MOST_BYTES and type(threads) in _THREADS and type(backend) is str and backend == "cpu":
+    if (
+        x.nbytes <= _MOST_BYTES
+        and type(threads) in _THREADS
+        and type(backend) is str
+        and backend == "cpu"
+    ):
         # An engine that waits keeps its scenes, so that no other object has their identity.
         many = type(scene) in (list, tuple) and set(map(type, scene)) == {Scene}
         if many or type(scene) is Scene:
@@ -55,8 +76,8 @@ def _engine(
                 while not (state := waiting.pop()).core.current:
                     pass  # CLOTHSIM_ISA has changed
                 return state, waiting, x, v
-            except (IndexError, KeyError, TypeError):  # KeyError: another thread; TypeError: an option that is no name
-                pass
+            except (IndexError, KeyError, TypeError):
+                pass  # KeyError: another thread; TypeError: an option that is no name
     options = Options(integrator, precision, threads, kernel, backend)
     scenes, batched = scenes_of(scene), not isinstance(scene, Scene)
     x, v = state_arrays(x, v, scenes, batched, precision)
@@ -82,7 +103,8 @@ def step(
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
-    One collision pass per sphere follows each step of the integrator. Velocities given for pinned points are taken as 0.
+    One collision pass per sphere follows each step of the integrator. Velocities given for pinned
+    points are taken as 0.
 
     Parameters
     ----------
@@ -97,34 +119,39 @@ def step(
     steps : int, default 1
         Number of steps, >= 0.
     t : float, optional
-        Time of the state given [s]. Required where a sphere moves, because its place depends on the time. Default: 0.
+        Time of the state given [s]. Required where a sphere moves, because its place depends on the
+        time. Default: 0.
     integrator : str, default "rk4"
         A name of `integrators`. Adaptive methods also run at the fixed step `dt`.
     precision : {"double", "single"}, default "double"
-        "single" computes in float32 with compensated sums of x and v, so that small increments are not lost.
+        "single" computes in float32 with compensated sums of x and v, so that small increments are
+        not lost.
     threads : int, optional
-        Number of threads, 1 to 256. Default: one for a cloth of fewer than 16,384 mass points; else the processors that
-        the process may use, at most `OMP_NUM_THREADS`. A batch takes one a member. The bits are the same for any number.
+        Number of threads, 1 to 256. Default: one for a cloth of fewer than 16,384 mass points; else
+        the processors that the process may use, at most `OMP_NUM_THREADS`. A batch takes one a
+        member. The bits are the same for any number.
     out : (numpy.ndarray, numpy.ndarray), optional
         Arrays of the result's shape and dtype to write to; may be `x` and `v` themselves.
     kernel : {"auto", "gather", "edge"}, default "auto"
-        "edge", which "auto" stands for, computes each spring once and is the fastest. "gather" computes each mass point
-        from its neighbours with the arithmetic of the compute shader: exact roots and divisions, and nothing fused. So
-        every instruction set and the shader give the same bits, and a step takes three to four times as long.
+        "edge", which "auto" stands for, computes each spring once and is the fastest. "gather"
+        computes each mass point from its neighbours with the arithmetic of the compute shader:
+        exact roots and divisions, and nothing fused. So every instruction set and the shader give
+        the same bits, and a step takes three to four times as long.
     backend : {"cpu", "gpu"}, default "cpu"
-        "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather". With "gpu", `threads` is refused.
+        "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather". With "gpu",
+        `threads` is refused.
 
     Returns
     -------
     x, v : numpy.ndarray
-        The new state, of the shape and dtype of the input (float64 if either is). Arrays of float32 drop the compensation
-        of "single" at each call; a `Stepper` keeps it.
+        The new state, of the shape and dtype of the input (float64 if either is). Arrays of float32
+        drop the compensation of "single" at each call; a `Stepper` keeps it.
 
     Raises
     ------
     UnstableError, ContactError
-        If the state stops being finite or runs away, or spheres trap a mass point. After any error, and after Ctrl-C, which
-        acts between two steps, nothing is written to `out`.
+        If the state stops being finite or runs away, or spheres trap a mass point. After any error,
+        and after Ctrl-C, which acts between two steps, nothing is written to `out`.
 
     Warns
     -----
@@ -133,7 +160,8 @@ def step(
     OrderWarning
         If the method loses its order with the damping of this scene.
     ContactWarning
-        If a continuous sphere starts on the cloth, runs into a pinned point, or is smaller than a cell that it touches.
+        If a continuous sphere starts on the cloth, runs into a pinned point, or is smaller than a
+        cell that it touches.
 
     Examples
     --------
@@ -211,9 +239,10 @@ def reference_step(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Step by the scalar reference: spring by spring, in double, not optimised.
 
-    The code (cpp/reference) follows the paper's equations. A step in which a continuous sphere touches a point is taken in
-    64 substeps, with impacts found by bisection in time. In such a step the velocities of `step` differ by order a dt, and
-    the positions by order a dt^2, where a is the largest acceleration.
+    The code (cpp/reference) follows the paper's equations. A step in which a continuous sphere
+    touches a point is taken in 64 substeps, with impacts found by bisection in time. In such a step
+    the velocities of `step` differ by order a dt, and the positions by order a dt^2, where a is the
+    largest acceleration.
 
     Parameters
     ----------
@@ -235,7 +264,8 @@ def reference_step(
     Raises
     ------
     ValueError
-        If a continuous sphere has ``offset="cell"``: the reference keeps mass points out of spheres, not faces.
+        If a continuous sphere has ``offset="cell"``: the reference keeps mass points out of
+        spheres, not faces.
 
     Examples
     --------
@@ -250,8 +280,9 @@ def reference_step(
     for k, sphere in enumerate(scene.spheres):
         if sphere.in_cells:
             raise ValueError(
-                f"offset of spheres[{k}] is {sphere.offset!r}, and the reference keeps mass points out of spheres alone; "
-                "accepted: 'edge', 'none' or a length [m]; compare `step` with itself at a shorter time step instead"
+                f"offset of spheres[{k}] is {sphere.offset!r}, and the reference keeps mass "
+                "points out of spheres alone; accepted: 'edge', 'none' or a length [m]; compare "
+                "`step` with itself at a shorter time step instead"
             )
     t = start_time(t, [scene])
     x, v = state_arrays(x, v, [scene], False)
@@ -259,7 +290,10 @@ def reference_step(
         raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
     as_printed = check.boolean("as_printed", as_printed)
     if as_printed and scene.cloth.driven:
-        raise ValueError("as_printed must be False where a pin is driven, which the paper does not have, got True")
+        raise ValueError(
+            "as_printed must be False where a pin is driven, which the paper does not have, "
+            "got True"
+        )
     check_driven_pins([scene], x, t)
     return _core.reference_step(
         core_plan(scene, Options()),

@@ -29,7 +29,8 @@ def load_wgpu() -> Any:
     """The module wgpu, or an ImportError that names the extra."""
     wgpu = needed("wgpu", "backend 'gpu'", "gpu")
     extras = needed("wgpu.backends.wgpu_native", "backend 'gpu'", "gpu").extras
-    # OpenGL, and Mesa's layer that asks a display for its adapter, write to stderr if there is no display.
+    # OpenGL, and Mesa's layer that asks a display for its adapter, write to stderr if there is no
+    # display.
     if "XDG_RUNTIME_DIR" not in os.environ:
         os.environ.setdefault("NODEVICE_SELECT", "1")
     extras.set_instance_extras(backends=("Vulkan", "Metal", "DX12"))
@@ -65,8 +66,9 @@ def adapters() -> list[Adapter]:
     Returns
     -------
     list of Adapter
-        Discrete adapters come first, software adapters (Mesa's lavapipe) last. The list may be empty. Each has name, kind,
-        api, driver, float64 (whether its shaders have double precision) and largest_buffer [bytes].
+        Discrete adapters come first, software adapters (Mesa's lavapipe) last. The list may be
+        empty. Each has name, kind, api, driver, float64 (whether its shaders have double precision)
+        and largest_buffer [bytes].
 
     Raises
     ------
@@ -79,7 +81,11 @@ def adapters() -> list[Adapter]:
     >>> all(adapter.largest_buffer > 0 for adapter in adapters())  # doctest: +SKIP
     True
     """
-    found = [handle for handle in load_wgpu().gpu.enumerate_adapters_sync() if handle.info["backend_type"] in _BACKENDS]
+    found = [
+        handle
+        for handle in load_wgpu().gpu.enumerate_adapters_sync()
+        if handle.info["backend_type"] in _BACKENDS
+    ]
     found.sort(key=lambda handle: _ORDER.index(handle.info["adapter_type"]))
     return [
         Adapter(
@@ -97,7 +103,7 @@ def adapters() -> list[Adapter]:
 
 
 def chosen_adapter() -> Adapter:
-    """The adapter in use: the best, or the choice of CLOTHSIM_GPU_ADAPTER by name or by number from 0."""
+    """The adapter in use: the best, or that of CLOTHSIM_GPU_ADAPTER by name or by number from 0."""
     found = adapters()
     if not found:
         raise RuntimeError(
@@ -167,9 +173,10 @@ def using(adapter: Adapter) -> Iterator[None]:
     Examples
     --------
     >>> from clothsim.gpu import adapters, using
+    >>> scene = cs.scenes.paper_static()
     >>> for adapter in adapters():  # doctest: +SKIP
     ...     with using(adapter):
-    ...         run = cs.simulate(cs.scenes.paper_static(), 0.1, dt=1e-4, precision="single", backend="gpu")
+    ...         run = cs.simulate(scene, 0.1, dt=1e-4, precision="single", backend="gpu")
     """
     before = os.environ.get(ADAPTER_VARIABLE, "")
     os.environ[ADAPTER_VARIABLE] = str(adapter.place)
@@ -188,7 +195,10 @@ def translated(adapter: Adapter) -> Iterator[None]:
     except wgpu.GPUError as error:
         text = " ".join(str(error).split())
         if "lost" in text.lower():
-            told = f"the graphics adapter {adapter.name} was lost; restart the process, and go on from a snapshot"
+            told = (
+                f"the graphics adapter {adapter.name} was lost; restart the process, and go on "
+                "from a snapshot"
+            )
             raise RuntimeError(told) from error
         if isinstance(error, wgpu.GPUOutOfMemoryError) or "memory" in text.lower():
             raise MemoryError(f"the graphics adapter {adapter.name} is out of memory") from error

@@ -1,8 +1,10 @@
-"""One self-contained page that simulates a scene in the browser: `Scene.to_live_html` and `cs.view`.
+"""One self-contained page that simulates a scene in the browser: `Scene.to_live_html` and
+`cs.view`.
 
-The page is that of a run (`viewing/page.py`), with a short run of the scene. Where the browser has WebGPU, it runs the WGSL
-of this room (`viewing/web/solver.js`), and records what it shows. WebGPU has no float64: the page computes in compensated
-float32, and responses in float32 relative to the sphere.
+The page is that of a run (`viewing/page.py`), with a short run of the scene. Where the browser has
+WebGPU, it runs the WGSL of this room (`viewing/web/solver.js`), and records what it shows. WebGPU
+has no float64: the page computes in compensated float32, and responses in float32 relative to the
+sphere.
 """
 
 from __future__ import annotations
@@ -37,7 +39,16 @@ from ..stability.limit import max_stable_dt
 from ..viewing.notebook import Frame
 from ..viewing.page import filled, json_text, page_body, page_text, web_file
 from ..viewing.picture import file_path
-from .shader import CONTACT_SIZE, FIRST_SPRING, FIRST_WEIGHT, Features, SphereFeatures, check_scenes, rest_lengths, source
+from .shader import (
+    CONTACT_SIZE,
+    FIRST_SPRING,
+    FIRST_WEIGHT,
+    Features,
+    SphereFeatures,
+    check_scenes,
+    rest_lengths,
+    source,
+)
 
 UNLIMITED_DT = 1e-3  # s, the time step of a scene that nothing limits
 STORED = 2.0  # s of the run that a browser without WebGPU plays
@@ -53,7 +64,9 @@ METHODS = (
 HEIGHT = 700  # pixels of the page in a notebook
 
 
-def live_page(scene: Scene, path: str | Path, dt: float | None = None, title: str | None = None) -> Path:
+def live_page(
+    scene: Scene, path: str | Path, dt: float | None = None, title: str | None = None
+) -> Path:
     """`Scene.to_live_html`."""
     path = file_path("path", path)
     return write_bytes(path, _page(scene, dt, title).encode())
@@ -73,7 +86,8 @@ def view(scene: Scene, **unknown: Any) -> Path | Frame:
     Returns
     -------
     pathlib.Path or object
-        The page, a file in the folder for temporary files. In a notebook, the page as the value of a cell.
+        The page, a file in the folder for temporary files. In a notebook, the page as the value of
+        a cell.
 
     Raises
     ------
@@ -88,7 +102,8 @@ def view(scene: Scene, **unknown: Any) -> Path | Frame:
     """
     if unknown:
         raise TypeError(
-            f"view takes a scene alone, got {', '.join(unknown)}: its controls are on the page that cs.view(scene) opens"
+            f"view takes a scene alone, got {', '.join(unknown)}: its controls are on the "
+            "page that cs.view(scene) opens"
         )
     page = _page(check.instance("scene", scene, Scene))
     if in_notebook():
@@ -101,14 +116,19 @@ def view(scene: Scene, **unknown: Any) -> Path | Frame:
 
 def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> str:
     rows, columns = scene.cloth.shape
-    title = f"Cloth of {rows} x {columns} points, live" if title is None else check.instance("title", title, str)
+    title = (
+        f"Cloth of {rows} x {columns} points, live"
+        if title is None
+        else check.instance("title", title, str)
+    )
     guaranteed = max_stable_dt(scene)
     usual = guaranteed / 2 if math.isfinite(guaranteed) else UNLIMITED_DT
     dt = check.number("dt", usual if dt is None else dt, minimum=0, exclusive=True)
     check_scenes([scene])
     data = _data(scene, dt)
     names = (
-        f"<option{' selected' if k == data['method'] else ''}>{name}</option>" for k, name in enumerate(data.pop("names"))
+        f"<option{' selected' if k == data['method'] else ''}>{name}</option>"
+        for k, name in enumerate(data.pop("names"))
     )
     live = filled(
         "live.html",
@@ -119,7 +139,11 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
     )
     code = "\n".join(map(web_file, ("solver.js", "live.js")))
     stored = _stored(scene, usual)
-    return page_text(title, page_body(title, {title: stored}, more=live), f"<script data-live>\n{code}</script>\n")
+    return page_text(
+        title,
+        page_body(title, {title: stored}, more=live),
+        f"<script data-live>\n{code}</script>\n",
+    )
 
 
 def _stored(scene: Scene, dt: float) -> Run:
@@ -154,12 +178,17 @@ def _packed(content: bytes) -> str:
 
 def _state(scene: Scene) -> bytes:
     """The planes of the initial state in float64."""
-    x, v = scene.initial_position, np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity)
+    x, v = (
+        scene.initial_position,
+        np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity),
+    )
     return np.concatenate([x, v], axis=2).transpose(2, 0, 1).astype("<f8").tobytes()
 
 
 def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
-    """Names of the page's collision methods, the WGSL and the responses of each, and the index of the scene's own."""
+    """Names of the page's collision methods, the WGSL and the responses of each, and the index of
+    the scene's own.
+    """
     features = Features.of(scene)
 
     def method(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
@@ -174,7 +203,14 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
         if response == "continuous" and not scene.spheres:
             continue
         names.append(name)
-        methods.append(method([SphereFeatures(response, as_printed, response != "continuous") for _ in scene.spheres]))
+        methods.append(
+            method(
+                [
+                    SphereFeatures(response, as_printed, response != "continuous")
+                    for _ in scene.spheres
+                ]
+            )
+        )
     own = method([s._replace(rough=s.response != "continuous") for s in features.spheres])
     if own not in methods:  # spheres of different methods
         names.append("as in the scene")
@@ -204,10 +240,14 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "stiffness": dict(cloth.family_stiffness),
         "damping": dict(cloth.family_damping),
         "drag": cloth.drag,
-        # What a slider goes up to four times of, where the scene has none: a tenth of the critical damping of a spring.
+        # What a slider goes up to four times of, where the scene has none: a tenth of the critical
+        # damping of a spring.
         "usualDamping": 0.2 * math.sqrt(stiffest * lightest),
         "gravity": list(scene.gravity),
-        "springs": [{"family": family, "rest": lengths[k]} for k, (family, *_) in enumerate(_core.spring_kinds)],
+        "springs": [
+            {"family": family, "rest": lengths[k]}
+            for k, (family, *_) in enumerate(_core.spring_kinds)
+        ],
         "pairs": [
             {"row": row, "column": column, "family": family, "rest": lengths[kind]}
             for row, column, family, kind in _core.neighbours

@@ -1,4 +1,6 @@
-"""The shader of a scene: its features, pipelines that contain only these, and its numbers, rounded once from double."""
+"""The shader of a scene: its features, pipelines that contain only these, and its numbers, rounded
+once from double.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +26,17 @@ CONTACT_SIZE = 26
 
 
 def springs(neighbours: Sequence[tuple[int, int, str, int]] = _core.neighbours) -> str:
-    """WGSL of the override constants of the families and of a mass point's spring forces, from cpp/model/stencil.hpp.
+    """WGSL of the override constants of the families and of a mass point's spring forces, from
+    cpp/model/stencil.hpp.
 
-    A neighbour is rows and columns on, family, and kind of spring. The forces add up in this order, which is part of their
-    bits.
+    A neighbour is rows and columns on, family, and kind of spring. The forces add up in this order,
+    which is part of their bits.
     """
     lines = ["// From cpp/model/stencil.hpp."]
-    lines += [f"override {family}: bool = true;" for family in dict.fromkeys(family for _, _, family, _ in neighbours)]
+    lines += [
+        f"override {family}: bool = true;"
+        for family in dict.fromkeys(family for _, _, family, _ in neighbours)
+    ]
     lines += [
         "fn spring_forces(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {",
         "    let first = id.z * constants.parameter_stride + first_spring;",
@@ -42,10 +48,17 @@ def springs(neighbours: Sequence[tuple[int, int, str, int]] = _core.neighbours) 
         lines.append(f"    if ({family}) {{")
         for row, column, _, kind in group:
             axes = (("id.y", row, "constants.rows"), ("id.x", column, "columns"))
-            inside = [f"{at} + {way}u < {end}" if way > 0 else f"{at} >= {-way}u" for at, way, end in axes if way]
+            inside = [
+                f"{at} + {way}u < {end}" if way > 0 else f"{at} >= {-way}u"
+                for at, way, end in axes
+                if way
+            ]
             down, right = ("-" if way < 0 else "+" for way in (row, column))
             place = f"at {down} {abs(row)}u * columns {right} {abs(column)}u"
-            lines.append(f"        if ({' && '.join(inside)}) {{ a = pulled(a, x, v, {place}, first + {3 * kind}u); }}")
+            lines.append(
+                f"        if ({' && '.join(inside)}) "
+                f"{{ a = pulled(a, x, v, {place}, first + {3 * kind}u); }}"
+            )
         lines.append("    }")
     return "\n".join([*lines, "    return a;", "}"])
 
@@ -58,7 +71,9 @@ class SphereFeatures(NamedTuple):
 
 @dataclass(frozen=True)
 class Features:
-    """Features of a scene; all members of a batch have equal features, so that a dispatch serves all of them."""
+    """Features of a scene; all members of a batch have equal features, so that a dispatch serves
+    all of them.
+    """
 
     families: tuple[str, ...]
     spring_damping: bool
@@ -81,7 +96,9 @@ class Features:
             moving=any(sphere.motion is not None for sphere in scene.spheres),
             cells=any(one.in_cells for one in scene.spheres),
             spheres=tuple(
-                SphereFeatures(s.response, s.as_printed, s.response != "continuous" and s.friction > 0)
+                SphereFeatures(
+                    s.response, s.as_printed, s.response != "continuous" and s.friction > 0
+                )
                 for s in scene.spheres
             ),
         )
@@ -93,7 +110,9 @@ class Features:
         return switches | {name: float(getattr(self, name)) for name in names}
 
     def after_contacts(self) -> str:
-        """WGSL of the collision pass: the classic responses of spheres in their order, then the continuous ones."""
+        """WGSL of the collision pass: the classic responses of spheres in their order, then the
+        continuous ones.
+        """
         continuous = [k for k, s in enumerate(self.spheres) if s.response == "continuous"]
         lines: list[str] = []
         if continuous:
@@ -103,13 +122,23 @@ class Features:
                 f"fn is_continuous(k: u32) -> bool {{ return {is_one}; }}",
                 shader_text("continuous"),
             ]
-        lines += ["fn after_contacts(body: Body, before: Body, id: vec3<u32>) -> Body {", "    var result = body;"]
+        lines += [
+            "fn after_contacts(body: Body, before: Body, id: vec3<u32>) -> Body {",
+            "    var result = body;",
+        ]
         lines.append("    if (!is_pinned(id)) {")
         for k, s in enumerate(self.spheres):
             if k not in continuous:
-                flags = ", ".join(str(flag).lower() for flag in (s.response == "ray", s.as_printed, s.rough))
-                lines.append(f"        result = respond(result, contact_of(id.z, {k}u, 0u), id.z, {flags});")
-        lines += ["    }", *["    result = respond_continuously(result, before, id);"] * bool(continuous)]
+                flags = ", ".join(
+                    str(flag).lower() for flag in (s.response == "ray", s.as_printed, s.rough)
+                )
+                lines.append(
+                    f"        result = respond(result, contact_of(id.z, {k}u, 0u), id.z, {flags});"
+                )
+        lines += [
+            "    }",
+            *["    result = respond_continuously(result, before, id);"] * bool(continuous),
+        ]
         return "\n".join([*lines, "    return result;", "}"])
 
 
@@ -119,15 +148,22 @@ def shader_text(name: str) -> str:
     return files(__package__).joinpath("shaders", f"{name}.wgsl").read_text(encoding="utf-8")
 
 
-_KEEP = {"f32": "bitcast<f32>(bitcast<u32>(a) | z)", "f64": "bitcast<f64>(bitcast<u64>(a) | u64(z))"}
-_EXPONENT = {"f32": ("bitcast<u32>(a)", "0x7f800000u"), "f64": ("u32(bitcast<u64>(a) >> 32u)", "0x7ff00000u")}
+_KEEP = {
+    "f32": "bitcast<f32>(bitcast<u32>(a) | z)",
+    "f64": "bitcast<f64>(bitcast<u64>(a) | u64(z))",
+}
+_EXPONENT = {
+    "f32": ("bitcast<u32>(a)", "0x7f800000u"),
+    "f64": ("u32(bitcast<u64>(a) >> 32u)", "0x7ff00000u"),
+}
 
 
 def keep(word: str, name: str = "keep", zero: str = "constants.zero") -> str:
-    """WGSL of a function that returns its argument of type `word`, and hides that from the compiler.
+    """WGSL of a function that returns its argument of type `word`, and hides that from the
+    compiler.
 
-    The value passes through integers and a zero from a buffer. So the compiler cannot replace (a + b) - a by b, and
-    cannot fuse a product with a sum.
+    The value passes through integers and a zero from a buffer. So the compiler cannot replace (a +
+    b) - a by b, and cannot fuse a product with a sum.
     """
     return f"fn {name}(a: {word}) -> {word} {{ let z = {zero}; return {_KEEP[word]}; }}"
 
@@ -148,26 +184,42 @@ def source(features: Features, precision: str, float64: bool) -> str:
         lines += [
             keep(word, f"{prefix}keep"),
             f"fn {prefix}product(a: {word}, b: {word}) -> {word} {{ return {prefix}keep(a * b); }}",
-            f"fn {prefix}scaled(a: {word}, b: {vector}) -> {vector} {{ return {vector}({scaled}); }}",
+            f"fn {prefix}scaled(a: {word}, b: {vector}) -> {vector} "
+            f"{{ return {vector}({scaled}); }}",
             f"fn {prefix}inner(a: {vector}, b: {vector}) -> {word} {{ return ({x} + {y}) + {z}; }}",
         ]
-    lines.append("fn keep_all(a: vec3<real>) -> vec3<real> { return vec3<real>(keep(a.x), keep(a.y), keep(a.z)); }")
+    lines.append(
+        "fn keep_all(a: vec3<real>) -> vec3<real> "
+        "{ return vec3<real>(keep(a.x), keep(a.y), keep(a.z)); }"
+    )
     sizes = 2.0 ** (23 if precision == "single" else 52) / _core.contact_constants["tolerance"]
     lines.append(f"const size_of_tolerance = wide({sizes});")
-    shared = {"first_spring": FIRST_SPRING, "first_weight": FIRST_WEIGHT, "contact_size": CONTACT_SIZE}
-    lines += [f"const {name} = {value}u;" for name, value in {"group_size": _core.group_size, **shared}.items()]
+    shared = {
+        "first_spring": FIRST_SPRING,
+        "first_weight": FIRST_WEIGHT,
+        "contact_size": CONTACT_SIZE,
+    }
+    lines += [
+        f"const {name} = {value}u;"
+        for name, value in {"group_size": _core.group_size, **shared}.items()
+    ]
     names = ["layout", "contact", "wide" if float64 else "narrow", "step", "check"]
     return "\n".join([*lines, springs(), *map(shader_text, names), features.after_contacts()])
 
 
 class Pipelines:
-    """Compiled pipelines for given features: the four stages of a step, the rounds of `raise`, and the check."""
+    """Compiled pipelines for given features: the four stages of a step, the rounds of `raise`, and
+    the check.
+    """
 
     def __init__(self, device: Device, features: Features, precision: str) -> None:
         handle = device.handle
         visible = device.wgpu.ShaderStage.COMPUTE
         kinds = ["uniform", *["storage"] * 5, *["read-only-storage"] * 2, "storage"]
-        entries = [{"binding": k, "visibility": visible, "buffer": {"type": kind}} for k, kind in enumerate(kinds)]
+        entries = [
+            {"binding": k, "visibility": visible, "buffer": {"type": kind}}
+            for k, kind in enumerate(kinds)
+        ]
         self.layout = handle.create_bind_group_layout(entries=entries)
         layout = handle.create_pipeline_layout(bind_group_layouts=[self.layout])
         module = handle.create_shader_module(code=source(features, precision, device.float64))
@@ -179,7 +231,9 @@ class Pipelines:
         constants = features.constants()
         self.stages = [pipeline("advance", {**constants, "stage": k}) for k in (1, 2, 3, 4)]
         # From b to a, from a to b, and the last, from b to the state.
-        self.rounds = [pipeline("raise", {**constants, "stage": k}) for k in (5, 6, 7) if features.cells]
+        self.rounds = [
+            pipeline("raise", {**constants, "stage": k}) for k in (5, 6, 7) if features.cells
+        ]
         self.check = pipeline("check", {})
 
 
@@ -187,20 +241,28 @@ pipelines = cache(Pipelines)  # compiling is slow
 
 
 def check_scenes(scenes: Sequence[Scene]) -> None:
-    """Raise a ValueError if the shader lacks a feature of a scene, or if the features of the scenes differ."""
+    """Raise a ValueError if the shader lacks a feature of a scene, or if the features of the scenes
+    differ.
+    """
     first = Features.of(scenes[0])
     for member, scene in enumerate(scenes):
         for pin in scene.cloth.driven:
-            raise ValueError(f"pins[{pin}] must be None with backend 'gpu', got a motion; backend='cpu' drives pins")
+            raise ValueError(
+                f"pins[{pin}] must be None with backend 'gpu', got a motion; backend='cpu' "
+                "drives pins"
+            )
         if scene.force is not None:
-            raise ValueError("force must be None with backend 'gpu', got an array; backend='cpu' has it")
+            raise ValueError(
+                "force must be None with backend 'gpu', got an array; backend='cpu' has it"
+            )
         own = Features.of(scene)
         for name, got in vars(own).items():
             expected = getattr(first, name)
             if got != expected:
                 raise ValueError(
-                    f"{name} of all members must be equal with backend 'gpu', where a dispatch serves all members: "
-                    f"member 0 has {expected}, got {got} for member {member}; step them apart, or with backend='cpu'"
+                    f"{name} of all members must be equal with backend 'gpu', where a dispatch "
+                    f"serves all members: member 0 has {expected}, got {got} for member {member}; "
+                    "step them apart, or with backend='cpu'"
                 )
 
 
@@ -212,13 +274,17 @@ def rest_lengths(scene: Scene) -> list[float]:
 
 
 def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> np.ndarray:
-    """Entry of `parameters` for one member (layout.wgsl), with the speed above which its state has run away [m/s]."""
+    """Entry of `parameters` for one member (layout.wgsl), with the speed above which its state has
+    run away [m/s].
+    """
     cloth = scene.cloth
     # 1/mass is folded into the coefficients where it is uniform, as in the core.
     scale = 1 / float(cloth.mass_per_point[0, 0]) if cloth.uniform_mass else 1.0
     numbers = [*scene.gravity, cloth.drag * scale, min(speed_limit, float(np.finfo(dtype).max))]
     for (family, *_), rest_length in zip(_core.spring_kinds, rest_lengths(scene), strict=True):
-        stiffness, damping = (found.get(family, 0.0) for found in (cloth.family_stiffness, cloth.family_damping))
+        stiffness, damping = (
+            found.get(family, 0.0) for found in (cloth.family_stiffness, cloth.family_damping)
+        )
         numbers += [stiffness * scale, rest_length, damping * scale]
     weights = np.where(cloth.pinned, 0.0, 1 / cloth.mass_per_point)
     with np.errstate(over="ignore", under="ignore"):

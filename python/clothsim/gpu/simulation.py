@@ -1,6 +1,7 @@
 """A simulation on the graphics adapter, with the interface of the core's (`_core.Simulation`).
 
-The state is six planes per member, of positions and velocities; in single each is split into two of float32.
+The state is six planes per member, of positions and velocities; in single each is split into two of
+float32.
 """
 
 from __future__ import annotations
@@ -24,11 +25,14 @@ from .device import Device, translated
 from .shader import CONTACT_SIZE, FIRST_WEIGHT, Features, check_scenes, pipelines, scene_parameters
 
 NONE = 0xFFFFFFFF
-# Steps between two checks of the state, at most. The exact step of a failure is then found by repeating steps.
+# Steps between two checks of the state, at most. The exact step of a failure is then found by
+# repeating steps.
 MOST_STEPS_UNCHECKED = 96
-# Rounds of `raise` a step, at most; each leaves at most 0.71 of the last move (cpp/contact/contact_pass.hpp).
+# Rounds of `raise` a step, at most; each leaves at most 0.71 of the last move
+# (cpp/contact/contact_pass.hpp).
 MOST_ROUNDS = 127
-# Runs after which a step gets fewer rounds. Half tries again more often, twice keeps rounds that nothing needs for longer.
+# Runs after which a step gets fewer rounds. Half tries again more often, twice keeps rounds that
+# nothing needs for longer.
 RUNS_WITH_EQUAL_ROUNDS = 16
 # Steps a submission: the adapter works on one while the host records the next.
 STEPS_PER_SUBMISSION = 32
@@ -37,7 +41,9 @@ SECONDS_BETWEEN_CHECKS = 0.02
 
 
 class Clock(NamedTuple):
-    """Times in s, with the core's bits: that of step k is counted from an origin, so that rounding does not add up."""
+    """Times in s, with the core's bits: that of step k is counted from an origin, so that rounding
+    does not add up.
+    """
 
     origin: float
     steps: int = 0
@@ -70,7 +76,8 @@ class Simulation:
         self._origins = np.zeros((len(scenes), 3))
         self._busy = threading.Lock()
         self._steps_unchecked = 1
-        self._parts: list[np.ndarray] = []  # the state in host memory, as `split` gives it; up to date for frozen members
+        # The state in host memory, as `split` gives it; up to date for frozen members.
+        self._parts: list[np.ndarray] = []
         self._block: Block | None = None
         with self._used():
             self._make_block(scenes)
@@ -79,15 +86,21 @@ class Simulation:
         """Make the block of the members that are not frozen; None: all are."""
         members = [member for member, frozen in enumerate(self.frozen) if not frozen]
         chosen, origins = [scenes[member] for member in members], self._origins[members]
-        self._block = Block(self.device, members, chosen, origins, self._precision) if members else None
+        self._block = (
+            Block(self.device, members, chosen, origins, self._precision) if members else None
+        )
         self._step_set = 0.0
 
     def load(self, x: np.ndarray | None, v: np.ndarray | None, time: float | None = None) -> None:
-        """Set positions and velocities, shape ([B,] rows, columns, 3), and the time; None leaves a value as it is."""
+        """Set positions and velocities, shape ([B,] rows, columns, 3), and the time; None leaves a
+        value as it is.
+        """
         with self._used():
             if x is None or v is None:
                 own = vectors(joined(self._state(), self._origins), self._shape)
-                x, v = (one if given is None else given for one, given in zip(own, (x, v), strict=True))
+                x, v = (
+                    one if given is None else given for one, given in zip(own, (x, v), strict=True)
+                )
             planes = planes_of(x, v, self._scenes)
             if time is not None:
                 self._clock = Clock(time)
@@ -99,20 +112,36 @@ class Simulation:
                 planes[:, :3] -= self._origins[:, :, None]
             self._take(split(planes, self._single))
 
-    def step(self, time: float, x: Any, v: Any, steps: int, dt: float, threads: int, x_out: Any, v_out: Any) -> Any:
+    def step(
+        self,
+        time: float,
+        x: Any,
+        v: Any,
+        steps: int,
+        dt: float,
+        threads: int,
+        x_out: Any,
+        v_out: Any,
+    ) -> Any:
         """A whole call: a state in, steps, and the state out if no event has to be reported."""
         self.load(x, v, time)
-        return self.advance(steps, dt, threads)  # an outcome, after which the caller stores the state
+        return self.advance(
+            steps, dt, threads
+        )  # an outcome, after which the caller stores the state
 
     def set_scene(self, scenes: Sequence[Scene], stable_dt: Sequence[float]) -> None:
-        """Replace the scenes and the guaranteed time steps [s]; the state stays, and pinned points stop."""
+        """Replace the scenes and guaranteed steps [s]; the state stays, and pinned points stop."""
         with self._used():
             check_scenes(scenes)
             parts = self._state()
             self._make_block(scenes)
             for part in parts:
                 stop_pinned_points(part, scenes)
-            self._scenes, self.contacts, self._stable_dt = list(scenes), [0] * len(scenes), list(stable_dt)
+            self._scenes, self.contacts, self._stable_dt = (
+                list(scenes),
+                [0] * len(scenes),
+                list(stable_dt),
+            )
             self._take(parts)
 
     def _take(self, parts: list[np.ndarray]) -> None:
@@ -138,19 +167,39 @@ class Simulation:
         with self._used():
             fields: dict[str, Any] = {}
             for name, part in zip(("", "_low"), self._state()):
-                fields["positions" + name], fields["velocities" + name] = vectors(part.astype(np.float64), self._shape)
+                fields["positions" + name], fields["velocities" + name] = vectors(
+                    part.astype(np.float64), self._shape
+                )
             clock = self._clock
-            fields |= {"origins": self._origins.copy(), "frozen": np.array(self.frozen), "time": clock.at(0)}
-            return fields | {"clock_origin": clock.origin, "clock_steps": clock.steps, "clock_step": clock.dt}
+            fields |= {
+                "origins": self._origins.copy(),
+                "frozen": np.array(self.frozen),
+                "time": clock.at(0),
+            }
+            return fields | {
+                "clock_origin": clock.origin,
+                "clock_steps": clock.steps,
+                "clock_step": clock.dt,
+            }
 
     def restore(self, fields: dict[str, Any]) -> None:
         """Return to the state of `snapshot`."""
         with self._used():
             names = ("", "_low") if self._single else ("",)
-            parts = [planes_of(fields["positions" + n], fields["velocities" + n], self._scenes) for n in names]
-            self.frozen, self._origins = [bool(one) for one in fields["frozen"]], np.array(fields["origins"])
+            parts = [
+                planes_of(fields["positions" + n], fields["velocities" + n], self._scenes)
+                for n in names
+            ]
+            self.frozen, self._origins = (
+                [bool(one) for one in fields["frozen"]],
+                np.array(fields["origins"]),
+            )
             self._make_block(self._scenes)
-            self._clock = Clock(float(fields["clock_origin"]), int(fields["clock_steps"]), float(fields["clock_step"]))
+            self._clock = Clock(
+                float(fields["clock_origin"]),
+                int(fields["clock_steps"]),
+                float(fields["clock_step"]),
+            )
             self._take([part.astype(np.float32 if self._single else np.float64) for part in parts])
 
     @property
@@ -162,13 +211,15 @@ class Simulation:
         self._clock = Clock(time)
 
     def set_sphere(self, sphere: int, centers: Any, motions: Any) -> None:
-        raise ValueError("centers must be None with backend 'gpu'; backend='cpu' moves spheres by hand")
+        raise ValueError(
+            "centers must be None with backend 'gpu'; backend='cpu' moves spheres by hand"
+        )
 
     def set_force(self, force: np.ndarray) -> None:
         raise ValueError("set_force needs backend 'cpu': the compute shader has no force on points")
 
     def set_stable_dt(self, stable_dt: Sequence[float]) -> None:
-        """Set the guaranteed time step of each member [s]. The core checks speeds only above this step."""
+        """Set each member's guaranteed step [s]. The core checks speeds only above this step."""
         self._stable_dt, self._step_set = list(stable_dt), 0.0
 
     def set_frozen(self, member: int, frozen: bool) -> None:
@@ -194,14 +245,17 @@ class Simulation:
                 **dict.fromkeys(names, math.nan),
                 "reason": "the graphics adapter does not watch the states between frames",
                 **({} if scene.spheres else {"point_depth": 0.0, "triangle_depth": 0.0}),
-                "in_contact": count > 0 or any(sphere.response == "continuous" for sphere in scene.spheres),
+                "in_contact": count > 0
+                or any(sphere.response == "continuous" for sphere in scene.spheres),
                 "impulse": [[math.nan] * 3 for _ in scene.spheres],
             }
             for scene, count in zip(self._scenes, self.contacts, strict=True)
         ]
 
     def advance(self, steps: int, dt: float, threads: int) -> dict[str, Any]:
-        """Take steps and return the outcome in the core's form: steps done, and the bad point if there is one."""
+        """Take steps and return the outcome in the core's form: steps done, and the bad point if
+        there is one.
+        """
         with self._used(), Interrupts() as interrupts:
             if dt != self._clock.dt:
                 self._clock = Clock(self._clock.at(0), 0, dt)
@@ -223,9 +277,16 @@ class Simulation:
             start = time.monotonic()
             if bad := self._try(count):
                 if count == 1:
-                    found = {"member": bad[0], "point": bad[1], "trapped": bad[2], "time": self._clock.at(1)}
+                    found = {
+                        "member": bad[0],
+                        "point": bad[1],
+                        "trapped": bad[2],
+                        "time": self._clock.at(1),
+                    }
                     return {**found, "step": done + 1, "steps": done}
-                most = 1  # repeated steps give the same bits, so single ones find the one that fails
+                most = (
+                    1  # repeated steps give the same bits, so single ones find the one that fails
+                )
                 continue
             done += count
             wanted = int(SECONDS_BETWEEN_CHECKS * count / max(time.monotonic() - start, 1e-9))
@@ -234,7 +295,7 @@ class Simulation:
         return {"steps": done}
 
     def _try(self, steps: int) -> tuple[int, int, bool] | None:
-        """Take `steps` steps. If a state is bad, undo them and return what `Block.run` has found."""
+        """Take `steps` steps. If a state is bad, undo them and return what `Block.run` found."""
         if self._block:
             if bad := self._block.run([self._clock.at(k) for k in range(steps + 1)]):
                 self._block.take_back()
@@ -251,7 +312,10 @@ class Simulation:
         """Admit one caller at a time, and translate errors of wgpu."""
         self.device.check_process()
         if not self._busy.acquire(blocking=False):
-            raise RuntimeError("this state is being advanced by another thread; give each thread a Stepper of its own")
+            raise RuntimeError(
+                "this state is being advanced by another thread; give each thread a Stepper "
+                "of its own"
+            )
         try:
             with translated(self.adapter):
                 yield
@@ -260,11 +324,18 @@ class Simulation:
 
 
 class Block:
-    """The members of a batch with these indices on the adapter. Their scenes have one shape and equal `Features`: a dispatch
-    per stage serves all. `origins` are those of their positions [m], shape (members, 3)."""
+    """The members of a batch with these indices on the adapter. Their scenes have one shape and
+    equal `Features`: a dispatch per stage serves all. `origins` are those of their positions [m],
+    shape (members, 3).
+    """
 
     def __init__(
-        self, device: Device, members: Sequence[int], scenes: Sequence[Scene], origins: np.ndarray, precision: str
+        self,
+        device: Device,
+        members: Sequence[int],
+        scenes: Sequence[Scene],
+        origins: np.ndarray,
+        precision: str,
     ) -> None:
         self.device, self.members = device, list(members)
         self.single = precision == "single"
@@ -284,7 +355,11 @@ class Block:
         self._make_buffers(rows, columns, len(members))
 
     def _make_buffers(self, rows: int, columns: int, members: int) -> None:
-        create, adapter, bytes_of_real = self.device.create_buffer, self.device.adapter, np.dtype(self.real).itemsize
+        create, adapter, bytes_of_real = (
+            self.device.create_buffer,
+            self.device.adapter,
+            np.dtype(self.real).itemsize,
+        )
         six = 6 * self.points * members * bytes_of_real
         for needed, most, what in (
             (six, adapter.largest_buffer, "bytes in a buffer"),
@@ -292,8 +367,8 @@ class Block:
         ):
             if needed > most:
                 raise ValueError(
-                    f"scene is too large for the graphics adapter: {members} of shape {rows} x {columns} take {needed:,} "
-                    f"{what}, {adapter.name} has at most {most:,}"
+                    f"scene is too large for the graphics adapter: {members} of shape {rows} x "
+                    f"{columns} take {needed:,} {what}, {adapter.name} has at most {most:,}"
                 )
         both = ("STORAGE", "COPY_SRC", "COPY_DST")
         self.state = create(six, *both)
@@ -304,7 +379,9 @@ class Block:
         per_scene = len(self.features.spheres) * CONTACT_SIZE
         per_step = per_scene * len(self.scenes)
         tables = 1 + MOST_STEPS_UNCHECKED if self.features.moving else 1
-        self.contact_table = create((tables * per_step or 1) * np.dtype(self.wide).itemsize, "STORAGE", "COPY_DST")
+        self.contact_table = create(
+            (tables * per_step or 1) * np.dtype(self.wide).itemsize, "STORAGE", "COPY_DST"
+        )
         self._results = np.zeros(2 + 5 * members, np.uint32)
         self._results[1 : 1 + 4 * members] = NONE
         self.results = create(self._results.nbytes, *both)
@@ -314,9 +391,19 @@ class Block:
         self.checkpoint = [create(buffer.size, "COPY_SRC", "COPY_DST") for buffer in self.kept]
         stride = (one, per_scene) if len(self.scenes) > 1 else (0, 0)
         self._integers = np.array([rows, columns, *stride, per_step, 0, members], np.uint32)
-        bound = [self.constants, self.state, self.compensation, *working, self.parameters, self.contact_table, self.results]
+        bound = [
+            self.constants,
+            self.state,
+            self.compensation,
+            *working,
+            self.parameters,
+            self.contact_table,
+            self.results,
+        ]
         entries = [{"binding": k, "resource": {"buffer": buffer}} for k, buffer in enumerate(bound)]
-        self.bindings = self.device.handle.create_bind_group(layout=self.pipelines.layout, entries=entries)
+        self.bindings = self.device.handle.create_bind_group(
+            layout=self.pipelines.layout, entries=entries
+        )
 
     def upload(self, parts: Sequence[np.ndarray]) -> None:
         """Upload this block's part of the batch's state, in the form of `split`."""
@@ -324,31 +411,47 @@ class Block:
             self._write(buffer, planes[self.members])
 
     def download(self, parts: Sequence[np.ndarray]) -> None:
-        """Write this block's state into the batch's; members outside the block keep their values."""
+        """Write this block's state into the batch's; members outside it keep their values."""
         for part, buffer in zip(parts, self.kept, strict=True):
             values = np.frombuffer(self.device.handle.queue.read_buffer(buffer), self.real)
-            part[self.members] = values[: 6 * len(self.members) * self.points].reshape(-1, 6, self.points)
+            part[self.members] = values[: 6 * len(self.members) * self.points].reshape(
+                -1, 6, self.points
+            )
 
     def _write(self, buffer: Any, values: np.ndarray) -> None:
         self.device.handle.queue.write_buffer(buffer, 0, np.ascontiguousarray(values))
 
     def set_step(self, dt: float, stable_dt: Sequence[float]) -> None:
-        """Set the time step `dt` [s]; `stable_dt` has the guaranteed step of each member of the batch."""
+        """Set the time step `dt` [s]; `stable_dt` has the guaranteed step of each member."""
         numbers = np.array([dt / 2, dt, dt * dt / 6, dt / 6]).astype(self.real)
-        self._write(self.constants, np.frombuffer(numbers.tobytes() + self._integers.tobytes(), np.uint8))
-        limits = [plan.runaway_speed(dt, stable_dt[member]) for plan, member in zip(self.plans, self.members)]
+        self._write(
+            self.constants, np.frombuffer(numbers.tobytes() + self._integers.tobytes(), np.uint8)
+        )
+        limits = [
+            plan.runaway_speed(dt, stable_dt[member])
+            for plan, member in zip(self.plans, self.members)
+        ]
         pairs = zip(self.scenes, limits, strict=True)
-        self._write(self.parameters, np.concatenate([scene_parameters(scene, limit, self.real) for scene, limit in pairs]))
+        self._write(
+            self.parameters,
+            np.concatenate([scene_parameters(scene, limit, self.real) for scene, limit in pairs]),
+        )
         self._dt = dt
         if self.features.spheres and not self.features.moving:
             self._write_contacts([0.0])
 
     def _write_contacts(self, times: Sequence[float]) -> None:
-        """Write `contacts` (contact.wgsl). `times` are those before the first step and after each; a single one where no
-        sphere moves."""
-        table = np.zeros((len(times), len(self.scenes), len(self.features.spheres), CONTACT_SIZE), self.wide)
+        """Write `contacts` (contact.wgsl). `times` are those before the first step and after each;
+        a single one where no sphere moves.
+        """
+        table = np.zeros(
+            (len(times), len(self.scenes), len(self.features.spheres), CONTACT_SIZE), self.wide
+        )
         for k, plan in enumerate(self.plans):
-            values, row = plan.contact_table(list(times), self.origins[k], self._dt, self.single), table[:, k]
+            values, row = (
+                plan.contact_table(list(times), self.origins[k], self._dt, self.single),
+                table[:, k],
+            )
             row[..., 0:3] = values[..., :3]
             row[..., 3:6] = values[..., :3] - row[..., 0:3]
             row[..., 6:] = values[..., 3:]
@@ -357,7 +460,8 @@ class Block:
     def run(self, times: Sequence[float]) -> tuple[int, int, bool] | None:
         """Save a checkpoint and take the steps between `times`. `take_back` undoes them.
 
-        Return member of the batch and mass point of the first bad state, and whether the point is trapped; or None.
+        Return member of the batch and mass point of the first bad state, and whether the point is
+        trapped; or None.
         """
         if self.features.moving:
             self._write_contacts(times)
@@ -378,7 +482,10 @@ class Block:
         for buffer, copy in zip(self.kept, self.checkpoint, strict=True):
             encoder.copy_buffer_to_buffer(buffer, 0, copy, 0, buffer.size)
         for first in range(0, steps, STEPS_PER_SUBMISSION):
-            count, last = min(STEPS_PER_SUBMISSION, steps - first), first + STEPS_PER_SUBMISSION >= steps
+            count, last = (
+                min(STEPS_PER_SUBMISSION, steps - first),
+                first + STEPS_PER_SUBMISSION >= steps,
+            )
             work = encoder.begin_compute_pass()
             work.set_bind_group(0, self.bindings)
             for stage in [*step * count, *[self.pipelines.check] * last]:
@@ -386,7 +493,9 @@ class Block:
                 work.dispatch_workgroups(*self.groups)
             work.end()
             if last:
-                encoder.copy_buffer_to_buffer(self.results, 0, self.readback, 0, self._results.nbytes)
+                encoder.copy_buffer_to_buffer(
+                    self.results, 0, self.readback, 0, self._results.nbytes
+                )
             handle.queue.submit([encoder.finish()])
             self.ahead = True
             encoder = handle.create_command_encoder()
@@ -394,14 +503,21 @@ class Block:
 
     def _read_results(self) -> tuple[int, int, bool] | None:
         self.readback.map_sync("READ")
-        results = np.array(np.frombuffer(self.readback.read_mapped(), np.uint32)[: len(self._results)])
+        results = np.array(
+            np.frombuffer(self.readback.read_mapped(), np.uint32)[: len(self._results)]
+        )
         self.readback.unmap()
         self._settled = not results[-1]
         *found, self.contacts = results[1:-1].reshape(5, -1)  # layout.wgsl
         bad, pinned, large, trapped = (
-            next(((self.members[k], int(points[k])) for k in np.flatnonzero(points != NONE)), None) for points in found
+            next(((self.members[k], int(points[k])) for k in np.flatnonzero(points != NONE)), None)
+            for points in found
         )
-        self.found = {name: first for name, first in (("pinned_inside", pinned), ("large_cell", large)) if first}
+        self.found = {
+            name: first
+            for name, first in (("pinned_inside", pinned), ("large_cell", large))
+            if first
+        }
         return (*bad, False) if bad else (*trapped, True) if trapped else None
 
     def take_back(self) -> None:
@@ -415,7 +531,8 @@ class Block:
 
 
 def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarray:
-    """Positions [m] and velocities [m/s], shape ([B,] rows, columns, 3), as float64 planes (members, 6, points).
+    """Positions [m] and velocities [m/s], shape ([B,] rows, columns, 3), as float64 planes
+    (members, 6, points).
 
     Pinned points rest. There is one scene for each member.
     """
@@ -446,7 +563,7 @@ def far_origins(positions: np.ndarray) -> np.ndarray:
 
 
 def split(planes: np.ndarray, single: bool) -> list[np.ndarray]:
-    """Split float64 planes into the parts to upload: the state, and in single also its compensation."""
+    """Split float64 planes into parts to upload: the state, and in single also its compensation."""
     whole = planes.astype(np.float32)
     return [whole, (planes - whole).astype(np.float32)] if single else [planes]
 

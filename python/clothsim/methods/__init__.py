@@ -1,1 +1,3 @@
-"""The time integration methods, and what theory says of them: stability regions, guaranteed step, limiting term."""
+"""The time integration methods, and what theory says of them: stability regions, guaranteed step,
+limiting term.
+"""

@@ -1,4 +1,6 @@
-"""The guaranteed stable time step of a cloth, for all but extreme states (see `max_stable_dt`), and what limits it."""
+"""The guaranteed stable time step of a cloth, for all but extreme states (see `max_stable_dt`), and
+what limits it.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,9 @@ def usable_dt(cloth: _core.Cloth, integrator: str) -> float:
     limit = guaranteed_dt(cloth, integrator)
     if limit == 0:
         raise ValueError(
-            f"dt must be given with integrator {integrator!r}, which has no stable time step for this scene: it amplifies "
-            "undamped motion at every time step; or take 'semi_implicit_euler' or 'rk4'"
+            f"dt must be given with integrator {integrator!r}, which has no stable time step for "
+            "this scene: it amplifies undamped motion at every time step; or take "
+            "'semi_implicit_euler' or 'rk4'"
         )
     return limit
 
@@ -45,10 +48,13 @@ _TIE = 0.95  # families whose removal lowers the bound by this part of the most 
 class LimitingTerm:
     """The term that limits the guaranteed time step."""
 
-    kind: str  # "stiffness", "damping", "nothing", or "method" where the integrator has no stable time step for this cloth
+    # "stiffness", "damping", "nothing", or "method" where the integrator has no stable time step
+    # for this cloth.
+    kind: str
     families: tuple[str, ...]  # the spring families of the term, or "points" for drag
     values: tuple[float, ...]  # of the term, for each family [N/m] or [N s/m]
-    below: tuple[float, ...]  # where the other kind limits the step, all families reduced in proportion; 0 if there is none
+    # Where the other kind limits the step, all families reduced in proportion; 0 if there is none.
+    below: tuple[float, ...]
     max_stable_dt: float  # the guaranteed time step [s]
     integrator: str
 
@@ -58,11 +64,19 @@ class LimitingTerm:
         if self.kind == "method":
             return f"{self.integrator} amplifies undamped motion at every time step"
         *most, last = [f for f in self.families if f != "points"] or [""]
-        springs = [f"the {self.kind} of {', '.join(most)}{' and ' * bool(most)}{last} springs"] if last else []
+        springs = (
+            [f"the {self.kind} of {', '.join(most)}{' and ' * bool(most)}{last} springs"]
+            if last
+            else []
+        )
         name = " and ".join([*springs, *["the drag of points"] * ("points" in self.families)])
         other = "stiffness" if self.kind == "damping" else "damping"
         text = f"{name}, {self._listed(self.values)}, limits it"
-        return f"{text}; below {self._listed(self.below)} the {other} would" if any(self.below) else text
+        return (
+            f"{text}; below {self._listed(self.below)} the {other} would"
+            if any(self.below)
+            else text
+        )
 
     def _listed(self, numbers: tuple[float, ...]) -> str:
         different = dict.fromkeys(f"{one:.3g}" for one in numbers)

@@ -1,4 +1,6 @@
-"""The time integration methods as data: properties and coefficients, which the core has. `region` has their theory."""
+"""The time integration methods as data: properties and coefficients, which the core has. `region`
+has their theory.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,8 @@ class Integrator:
     name : str
         The name that `step`, `simulate` and `Stepper` take as ``integrator``.
     order, order_damped : int
-        Power of the time step with which the error of a smooth motion falls, without and with damping; see `order_of`.
+        Power of the time step with which the error of a smooth motion falls, without and with
+        damping; see `order_of`.
     symplectic : bool
         Whether the energy of an undamped scene stays bounded over any number of steps.
     family : str
@@ -50,9 +53,10 @@ class Integrator:
     in_kernels: bool = field(repr=False)  # whether the kernels take whole steps
     # Runge-Kutta: factors of the powers of z, from 1 on, by which a step multiplies exp(z).
     terms: tuple[float, ...] = field(repr=False)
-    splitting: tuple[list[float], list[float]] = field(repr=False)  # as many drifts and kicks, in turn, as parts of the step
-    # The explicit method that replaces a splitting where there is damping. For each stage and for the result: factors of
-    # the velocity in x, and of the accelerations in x and in v.
+    # As many drifts and kicks, in turn, as parts of the step.
+    splitting: tuple[list[float], list[float]] = field(repr=False)
+    # The explicit method that replaces a splitting where there is damping. For each stage and for
+    # the result: factors of the velocity in x, and of the accelerations in x and in v.
     weights_damped: tuple[Weights, ...] = field(repr=False)
 
     @property
@@ -67,7 +71,9 @@ class Integrator:
 
     @property
     def imaginary_limit(self) -> float:
-        """Largest stable omega * dt of the undamped oscillator, to nine digits; 0 if every step amplifies it."""
+        """Largest stable omega * dt of the undamped oscillator, to nine digits; 0 if every step
+        amplifies it.
+        """
         from .region import axis_limit
 
         return axis_limit(self.name, damping=False)
@@ -96,7 +102,10 @@ class Integrator:
         damped = "" if self.stages_damped == self.stages else f" (damped: {self.stages_damped})"
         kind = "explicit" if self.explicit else "implicit"
         order = "" if self.damped else f" (damped: order {self.order_damped})"
-        return f"{self.stages}{damped}", kind + ", adaptive" * self.adaptive + ", symplectic" * self.symplectic + order
+        return (
+            f"{self.stages}{damped}",
+            kind + ", adaptive" * self.adaptive + ", symplectic" * self.symplectic + order,
+        )
 
 
 # Order, order with damping, and whether the method is symplectic.
@@ -113,7 +122,8 @@ _PROPERTIES = {
 
 
 def _terms(tableau: list[list[float]], order: int, stages: int) -> tuple[float, ...]:
-    """The stability polynomial. Up to the order it is that of exp(z); the further terms are b A^(k-1) 1.
+    """The stability polynomial. Up to the order it is that of exp(z); the further terms are b
+    A^(k-1) 1.
 
     In long double, as the terms of dop853 cancel.
     """
@@ -134,7 +144,10 @@ def _integrator(name: str, facts: dict[str, Any]) -> Integrator:
     return Integrator(
         name,
         *_PROPERTIES[name],
-        **{key: facts[key] for key in ("family", "adaptive", "stages", "stages_damped", "in_kernels")},
+        **{
+            key: facts[key]
+            for key in ("family", "adaptive", "stages", "stages_damped", "in_kernels")
+        },
         terms=_terms(tableau, facts["order"], facts["stages"]) if tableau else (),
         splitting=(list(drifts), [*kicks, 0.0]),
         weights_damped=tuple(facts.get("damped", ())),
@@ -187,12 +200,15 @@ def integrator_name(name: Any, *more: str, argument: str = "integrator") -> str:
 
 
 def warn_of_order(integrator: str, scene: Scene) -> bool:
-    """Give an `OrderWarning` where damping lowers the order of this integrator; return True if it was given."""
+    """Give an `OrderWarning` where damping lowers the order of this integrator; return True if it
+    was given.
+    """
     method = METHODS[integrator]
     if lower := method.order_of(scene) < method.order:
         warn_caller(
-            f"{integrator} is of order {method.order_damped} for a scene with damping, not of order "
-            f"{method.order}: its errors are those of a method of order {method.order_damped}; take "
+            f"{integrator} is of order {method.order_damped} for a scene with damping, not of "
+            f"order {method.order}: its errors are those of a method of order "
+            f"{method.order_damped}; take "
             "'rk4' or 'velocity_verlet', which keep their orders, or a cloth with damping=0",
             OrderWarning,
         )

@@ -1,9 +1,10 @@
 """Stability regions: the largest time step that keeps a damped oscillator from growing.
 
-A mode of the linearised cloth is the oscillator x'' = -omega^2 x - delta x', with omega^2 an eigenvalue of the stiffness
-per unit mass and delta one of the damping per unit mass [1/s]. A step of dt multiplies its (x, dt v) by a 2 x 2 matrix
-G(omega dt, delta dt). The mode does not grow where the eigenvalues of G are at most 1 in size. For the trace T and
-determinant D of G this means |T| <= 1 + D and |D| <= 1.
+A mode of the linearised cloth is the oscillator x'' = -omega^2 x - delta x', with omega^2 an
+eigenvalue of the stiffness per unit mass and delta one of the damping per unit mass [1/s]. A step
+of dt multiplies its (x, dt v) by a 2 x 2 matrix G(omega dt, delta dt). The mode does not grow where
+the eigenvalues of G are at most 1 in size. For the trace T and determinant D of G this means |T| <=
+1 + D and |D| <= 1.
 
 In the plane of (omega dt, delta dt) a time step walks along a ray from the origin. A table per
 integrator keeps where each ray first leaves the stable region.
@@ -24,14 +25,17 @@ from .integrators import METHODS
 _ANGLES = 257
 _RADIUS_STEP = 0.05
 _BISECTIONS = 30
-# Growth a step that counts as rounding: e-fold in 1e9 steps. Below a radius of 1 it falls with the square of the radius,
-# as the growth does that Euler's method gives an undamped oscillator.
+# Growth a step that counts as rounding: e-fold in 1e9 steps. Below a radius of 1 it falls with the
+# square of the radius, as the growth does that Euler's method gives an undamped oscillator.
 _ROUNDING = 1e-9
-_FARTHEST = 10.0  # the first radius up to which a region is searched; then twice as far, until it ends on every ray
+# The first radius up to which a region is searched; then twice as far, until it ends on every ray.
+_FARTHEST = 10.0
 _NOWHERE = 1e-7  # a region that ends before this radius ends at the origin: double resolves no less
 
 
-def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> Floats:
+def amplification_matrix(
+    integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike
+) -> Floats:
     """The matrix, shape (..., 2, 2), by which a step maps (x, dt v) of the damped oscillator.
 
     `omega_dt` and `delta_dt` are omega dt and delta dt of x'' = - omega^2 x - delta x', >= 0.
@@ -48,7 +52,9 @@ def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt
         k, c = square[..., None], delta[..., None]
         x, w, _ = splitting_step(integrator, lambda x, w: -k * x - c * w, x, w)
         return np.stack([x, w], -2)
-    slope = np.stack([np.stack([0 * square, 1 + 0 * square], -1), np.stack([-square, -delta], -1)], -2)
+    slope = np.stack(
+        [np.stack([0 * square, 1 + 0 * square], -1), np.stack([-square, -delta], -1)], -2
+    )
     identity = np.broadcast_to(np.eye(2), slope.shape)
     if method.family == "implicit":
         return np.asarray(np.linalg.solve(identity - slope / 2, identity + slope / 2), np.float64)
@@ -58,11 +64,13 @@ def amplification_matrix(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt
     return result
 
 
-def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any) -> tuple[Any, Any, list[Any]]:
+def splitting_step(
+    integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any
+) -> tuple[Any, Any, list[Any]]:
     """One step of a splitting method from positions x and w, dt times the velocities.
 
-    `acceleration(x, w)` returns dt^2 times the acceleration. The result is x and w at the end of the step, and the
-    accelerations in the order of their evaluation.
+    `acceleration(x, w)` returns dt^2 times the acceleration. The result is x and w at the end of
+    the step, and the accelerations in the order of their evaluation.
     """
     method = METHODS[integrator]
     stages: list[Any] = []
@@ -83,20 +91,26 @@ def splitting_step(integrator: str, acceleration: Callable[[Any, Any], Any], x: 
     return x, w, stages
 
 
-def stable(integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+def stable(
+    integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike
+) -> npt.NDArray[np.bool_]:
     """Whether a step does not amplify the mode, per entry."""
     g = amplification_matrix(integrator, omega_dt, delta_dt)
     trace = g[..., 0, 0] + g[..., 1, 1]
     determinant = g[..., 0, 0] * g[..., 1, 1] - g[..., 0, 1] * g[..., 1, 0]
     with np.errstate(invalid="ignore"):
         rounding = _ROUNDING * np.minimum(1.0, np.square(omega_dt) + np.square(delta_dt))
-        inside = (np.abs(trace) <= 1 + determinant + rounding) & (np.abs(determinant) <= 1 + rounding)
+        inside = (np.abs(trace) <= 1 + determinant + rounding) & (
+            np.abs(determinant) <= 1 + rounding
+        )
     return np.asarray(inside)
 
 
 @cache
 def border_of_region(integrator: str) -> tuple[Floats, Floats]:
-    """Angles of rays from the omega axis to the delta axis, and the radius where each ray leaves the region."""
+    """Angles of rays from the omega axis to the delta axis, and the radius where each ray leaves
+    the region.
+    """
     angle = np.linspace(0.0, np.pi / 2, _ANGLES)
     return angle, _exit_radii(integrator, angle)
 
@@ -123,8 +137,12 @@ def _exit_radii(integrator: str, angle: Floats) -> Floats:
 
 @cache
 def axis_limit(integrator: str, damping: bool) -> float:
-    """Where the stable region ends on the delta axis (`damping`) or on the omega axis, less what counts as rounding."""
-    return (1 - _ROUNDING) * float(_exit_radii(integrator, np.array([np.pi / 2 if damping else 0.0]))[0])
+    """Where the stable region ends on the delta axis (`damping`) or on the omega axis, less what
+    counts as rounding.
+    """
+    return (1 - _ROUNDING) * float(
+        _exit_radii(integrator, np.array([np.pi / 2 if damping else 0.0]))[0]
+    )
 
 
 @cache
@@ -162,8 +180,9 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
 def box_limit(integrator: str, omega: float, delta: float) -> float:
     """Largest time step that is stable for every mode with at most this omega and this delta [s].
 
-    Modes may combine frequency and damping in any way. So the whole box [0, omega dt] x [0, delta dt] has to lie in the
-    stable region. Between two rays the box is taken at its widest and the region at its narrowest.
+    Modes may combine frequency and damping in any way. So the whole box [0, omega dt] x [0, delta
+    dt] has to lie in the stable region. Between two rays the box is taken at its widest and the
+    region at its narrowest.
     """
     if omega == 0 or delta == 0:
         return float(mode_limit(integrator, omega, delta))

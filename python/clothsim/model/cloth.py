@@ -1,4 +1,4 @@
-"""The cloth: mass points on a regular grid, the springs between them, and which points are pinned."""
+"""The cloth: mass points on a regular grid, springs between them, and which points are pinned."""
 
 from __future__ import annotations
 
@@ -25,7 +25,14 @@ FAMILIES: tuple[Family, ...] = get_args(Family)
 """The spring families, in the order in which they are computed and listed."""
 
 SPRING_DTYPE = np.dtype(
-    [("i", "i8"), ("j", "i8"), ("family", "U10"), ("rest_length", "f8"), ("stiffness", "f8"), ("damping", "f8")]
+    [
+        ("i", "i8"),
+        ("j", "i8"),
+        ("family", "U10"),
+        ("rest_length", "f8"),
+        ("stiffness", "f8"),
+        ("damping", "f8"),
+    ]
 )
 
 # Per family and direction, the (row, column) offsets of the spring's two ends from a cell's
@@ -33,7 +40,9 @@ SPRING_DTYPE = np.dtype(
 _ENDS = tuple(
     (family, *ends)
     for family, r, c in _core.spring_kinds
-    for ends in [((0, 0), (r, c)), ((0, c), (r, 0))][: 2 if r and c else 1]  # a diagonal has a mirror image
+    for ends in [((0, 0), (r, c)), ((0, c), (r, 0))][
+        : 2 if r and c else 1
+    ]  # a diagonal has a mirror image
 )
 
 # What can be replaced beside everything else: arrays and pins stay.
@@ -58,25 +67,27 @@ class Cloth(Record):
     shape : (int, int), default (32, 32)
         Rows and columns, each >= 1 and at least two points in all. One row or column is a chain.
     size : (float, float), default (1.0, 1.0)
-        Extent along the rows and along the columns [m], > 0, in the order of `shape`. The extent along an axis with a
-        single point has no effect.
+        Extent along the rows and along the columns [m], > 0, in the order of `shape`. The extent
+        along an axis with a single point has no effect.
     mass : float or array_like, default 512.0
         Total mass [kg], spread evenly, or the mass of each point, shape (rows, columns) [kg]; > 0.
     stiffness : float or mapping, default 35000.0
-        Stiffness of each spring [N/m], >= 0: one number, or a mapping with one number for every family in `springs`.
+        Stiffness of each spring [N/m], >= 0: one number, or a mapping with one number for every
+        family in `springs`.
     damping : float or mapping, default 100.0
-        Damping of the change of each spring's length [N s/m], >= 0: one number, or a mapping with one number for every
-        family in `springs`. Zero switches it off.
+        Damping of the change of each spring's length [N s/m], >= 0: one number, or a mapping with
+        one number for every family in `springs`. Zero switches it off.
     drag : float, default 0.0
         Damping of each point's velocity v with the force -drag v [N s/m], >= 0.
     springs : sequence of str, default ("structural", "shear", "bend")
         Families present. Structural springs join neighbours, shear springs the diagonals of a
         cell, bend springs points two apart along a row or column. Kept in this order.
     pins : sequence of (int, int), boolean array or mapping, default ((0, 0), (-1, 0))
-        Points that no force moves: (row, column) pairs, or a mask of shape (rows, columns). Negative numbers count from
-        the end. An empty sequence pins no point. A mapping gives each pin a motion, or None for a pin that rests:
-        ``{(0, 0): cs.Linear((1, 0, 0)), (-1, 0): None}``. A pin with a motion is driven: it starts from its place in the
-        scene's initial state. With `Reciprocate` that place is a turning point.
+        Points that no force moves: (row, column) pairs, or a mask of shape (rows, columns).
+        Negative numbers count from the end. An empty sequence pins no point. A mapping gives each
+        pin a motion, or None for a pin that rests: ``{(0, 0): cs.Linear((1, 0, 0)), (-1, 0):
+        None}``. A pin with a motion is driven: it starts from its place in the scene's initial
+        state. With `Reciprocate` that place is a turning point.
 
     Attributes
     ----------
@@ -135,7 +146,9 @@ class Cloth(Record):
         sides = enumerate(check.items("size", size, 2, "numbers > 0"))
         self._set(
             shape=shape,
-            size=tuple(check.number(f"size[{k}]", side, minimum=0, exclusive=True) for k, side in sides),
+            size=tuple(
+                check.number(f"size[{k}]", side, minimum=0, exclusive=True) for k, side in sides
+            ),
             mass=_mass(mass, shape),
             stiffness=_per_family("stiffness", stiffness, springs),
             damping=_per_family("damping", damping, springs),
@@ -147,7 +160,10 @@ class Cloth(Record):
     def replace(self, **changes: Any) -> Cloth:
         if not changes.keys() <= _FORCES:
             return super().replace(**changes)
-        return self._copy(("core",), **{name: _per_family(name, one, self.springs) for name, one in changes.items()})
+        return self._copy(
+            ("core",),
+            **{name: _per_family(name, one, self.springs) for name, one in changes.items()},
+        )
 
     def to_dict(self) -> dict[str, Any]:
         if not isinstance(self.pins, Mapping):
@@ -165,15 +181,25 @@ class Cloth(Record):
     @property
     def spacing(self) -> tuple[float, float]:
         (height, width), (rows, columns) = self.size, self.shape
-        return height / (rows - 1) if rows > 1 else 0.0, width / (columns - 1) if columns > 1 else 0.0
+        return height / (rows - 1) if rows > 1 else 0.0, width / (
+            columns - 1
+        ) if columns > 1 else 0.0
 
     @property
     def family_stiffness(self) -> dict[str, float]:
-        return dict.fromkeys(self.springs, self.stiffness) if isinstance(self.stiffness, float) else dict(self.stiffness)
+        return (
+            dict.fromkeys(self.springs, self.stiffness)
+            if isinstance(self.stiffness, float)
+            else dict(self.stiffness)
+        )
 
     @property
     def family_damping(self) -> dict[str, float]:
-        return dict.fromkeys(self.springs, self.damping) if isinstance(self.damping, float) else dict(self.damping)
+        return (
+            dict.fromkeys(self.springs, self.damping)
+            if isinstance(self.damping, float)
+            else dict(self.damping)
+        )
 
     @property
     def damped(self) -> bool:
@@ -201,7 +227,11 @@ class Cloth(Record):
         if not isinstance(self.pins, Mapping):
             return {}
         rows, columns = self.shape
-        return {(r % rows, c % columns): motion for (r, c), motion in self.pins.items() if motion is not None}
+        return {
+            (r % rows, c % columns): motion
+            for (r, c), motion in self.pins.items()
+            if motion is not None
+        }
 
     @cached_property
     def rest_positions(self) -> npt.NDArray[np.float64]:
@@ -242,24 +272,31 @@ class Cloth(Record):
         if family is not None:
             check.choice("family", family, FAMILIES)
         wanted = self.springs if family is None else (family,)
-        return sum(math.prod(self._cells(*ends)) for name, *ends in _ENDS if name in wanted and name in self.springs)
+        return sum(
+            math.prod(self._cells(*ends))
+            for name, *ends in _ENDS
+            if name in wanted and name in self.springs
+        )
 
     def _cells(self, first: tuple[int, int], second: tuple[int, int]) -> tuple[int, int]:
         """How many springs with these ends fit along the rows and along the columns."""
-        rows, columns = (max(n - max(a, b), 0) for n, a, b in zip(self.shape, first, second, strict=True))
+        rows, columns = (
+            max(n - max(a, b), 0) for n, a, b in zip(self.shape, first, second, strict=True)
+        )
         return rows, columns
 
     def spring_table(self) -> npt.NDArray[np.void]:
         """Every spring, one row each.
 
-        The order is structural (r, c)-(r, c+1) and (r, c)-(r+1, c); shear (r, c)-(r+1, c+1) and (r, c+1)-(r+1, c); bend
-        (r, c)-(r, c+2) and (r, c)-(r+2, c). Each of these six is ordered by r, then by c.
+        The order is structural (r, c)-(r, c+1) and (r, c)-(r+1, c); shear (r, c)-(r+1, c+1) and (r,
+        c+1)-(r+1, c); bend (r, c)-(r, c+2) and (r, c)-(r+2, c). Each of these six is ordered by r,
+        then by c.
 
         Returns
         -------
         numpy.ndarray
-            Structured: ``i``, ``j`` (indices of the points), ``family``, ``rest_length`` [m], ``stiffness`` [N/m] and
-            ``damping`` [N s/m].
+            Structured: ``i``, ``j`` (indices of the points), ``family``, ``rest_length`` [m],
+            ``stiffness`` [N/m] and ``damping`` [N s/m].
 
         Examples
         --------
@@ -273,7 +310,9 @@ class Cloth(Record):
             if family not in self.springs:
                 continue
             rows, columns = self._cells(first, second)
-            length = math.hypot(*(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True)))
+            length = math.hypot(
+                *(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True))
+            )
             corners = (np.arange(rows)[:, None] * self.columns + np.arange(columns)).ravel()
             block = table[done : done + corners.size]
             for field, (r, c) in (("i", first), ("j", second)):
@@ -295,7 +334,9 @@ def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]
 
 def _springs(value: Any) -> tuple[Family, ...]:
     if isinstance(value, (str, bytes, Mapping)) or not np.iterable(value):
-        raise TypeError(f"springs must be a sequence of names from {FAMILIES}, got {check.shown(value)}")
+        raise TypeError(
+            f"springs must be a sequence of names from {FAMILIES}, got {check.shown(value)}"
+        )
     names = [check.choice(f"springs[{k}]", name, FAMILIES) for k, name in enumerate(value)]
     if len(set(names)) < len(names):
         raise ValueError(f"springs must name each family once, got {names}")
@@ -306,7 +347,9 @@ def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mappin
     if isinstance(value, float) or not isinstance(value, Mapping):
         return check.number(name, value, minimum=0)
     given = check.keys(name, value, springs, required=springs)
-    return MappingProxyType({f: check.number(f"{name}[{f!r}]", given[f], minimum=0) for f in springs})
+    return MappingProxyType(
+        {f: check.number(f"{name}[{f!r}]", given[f], minimum=0) for f in springs}
+    )
 
 
 def _groups_of(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, Any]]:
@@ -315,16 +358,24 @@ def _groups_of(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, 
     for pair, motion in pins.items():
         groups.setdefault(motion, []).append(list(pair))
     return [
-        {"points": points, **({} if motion is None else {"motion": motion.to_dict()})} for motion, points in groups.items()
+        {"points": points, **({} if motion is None else {"motion": motion.to_dict()})}
+        for motion, points in groups.items()
     ]
 
 
 def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
     """The argument `pins` of a cloth, checked."""
-    accepted = f"pins must be (row, column) pairs, a mapping of such pairs to motions, or a boolean array of shape {shape}"
+    accepted = (
+        "pins must be (row, column) pairs, a mapping of such pairs to motions, or a "
+        f"boolean array of shape {shape}"
+    )
     if isinstance(value, Mapping):
         return _driven_pins(value, shape)
-    if isinstance(value, (list, tuple)) and value and all(isinstance(one, Mapping) for one in value):
+    if (
+        isinstance(value, (list, tuple))
+        and value
+        and all(isinstance(one, Mapping) for one in value)
+    ):
         return _driven_pins(_from_groups(value), shape)  # as in to_dict
     if isinstance(value, (str, bytes)) or not np.iterable(value):
         raise TypeError(f"{accepted}, got {check.shown(value)}")
@@ -346,7 +397,9 @@ def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
 def _driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
     """The pins of a mapping; without any motion the pairs alone."""
     pairs = _checked_pins(list(value), shape)
-    motions = [checked_motion(f"pins[{pair}]", motion) for pair, motion in zip(pairs, value.values())]
+    motions = [
+        checked_motion(f"pins[{pair}]", motion) for pair, motion in zip(pairs, value.values())
+    ]
     points = [(r % shape[0], c % shape[1]) for r, c in pairs]
     if len(set(points)) < len(points):
         twice = next(point for point in points if points.count(point) > 1)

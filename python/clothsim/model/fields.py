@@ -1,4 +1,6 @@
-"""Names of what can be swept or fitted: every argument of Cloth, Sphere, Scene and the run, and parts of them."""
+"""Names of what can be swept or fitted: every argument of Cloth, Sphere, Scene and the run, and
+parts of them.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,18 @@ RUN = (*NUMERICS, "duration")
 _UNITS = {
     name: unit
     for unit, names in {
-        "m": ("size", "position", "center", "centers", "offsets", "radius", "offset", "distance", "amplitude", "atol"),
+        "m": (
+            "size",
+            "position",
+            "center",
+            "centers",
+            "offsets",
+            "radius",
+            "offset",
+            "distance",
+            "amplitude",
+            "atol",
+        ),
         "s": ("period", "times", "dt", "duration"),
         "Hz": ("frequency",),
         "m/s": ("velocity", "push_out_speed"),
@@ -48,7 +61,9 @@ _SPHERE_ALONE = ("radius", "offset", "as_printed", "push_out_speed")  # what no 
 _SPHERE = _arguments(Sphere)
 _SCENE = tuple(name for name in _arguments(Scene) if name not in ("cloth", "spheres"))
 _MOTION = tuple(dict.fromkeys(name for cls in MOTIONS.values() for name in _arguments(cls)))
-_FAMILY_PARTS = tuple(f"{name}_{family}" for name in ("stiffness", "damping") for family in FAMILIES)
+_FAMILY_PARTS = tuple(
+    f"{name}_{family}" for name in ("stiffness", "damping") for family in FAMILIES
+)
 _SPHERE_PARTS = (*_SPHERE, *(f"center_{c}" for c in _COMPONENTS), *_MOTION)
 
 NAMES = (
@@ -61,7 +76,9 @@ NAMES = (
     *(f"sphere_{name}" for name in _SPHERE_PARTS),
     *RUN,
 )
-"""Every name that can be swept; those of one sphere ("sphere1_radius") and of other pins ("pin1_x") come on top."""
+"""Every name that can be swept; those of one sphere ("sphere1_radius") and of other pins ("pin1_x")
+come on top.
+"""
 
 _SPHERE_NAME = re.compile(r"sphere(\d*)_(\w+)")
 _PIN_NAME = re.compile(r"pin(\d+)_([xyz])")
@@ -75,7 +92,10 @@ def check_name(name: Any) -> str:
     if isinstance(known, str) and known in NAMES:
         return str(name)
     hint = check.nearest(known, NAMES)
-    raise ValueError(f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() lists them")
+    raise ValueError(
+        f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() "
+        "lists them"
+    )
 
 
 def sweepable() -> dict[str, str]:
@@ -84,8 +104,9 @@ def sweepable() -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        Units are "" where values have none. Each `sphere_` name also works with a sphere's index, for example
-        "sphere1_radius". "pin0_x" is the initial place of the first of the cloth's `pins`, "pin1_x" that of the next.
+        Units are "" where values have none. Each `sphere_` name also works with a sphere's index,
+        for example "sphere1_radius". "pin0_x" is the initial place of the first of the cloth's
+        `pins`, "pin1_x" that of the next.
 
     Examples
     --------
@@ -139,9 +160,13 @@ def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
 def _with_pins(scene: Scene, values: Mapping[str, float]) -> Floats:
     position, pins = scene.initial_position.copy(), [*scene.cloth.pins]
     for name, value in values.items():
-        index, component = _PIN_NAME.fullmatch(name).groups()  # type: ignore[union-attr]  # has passed check_name
+        # The name has passed check_name.
+        index, component = _PIN_NAME.fullmatch(name).groups()  # type: ignore[union-attr]
         if int(index) >= len(pins):
-            raise ValueError(f"{name} needs a pin with the index {index}; the cloth has {counted(len(pins), 'pin')}")
+            raise ValueError(
+                f"{name} needs a pin with the index {index}; the cloth has "
+                f"{counted(len(pins), 'pin')}"
+            )
         position[pins[int(index)]][_COMPONENTS[component]] = check.number(name, value)
     return position
 
@@ -164,24 +189,35 @@ def _with_families(cloth: Cloth, parts: Mapping[str, Any]) -> dict[str, dict[str
     return changed
 
 
-def _change_spheres(spheres: tuple[Sphere | Plane, ...], values: Mapping[str, Any]) -> list[Sphere | Plane]:
+def _change_spheres(
+    spheres: tuple[Sphere | Plane, ...], values: Mapping[str, Any]
+) -> list[Sphere | Plane]:
     parts = {}
     for name in values:
-        number, part = _SPHERE_NAME.fullmatch(name).groups()  # type: ignore[union-attr]  # has passed check_name
+        # The name has passed check_name.
+        number, part = _SPHERE_NAME.fullmatch(name).groups()  # type: ignore[union-attr]
         index = int(number) if number else None
         parts[name] = index, part
         if (index or 0) >= len(spheres):
             needed = "a sphere" if index is None else f"a sphere with the index {index}"
-            raise ValueError(f"{name} needs {needed}; the scene has {counted(len(spheres), 'sphere')}")
+            raise ValueError(
+                f"{name} needs {needed}; the scene has {counted(len(spheres), 'sphere')}"
+            )
     result = []
     for k, sphere in enumerate(spheres):
         own = {name: part for name, (index, part) in parts.items() if index in (None, k)}
-        for name in [name for name, part in own.items() if isinstance(sphere, Plane) and part in _SPHERE_ALONE]:
+        for name in [
+            name
+            for name, part in own.items()
+            if isinstance(sphere, Plane) and part in _SPHERE_ALONE
+        ]:
             if parts[name][0] is not None or all(isinstance(one, Plane) for one in spheres):
                 raise ValueError(f"{name} needs a sphere, and spheres[{k}] is a plane")
             del own[name]  # meant for the spheres beside it
         # Whole arguments first and together; a part is then a part of the new whole.
-        sphere = sphere.replace(**{part: values[name] for name, part in own.items() if part in _SPHERE})
+        sphere = sphere.replace(
+            **{part: values[name] for name, part in own.items() if part in _SPHERE}
+        )
         for name in [name for name, part in own.items() if part not in _SPHERE]:
             sphere = _change_part(sphere, name, own[name], values[name])
         result.append(sphere)

@@ -14,15 +14,21 @@ GROUP = (_core.group_size, _core.group_size, 1)
 
 
 def checked_shape(value: Any, least: int = 1) -> tuple[int, int]:
-    """`value` as (rows, columns) of a grid with at least `least` mass points, which the core numbers in 32 bits."""
+    """`value` as (rows, columns) of a grid with at least `least` mass points, which the core
+    numbers in 32 bits.
+    """
     given = check.items("shape", value, 2, "integers (rows, columns)")
     rows, columns = (check.integer(f"shape[{k}]", n, minimum=1) for k, n in enumerate(given))
     if not least <= rows * columns < 2**31:
-        raise ValueError(f"shape must have {least:,} to {2**31 - 1:,} mass points, got {(rows, columns)}")
+        raise ValueError(
+            f"shape must have {least:,} to {2**31 - 1:,} mass points, got {(rows, columns)}"
+        )
     return rows, columns
 
 
-def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> npt.NDArray[np.void]:
+def thread_grid(
+    shape: tuple[int, int], group: tuple[int, int, int] = GROUP
+) -> npt.NDArray[np.void]:
     """The compute shader's thread for each mass point (Kim et al., section 3.1).
 
     One thread per mass point, groups of 16 x 16 x 1 threads::
@@ -42,8 +48,8 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
     Returns
     -------
     numpy.ndarray
-        Structured, shape (rows, columns), with the integer fields ``group_x``, ``group_y``, ``thread_x``, ``thread_y``,
-        ``dispatch_x``, ``dispatch_y`` and ``index``.
+        Structured, shape (rows, columns), with the integer fields ``group_x``, ``group_y``,
+        ``thread_x``, ``thread_y``, ``dispatch_x``, ``dispatch_y`` and ``index``.
 
     Examples
     --------
@@ -53,7 +59,9 @@ def thread_grid(shape: tuple[int, int], group: tuple[int, int, int] = GROUP) -> 
     """
     rows, columns = checked_shape(shape)
     if tuple(check.items("group", group, 3, "integers")) != GROUP:
-        raise ValueError(f"group must be {GROUP}, the one the kernels are built for, got {check.shown(group)}")
+        raise ValueError(
+            f"group must be {GROUP}, the one the kernels are built for, got {check.shown(group)}"
+        )
     return _core.thread_ids(rows, columns)
 
 
@@ -86,16 +94,20 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
 def point_radii2(x: Floats) -> Floats:
     """rho^2 of each mass point of (rows, columns, 3) positions (docs/contact-law.md, cells).
 
-    rho is the largest radius of a smallest enclosing circle among the triangles of the four cells around the point [m]. Both
-    diagonals of a cell count.
+    rho is the largest radius of a smallest enclosing circle among the triangles of the four cells
+    around the point [m]. Both diagonals of a cell count.
 
     >>> point_radii2(cs.Cloth((2, 2), (2.0, 2.0)).rest_positions).tolist()
     [[2.0, 2.0], [2.0, 2.0]]
     """
     rows, columns = x.shape[:2]
-    x = np.pad(x, ((0, int(rows == 1)), (0, int(columns == 1)), (0, 0)), mode="edge")  # the links of a chain
+    x = np.pad(
+        x, ((0, int(rows == 1)), (0, int(columns == 1)), (0, 0)), mode="edge"
+    )  # the links of a chain
     a, b, c, d = x[:-1, :-1], x[:-1, 1:], x[1:, :-1], x[1:, 1:]
-    cells = np.max([_circle2(*corners) for corners in ((a, b, c), (b, d, c), (a, b, d), (a, d, c))], axis=0)
+    cells = np.max(
+        [_circle2(*corners) for corners in ((a, b, c), (b, d, c), (a, b, d), (a, d, c))], axis=0
+    )
     around = np.pad(cells, 1)
     of_points = [around[i : i + x.shape[0], j : j + x.shape[1]] for i in (0, 1) for j in (0, 1)]
     found: Floats = np.max(of_points, axis=0)[:rows, :columns]
@@ -103,8 +115,9 @@ def point_radii2(x: Floats) -> Floats:
 
 
 def _circle2(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Squared radius of the smallest circle that holds a triangle: its longest side is a diameter, or all corners lie on
-    it."""
+    """Squared radius of the smallest circle that holds a triangle: its longest side is a diameter,
+    or all corners lie on it.
+    """
     sides = np.stack([((p - q) ** 2).sum(axis=-1) for p, q in ((a, b), (b, c), (c, a))])
     longest, product = sides.max(axis=0), sides.prod(axis=0)
     area2 = (np.cross(b - a, c - a) ** 2).sum(axis=-1)  # of the parallelogram

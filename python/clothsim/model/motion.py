@@ -1,15 +1,17 @@
 """Prescribed motions of a sphere or a pin: where it is and how fast it goes at any time.
 
-A motion consists of pieces (`PIECE`). With u = (t - begin) / length, the displacement on a piece is::
+A motion consists of pieces (`PIECE`). With u = (t - begin) / length, the displacement on a piece
+is::
 
     p0 + u p1 + u^2 p2 + u^3 p3 + amplitude g(u)
     g(u) = sin(angle u)    or, where decay k > 0,    (1 - exp(-k u)) / (1 - exp(-k))
 
-The pieces of a periodic motion cover one period: `begin` and `length` are then parts of it, and frac(t / period + phase)
-takes the place of t. The first and the last piece of any other motion have no end.
+The pieces of a periodic motion cover one period: `begin` and `length` are then parts of it, and
+frac(t / period + phase) takes the place of t. The first and the last piece of any other motion have
+no end.
 
-The classes here make the pieces. `_core.Motion` evaluates them for Python and the core, `motionAt` (viewing/web/solver.js)
-for the live page, and cpp/reference/pins.hpp for the scalar reference.
+The classes here make the pieces. `_core.Motion` evaluates them for Python and the core, `motionAt`
+(viewing/web/solver.js) for the live page, and cpp/reference/pins.hpp for the scalar reference.
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ from .record import Record
 
 Vectors = npt.NDArray[np.float64]
 
-# As MotionPiece in cpp/model/motion.hpp, with polynomial = (p0, p1, p2, p3). Units: s (or parts of the period), m, rad, 1.
+# As MotionPiece in cpp/model/motion.hpp, with polynomial = (p0, p1, p2, p3). Units: s (or parts of
+# the period), m, rad, 1.
 PIECE = np.dtype(
     [
         ("begin", "f8"),
@@ -63,8 +66,16 @@ class BaseMotion(Record):
     @property
     def for_pages(self) -> dict[str, Any]:
         """The pieces as plain data."""
-        pieces = [{name: piece[name].tolist() for name in PIECE.fields} for piece in self.pieces]  # type: ignore[union-attr]
-        return {"pieces": pieces, "period": self._period, "phase": self._phase, "relative": self.relative}
+        pieces = [
+            {name: piece[name].tolist() for name in PIECE.fields}  # type: ignore[union-attr]
+            for piece in self.pieces
+        ]
+        return {
+            "pieces": pieces,
+            "period": self._period,
+            "phase": self._phase,
+            "relative": self.relative,
+        }
 
     def center_at(self, t: npt.ArrayLike, center0: Numbers) -> Vectors:
         """Centre of the sphere at the time `t` [m], the shape of `t` with 3 appended.
@@ -84,7 +95,8 @@ class BaseMotion(Record):
         return self._center(_times(t), np.array(check.vector("center0", center0)))
 
     def velocity_at(self, t: npt.ArrayLike) -> Vectors:
-        """Velocity of the sphere [m/s], the derivative of `center_at`; where it jumps, the velocity just after.
+        """Velocity of the sphere [m/s], the derivative of `center_at`; where it jumps, the velocity
+        just after.
 
         Parameters
         ----------
@@ -107,8 +119,8 @@ class BaseMotion(Record):
             if (last - first) * len(begins) > _MOST_STOPS:
                 least = len(begins) * (end - begin) / _MOST_STOPS
                 raise ValueError(
-                    f"period must be at least {least:.3g} s, as error control ends a step at each turn of {end - begin:g} "
-                    f"s, got {period:g} s of {self!r}: give dt"
+                    f"period must be at least {least:.3g} s, as error control ends a step at each "
+                    f"turn of {end - begin:g} s, got {period:g} s of {self!r}: give dt"
                 )
             times = [(n + b - phase) * period for n in range(first, last + 1) for b in begins]
         return [t for t in times if begin < t < end]
@@ -176,9 +188,9 @@ class Reciprocate(BaseMotion):
         c(t) = c0 + s (g(q) - 1/2) distance u
         v(t) = s k exp(-k q) / (1 - exp(-k)) (2/T) distance u     s (2/T) distance u for k = 0
 
-    Kim et al. (section 6) slow their sphere down by linear interpolation. A sphere that goes a fixed fraction of the
-    remaining way in every frame follows an exponential, here scaled so that it reaches the turning point exactly after half
-    a period. There its velocity jumps.
+    Kim et al. (section 6) slow their sphere down by linear interpolation. A sphere that goes a
+    fixed fraction of the remaining way in every frame follows an exponential, here scaled so that
+    it reaches the turning point exactly after half a period. There its velocity jumps.
 
     Parameters
     ----------
@@ -189,8 +201,8 @@ class Reciprocate(BaseMotion):
     period : float, default 3.6
         Time there and back [s], > 0.
     deceleration : float, default 5.0
-        The k of the formulas, dimensionless, >= 0. The sphere arrives at a turning point exp(-k) times as fast as it
-        leaves. 0 gives constant speed.
+        The k of the formulas, dimensionless, >= 0. The sphere arrives at a turning point exp(-k)
+        times as fast as it leaves. 0 gives constant speed.
     phase : float, default 0.0
         Part of the period that is over at t = 0, 0 <= phase < 1. With 0 the sphere starts at
         c0 - u distance/2 towards +u, with 0.5 at c0 + u distance/2 towards -u.
@@ -213,7 +225,12 @@ class Reciprocate(BaseMotion):
     kind: ClassVar[str] = "reciprocate"
 
     def __init__(
-        self, direction: Numbers, distance: float = 1.0, period: float = 3.6, deceleration: float = 5.0, phase: float = 0.0
+        self,
+        direction: Numbers,
+        distance: float = 1.0,
+        period: float = 3.6,
+        deceleration: float = 5.0,
+        phase: float = 0.0,
     ) -> None:
         if not any(vector := check.vector("direction", direction)):
             raise ValueError(f"direction must not be the zero vector, got {direction!r}")
@@ -237,7 +254,8 @@ class Reciprocate(BaseMotion):
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Sinusoid(BaseMotion):
-    """Harmonic motion about the sphere's ``center``: c(t) = c0 + amplitude sin(2 pi (frequency t + phase)).
+    """Harmonic motion about the sphere's ``center``: c(t) = c0 + amplitude sin(2 pi (frequency t +
+    phase)).
 
     A driven pin begins at its initial position, where the sine has the value of t = 0.
 
@@ -248,7 +266,8 @@ class Sinusoid(BaseMotion):
     frequency : float
         Periods per second [Hz], > 0.
     phase : float, default 0.0
-        Part of the period that is over at t = 0, 0 <= phase < 1. 0.25 starts at rest at the turning point.
+        Part of the period that is over at t = 0, 0 <= phase < 1. 0.25 starts at rest at the turning
+        point.
 
     Examples
     --------
@@ -274,20 +293,25 @@ class Sinusoid(BaseMotion):
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:
         # Half a period each: the velocity is monotone on a piece.
-        return _pieces([0.0, 0.5], 0.5, [], amplitude=np.outer((1, -1), self.amplitude), angle=math.pi)
+        return _pieces(
+            [0.0, 0.5], 0.5, [], amplitude=np.outer((1, -1), self.amplitude), angle=math.pi
+        )
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Keyframes(BaseMotion):
-    """A table of times and centres or displacements, with straight lines or a smooth curve between them.
+    """A table of times and centres or displacements, with straight lines or a smooth curve between
+    them.
 
-    Before the first time and from the last time on the sphere rests. At a time of the table the velocity is that of the
-    line that begins there. With `smooth` the curve is the cubic spline through the centres, with continuous velocity and
-    acceleration, and with one cubic on the first two and on the last two intervals ("not-a-knot"; through three centres a
-    parabola). Its first and last velocities are not 0 in general.
+    Before the first time and from the last time on the sphere rests. At a time of the table the
+    velocity is that of the line that begins there. With `smooth` the curve is the cubic spline
+    through the centres, with continuous velocity and acceleration, and with one cubic on the first
+    two and on the last two intervals ("not-a-knot"; through three centres a parabola). Its first
+    and last velocities are not 0 in general.
 
-    `centers` are absolute, so the sphere's own ``center`` has no effect. `offsets` are displacements from the sphere's
-    ``center`` or from the pin's initial position, so that many pins can share a motion.
+    `centers` are absolute, so the sphere's own ``center`` has no effect. `offsets` are
+    displacements from the sphere's ``center`` or from the pin's initial position, so that many pins
+    can share a motion.
 
     Parameters
     ----------
@@ -328,11 +352,20 @@ class Keyframes(BaseMotion):
         times = check.array("times", times, (count,))
         check.check_all("times", times, np.diff(times, prepend=-np.inf) > 0, "strictly increasing")
         places = {"centers": centers, "offsets": offsets}
-        given = {name: check.array(name, value, (count, 3)) for name, value in places.items() if value is not None}
+        given = {
+            name: check.array(name, value, (count, 3))
+            for name, value in places.items()
+            if value is not None
+        }
         if len(given) != 1:
-            raise ValueError(f"one of centers and offsets must be given, got {' and '.join(given) or 'none of them'}")
+            raise ValueError(
+                "one of centers and offsets must be given, got "
+                f"{' and '.join(given) or 'none of them'}"
+            )
         ((name, table),) = given.items()
-        self._set(times=frozen(times), smooth=check.boolean("smooth", smooth), relative=name == "offsets")
+        self._set(
+            times=frozen(times), smooth=check.boolean("smooth", smooth), relative=name == "offsets"
+        )
         self._set(**{**dict.fromkeys(places), name: frozen(table)})
 
     @cached_property
@@ -346,15 +379,19 @@ class Keyframes(BaseMotion):
             begins, ends = lengths * speeds[:-1], lengths * speeds[1:]
             curve = [places[:-1], begins, 3 * ways - 2 * begins - ends, begins + ends - 2 * ways]
         rest = (np.zeros((1, 3)),) * (len(curve) - 1)
-        curves = [np.concatenate(parts) for parts in zip((places[:1], *rest), curve, (places[-1:], *rest), strict=True)]
+        curves = [
+            np.concatenate(parts)
+            for parts in zip((places[:1], *rest), curve, (places[-1:], *rest), strict=True)
+        ]
         return _pieces([times[0] - 1.0, *times], [1.0, *lengths[:, 0], 1.0], curves)
 
 
 def _spline_velocities(h: Vectors, d: Vectors) -> Vectors:
-    """Velocities of the not-a-knot spline at its times; `h` are the durations and `d` the mean velocities between them.
+    """Velocities of the not-a-knot spline at its times; `h` are the durations and `d` the mean
+    velocities between them.
 
-    The acceleration is continuous at each inner time, and its derivative at the second and the last but one (de Boor, A
-    Practical Guide to Splines, IV).
+    The acceleration is continuous at each inner time, and its derivative at the second and the last
+    but one (de Boor, A Practical Guide to Splines, IV).
     """
 
     def at_end(h0: Vectors, h1: Vectors, d0: Vectors, d1: Vectors) -> tuple[Any, ...]:
@@ -362,7 +399,10 @@ def _spline_velocities(h: Vectors, d: Vectors) -> Vectors:
             return 1.0, len(h) - 1.0, len(h) * d0
         return h1, h0 + h1, ((3 * h0 + 2 * h1) * h1 * d0 + h0 * h0 * d1) / (h0 + h1)
 
-    first, last = at_end(h[0], h[1 % len(h)], d[0], d[1 % len(h)]), at_end(h[-1], h[-2 % len(h)], d[-1], d[-2 % len(h)])
+    first, last = (
+        at_end(h[0], h[1 % len(h)], d[0], d[1 % len(h)]),
+        at_end(h[-1], h[-2 % len(h)], d[-1], d[-2 % len(h)]),
+    )
     below = [0.0, *h[1:], last[1]]
     diagonal = [first[0], *(2 * (h[:-1] + h[1:])), last[0]]
     above = [first[1], *h[:-1], 0.0]
@@ -378,11 +418,22 @@ def _spline_velocities(h: Vectors, d: Vectors) -> Vectors:
 
 
 def _pieces(
-    begin: Numbers, length: Any, polynomial: Any, amplitude: Any = 0.0, angle: float = 0.0, decay: float = 0.0
+    begin: Numbers,
+    length: Any,
+    polynomial: Any,
+    amplitude: Any = 0.0,
+    angle: float = 0.0,
+    decay: float = 0.0,
 ) -> npt.NDArray[Any]:
     """Pieces of these values; `polynomial` may leave out its last coefficients."""
     pieces = np.zeros(len(begin), PIECE)
-    for name, values in (("begin", begin), ("length", length), ("amplitude", amplitude), ("angle", angle), ("decay", decay)):
+    for name, values in (
+        ("begin", begin),
+        ("length", length),
+        ("amplitude", amplitude),
+        ("angle", angle),
+        ("decay", decay),
+    ):
         pieces[name] = values
     for k, coefficients in enumerate(polynomial):
         pieces["polynomial"][:, k] = coefficients
@@ -396,18 +447,23 @@ def _phase(value: float) -> float:
 
 
 Motion = Linear | Reciprocate | Sinusoid | Keyframes
-MOTIONS: dict[str, type[BaseMotion]] = {m.kind: m for m in (Linear, Reciprocate, Sinusoid, Keyframes)}
+MOTIONS: dict[str, type[BaseMotion]] = {
+    m.kind: m for m in (Linear, Reciprocate, Sinusoid, Keyframes)
+}
 
 
 def checked_motion(name: str, value: Any) -> Motion | None:
     """`value` if it is a motion or None."""
     if value is not None and not isinstance(value, (Linear, Reciprocate, Sinusoid, Keyframes)):
-        raise TypeError(f"{name} must be Linear, Reciprocate, Sinusoid, Keyframes or None, got {check.shown(value)}")
+        raise TypeError(
+            f"{name} must be Linear, Reciprocate, Sinusoid, Keyframes or None, got "
+            f"{check.shown(value)}"
+        )
     return value
 
 
 def motion_from_dict(data: Mapping[str, Any]) -> Motion:
-    """The motion that `data` describes: its "kind", a key of `MOTIONS`, and the arguments of that class."""
+    """The motion of `data`: its "kind", a key of `MOTIONS`, and the arguments of that class."""
     if not isinstance(data, Mapping):
         raise TypeError(f"motion must be a mapping with a 'kind', got {check.shown(data)}")
     kind = check.choice("motion kind", data.get("kind", ""), MOTIONS)

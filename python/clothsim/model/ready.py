@@ -1,8 +1,8 @@
 """Ready scenes: the scenes of Kim et al., and two scenes with a solution in closed form.
 
-The paper's scenes take its Table 2, which are the defaults of `Cloth`. The 3,906 springs are structural and shear; section 2
-of the paper also describes bend springs. The cloth starts flat and level, pinned at the two ends of the side x = 0, and
-swings down about z (section 6).
+The paper's scenes take its Table 2, which are the defaults of `Cloth`. The 3,906 springs are
+structural and shear; section 2 of the paper also describes bend springs. The cloth starts flat and
+level, pinned at the two ends of the side x = 0, and swings down about z (section 6).
 """
 
 from __future__ import annotations
@@ -21,7 +21,10 @@ PAPER_DT = 5e-6
 
 
 def paper_static(
-    response: Response = "ray", bend: bool = False, offset: Offset | float = "edge", as_printed: bool = False
+    response: Response = "ray",
+    bend: bool = False,
+    offset: Offset | float = "edge",
+    as_printed: bool = False,
 ) -> Scene:
     """The cloth swings down on to a sphere that stands still (Kim et al., section 6, Table 3).
 
@@ -41,7 +44,14 @@ def paper_static(
     >>> cs.scenes.paper_static("reflect", bend=True).cloth.spring_count()
     5826
     """
-    sphere = Sphere((0.5, -0.5, 0.5), 0.25, response=response, offset=offset, restitution=1.0, as_printed=as_printed)
+    sphere = Sphere(
+        (0.5, -0.5, 0.5),
+        0.25,
+        response=response,
+        offset=offset,
+        restitution=1.0,
+        as_printed=as_printed,
+    )
     return paper_swing(bend).replace(spheres=sphere)
 
 
@@ -57,9 +67,10 @@ def paper_moving(
 ) -> Scene:
     """The cloth swings down while a sphere moves back and forth (Kim et al., section 6, Table 4).
 
-    The sphere of radius 0.25 m travels one metre along x about (0, -0.5, 0.5), the centre of the hanging cloth. The paper
-    prints neither its period nor its start. Here it touches the cloth three times within five seconds, as the paper's
-    frames 200, 1300 and 3100 show (docs/reproduction.md).
+    The sphere of radius 0.25 m travels one metre along x about (0, -0.5, 0.5), the centre of the
+    hanging cloth. The paper prints neither its period nor its start. Here it touches the cloth
+    three times within five seconds, as the paper's frames 200, 1300 and 3100 show
+    (docs/reproduction.md).
 
     Parameters
     ----------
@@ -104,9 +115,10 @@ def hanging(
 ) -> Scene:
     """A cloth that hangs from its top row and settles under its own weight.
 
-    Row 0 is pinned along y = 0. The other rows start straight below it, unstretched, in the plane z = 0. With structural
-    springs only, every column is a chain, whose springs carry the weight of the points below them. With m the mass of a
-    point, g gravity and D the rest length, it comes to rest at::
+    Row 0 is pinned along y = 0. The other rows start straight below it, unstretched, in the plane z
+    = 0. With structural springs only, every column is a chain, whose springs carry the weight of
+    the points below them. With m the mass of a point, g gravity and D the rest length, it comes to
+    rest at::
 
         y(row) = -row D - (m g / stiffness) row (2 rows - row - 1) / 2
 
@@ -139,7 +151,11 @@ def hanging(
 
 
 def oscillator(
-    stiffness: float = 100.0, mass: float = 1.0, amplitude: float = 0.1, length: float = 1.0, damping: float = 0.0
+    stiffness: float = 100.0,
+    mass: float = 1.0,
+    amplitude: float = 0.1,
+    length: float = 1.0,
+    damping: float = 0.0,
 ) -> Scene:
     """Two mass points and one spring along x: the harmonic oscillator. No gravity.
 
@@ -175,7 +191,15 @@ def oscillator(
     amplitude = check.number("amplitude", amplitude)
     if not abs(amplitude) < length:
         raise ValueError(f"amplitude must be smaller than length = {length:g}, got {amplitude!r}")
-    cloth = Cloth((1, 2), (length, length), 2.0 * mass, stiffness, damping, springs=("structural",), pins=((0, 0),))
+    cloth = Cloth(
+        (1, 2),
+        (length, length),
+        2.0 * mass,
+        stiffness,
+        damping,
+        springs=("structural",),
+        pins=((0, 0),),
+    )
     position = cloth.rest_positions.copy()
     position[0, 1, 0] += amplitude
     return Scene(cloth, gravity=(0.0, 0.0, 0.0), position=position)

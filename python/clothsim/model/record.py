@@ -27,9 +27,17 @@ def _key(value: Any) -> Any:
 def _short(value: Any) -> str:
     if isinstance(value, np.ndarray) and value.size > 24:
         return f"<array of shape {value.shape}>"
-    if isinstance(value, tuple) and len(value) > (4 if value and isinstance(value[0], Record) else 24):
+    if isinstance(value, tuple) and len(value) > (
+        4 if value and isinstance(value[0], Record) else 24
+    ):
         return f"<{len(value)} entries, the first {value[0]!r}>"
-    return repr(value.tolist() if isinstance(value, np.ndarray) else dict(value) if isinstance(value, Mapping) else value)
+    return repr(
+        value.tolist()
+        if isinstance(value, np.ndarray)
+        else dict(value)
+        if isinstance(value, Mapping)
+        else value
+    )
 
 
 def _plain(value: Any) -> Any:
@@ -43,7 +51,9 @@ def _plain(value: Any) -> Any:
 
 
 class Record:
-    """Compared and hashed by value, arrays included. Copies go through the constructor, which keeps arrays read-only."""
+    """Compared and hashed by value, arrays included. Copies go through the constructor, which keeps
+    arrays read-only.
+    """
 
     def __eq__(self, other: object) -> bool:
         return self._keys() == other._keys() if isinstance(other, type(self)) else NotImplemented
@@ -56,14 +66,18 @@ class Record:
 
     def _values(self) -> dict[str, Any]:
         """The arguments by name."""
-        return {name: getattr(self, name) for name in self.__match_args__}  # type: ignore[attr-defined]
+        names = self.__match_args__  # type: ignore[attr-defined]
+        return {name: getattr(self, name) for name in names}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        values = {n: dict(v) if isinstance(v, MappingProxyType) else v for n, v in self._values().items()}
+        values = {
+            n: dict(v) if isinstance(v, MappingProxyType) else v for n, v in self._values().items()
+        }
         return partial(type(self), **values), ()
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({', '.join(f'{name}={_short(value)}' for name, value in self._values().items())})"
+        values = ", ".join(f"{name}={_short(value)}" for name, value in self._values().items())
+        return f"{type(self).__name__}({values})"
 
     def _set(self, **values: Any) -> None:
         for name, value in values.items():
@@ -84,7 +98,9 @@ class Record:
         return type(self)(**{**self._values(), **changes})
 
     def _copy(self: Self, forget: Collection[str], **values: Any) -> Self:
-        """A copy with other values, already checked, that shares what this record has cached, except `forget`."""
+        """A copy with other values, already checked, that shares what this record has cached,
+        except `forget`.
+        """
         made = object.__new__(type(self))
         made.__dict__.update(self.__dict__, **values)
         for name in forget:
@@ -92,7 +108,8 @@ class Record:
         return made
 
     def to_dict(self) -> dict[str, Any]:
-        """The arguments as numbers, strings, lists and dicts, as JSON and TOML can hold them; None is left out.
+        """The arguments as numbers, strings, lists and dicts, as JSON and TOML can hold them; None
+        is left out.
 
         Examples
         --------
@@ -108,7 +125,8 @@ class Record:
         Parameters
         ----------
         data : mapping
-            Arguments of the constructor; missing ones take their defaults, unknown ones are a ValueError.
+            Arguments of the constructor; missing ones take their defaults, unknown ones are a
+            ValueError.
 
         Examples
         --------

@@ -24,8 +24,9 @@ from .sphere import Plane, Sphere
 SCHEMA = 2
 """Version of the layout of ``Scene.to_dict``."""
 
-# A motion may begin this part of the cloth's size, and of its distance from the origin, off the pin. Half is far above the
-# rounding of float64. Twice would hide a displacement of 2 nm on a sheet of a metre.
+# A motion may begin this part of the cloth's size, and of its distance from the origin, off the
+# pin. Half is far above the rounding of float64. Twice would hide a displacement of 2 nm on a sheet
+# of a metre.
 _PLACE_ROUNDING = 1e-9
 
 
@@ -36,7 +37,9 @@ class DrivenPins:
     motion: Motion
     rows: npt.NDArray[np.int64]  # of their points
     columns: npt.NDArray[np.int64]
-    starts: npt.NDArray[np.float64]  # (pins, 3): the ``center0`` with which each begins at its initial position [m]
+    starts: npt.NDArray[
+        np.float64
+    ]  # (pins, 3): the ``center0`` with which each begins at its initial position [m]
 
     def places_at(self, t: float) -> npt.NDArray[np.float64]:
         """Places at the time `t` [m], shape (pins, 3)."""
@@ -64,8 +67,8 @@ class Scene(Record):
         Initial velocities [m/s], shape (rows, columns, 3). Default: at rest. Zero at the pinned
         points.
     force : array_like, optional
-        Force on each mass point [N], shape (rows, columns, 3), constant in time. `Stepper.set_force` changes it between
-        calls, for wind and the like. Default: none.
+        Force on each mass point [N], shape (rows, columns, 3), constant in time.
+        `Stepper.set_force` changes it between calls, for wind and the like. Default: none.
 
     Attributes
     ----------
@@ -108,7 +111,8 @@ class Scene(Record):
                 motion = cloth.driven.get((r, c))
                 if motion is None or not np.allclose(given[r, c], motion.velocity_at(0.0)):
                     raise ValueError(
-                        f"velocity must be 0 at pinned points, got {given[r, c].tolist()} at point {(r, c)}; "
+                        f"velocity must be 0 at pinned points, got {given[r, c].tolist()} at "
+                        f"point {(r, c)}; "
                         "Cloth(pins={(row, column): cs.Linear(velocity)}) drives a pin"
                     )
         for (r, c), motion in cloth.driven.items():
@@ -116,15 +120,23 @@ class Scene(Record):
                 continue
             place = self.initial_position[r, c]
             begins = motion.center_at(0.0, place)
-            if np.abs(begins - place).max() > _PLACE_ROUNDING * (max(self.cloth.size) + np.abs(place).max()):
+            if np.abs(begins - place).max() > _PLACE_ROUNDING * (
+                max(self.cloth.size) + np.abs(place).max()
+            ):
                 raise ValueError(
-                    f"pins[{(r, c)}] must start at its initial position {place.tolist()}, got a motion that is at "
-                    f"{begins.tolist()} at t = 0; Keyframes(times, offsets=...) takes displacements from the start"
+                    f"pins[{(r, c)}] must start at its initial position {place.tolist()}, got a "
+                    f"motion that is at {begins.tolist()} at t = 0; Keyframes(times, offsets=...) "
+                    "takes displacements from the start"
                 )
 
     def replace(self, **changes: Any) -> Scene:
         cloth, own = changes.get("cloth"), self.cloth
-        if isinstance(cloth, Cloth) and len(changes) == 1 and cloth.pins is own.pins and cloth.shape is own.shape:
+        if (
+            isinstance(cloth, Cloth)
+            and len(changes) == 1
+            and cloth.pins is own.pins
+            and cloth.shape is own.shape
+        ):
             if cloth.size is own.size:  # all other arguments fit
                 return self._copy(("engines", "_plans"), cloth=cloth)
         return super().replace(**changes)
@@ -135,14 +147,18 @@ class Scene(Record):
 
     @cached_property
     def engines(self) -> dict[Any, Any]:
-        """Engines of the core that are kept for the next call with this scene; see `clothsim.engine.stepping`."""
+        """Engines of the core that are kept for the next call with this scene; see
+        `clothsim.engine.stepping`.
+        """
         return {}
 
     @cached_property
     def initial_velocity(self) -> npt.NDArray[np.float64]:
         if self.velocity is not None and not self.cloth.driven:
             return self.velocity
-        velocity = np.zeros((*self.cloth.shape, 3)) if self.velocity is None else self.velocity.copy()
+        velocity = (
+            np.zeros((*self.cloth.shape, 3)) if self.velocity is None else self.velocity.copy()
+        )
         for pin, motion in self.cloth.driven.items():
             velocity[pin] = motion.velocity_at(0.0)
         return frozen(velocity)
@@ -168,14 +184,19 @@ class Scene(Record):
 
     @cached_property
     def core_pins(self) -> dict[str, Any]:
-        """Driven pins as the core takes them: motions, and (point, start, index of the motion) in the order of points."""
+        """Driven pins as the core takes them: motions, and (point, start, index of the motion) in
+        the order of points.
+        """
         groups, columns = self.driven_pins, self.cloth.columns
         pins = [
             (int(r) * columns + int(c), start, k)
             for k, group in enumerate(groups)
             for r, c, start in zip(group.rows, group.columns, group.starts)
         ]
-        return {"pin_motions": [group.motion.core for group in groups], "driven_pins": sorted(pins, key=lambda pin: pin[0])}
+        return {
+            "pin_motions": [group.motion.core for group in groups],
+            "driven_pins": sorted(pins, key=lambda pin: pin[0]),
+        }
 
     def explain(
         self,
@@ -185,7 +206,8 @@ class Scene(Record):
         integrator: Integrator = "rk4",
         **unknown: NoReturn,
     ) -> Any:
-        """List the work of a step of this scene, the parts left out, and the term that limits the step.
+        """List the work of a step of this scene, the parts left out, and the term that limits the
+        step.
 
         Parameters
         ----------
@@ -195,16 +217,19 @@ class Scene(Record):
         Returns
         -------
         mapping
-            Of the step what is computed, what is left out, and by what; "max_stable_dt", the step that is guaranteed to be
-            stable [s], and "limited_by", the term that limits it, with its springs and the value below which the other
-            term limits the step. It prints as a table.
+            Of the step what is computed, what is left out, and by what; "max_stable_dt", the step
+            that is guaranteed to be stable [s], and "limited_by", the term that limits it, with its
+            springs and the value below which the other term limits the step. It prints as a table.
 
         Examples
         --------
         >>> cs.scenes.paper_swing().explain()["springs"]
         3906
-        >>> cs.Scene(cs.Cloth(mass=0.2)).explain(integrator="velocity_verlet")["limited_by"]
-        'the damping of structural and bend springs, 100 N s/m, limits it; below 0.647 N s/m the stiffness would'
+        >>> account = cs.Scene(cs.Cloth(mass=0.2)).explain(integrator="velocity_verlet")
+        >>> for part in account["limited_by"].split("; "):
+        ...     print(part)
+        the damping of structural and bend springs, 100 N s/m, limits it
+        below 0.647 N s/m the stiffness would
         """
         from ..engine.explain import explain
 
@@ -217,13 +242,16 @@ class Scene(Record):
 
         return scene_bundle(self)
 
-    def to_live_html(self, path: str | Path, dt: float | None = None, title: str | None = None) -> Path:
+    def to_live_html(
+        self, path: str | Path, dt: float | None = None, title: str | None = None
+    ) -> Path:
         """Write one self-contained page that simulates the scene in a browser, and return its path.
 
-        The page runs the compute shader of `backend="gpu"` by WebGPU, in compensated float32, and makes no request.
-        A pointer turns and zooms the view, and drags spheres and pinned mass points. Controls change the cloth, the
-        contact, gravity and the time step. What is shown is recorded, and can be saved as a page of its own. Without
-        WebGPU the page plays a short run of the scene.
+        The page runs the compute shader of `backend="gpu"` by WebGPU, in compensated float32, and
+        makes no request. A pointer turns and zooms the view, and drags spheres and pinned mass
+        points. Controls change the cloth, the contact, gravity and the time step. What is shown is
+        recorded, and can be saved as a page of its own. Without WebGPU the page plays a short run
+        of the scene.
 
         Parameters
         ----------
@@ -259,17 +287,24 @@ class Scene(Record):
         spheres = arguments.get("spheres", ())
         if not isinstance(spheres, (list, tuple)):
             raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
-        arguments["spheres"] = tuple((Plane if {"normal", "point"} & set(one) else Sphere).from_dict(one) for one in spheres)
+        arguments["spheres"] = tuple(
+            (Plane if {"normal", "point"} & set(one) else Sphere).from_dict(one) for one in spheres
+        )
         return cls(**arguments)
 
 
 def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sphere:
     """The sphere or plane in the form of the core, without offset if no scene is given.
 
-    The core measures points from the top of a sphere, against gravity, or from the `point` of a plane. Points are assumed to
-    get at most four sizes of the cloth farther from there than they start.
+    The core measures points from the top of a sphere, against gravity, or from the `point` of a
+    plane. Points are assumed to get at most four sizes of the cloth farther from there than they
+    start.
     """
-    up = np.array((0.0, 1.0, 0.0)) if scene is None or not any(scene.gravity) else -np.array(scene.gravity)
+    up = (
+        np.array((0.0, 1.0, 0.0))
+        if scene is None or not any(scene.gravity)
+        else -np.array(scene.gravity)
+    )
     if isinstance(sphere, Plane):
         up = sphere.unit_normal
     normal = up / np.linalg.norm(up)
@@ -277,7 +312,9 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
     if scene is not None:
         offset = 0.0 if sphere.in_cells else sphere.offset_length(scene.cloth)
         place = sphere.center_at(0.0) + (0 if isinstance(sphere, Plane) else sphere.radius * normal)
-        spread = 4 * float(np.hypot(*scene.cloth.size)) + float(np.abs(scene.initial_position - place).max())
+        spread = 4 * float(np.hypot(*scene.cloth.size)) + float(
+            np.abs(scene.initial_position - place).max()
+        )
     return _core.Sphere(
         center=sphere.center,
         radius=sphere.radius,
@@ -295,11 +332,14 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
 
 
 def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
-    """Times between `begin` and `end` at which motions of pins and spheres turn, or pass a time of their table [s].
+    """Times between `begin` and `end` at which motions of pins and spheres turn, or pass a time of
+    their table [s].
 
     Between two of them every motion is smooth: error control ends its steps there.
     """
-    motions = {pins.motion for pins in scene.driven_pins} | {one.motion for one in scene.spheres if one.motion}
+    motions = {pins.motion for pins in scene.driven_pins} | {
+        one.motion for one in scene.spheres if one.motion
+    }
     return sorted({t for motion in motions for t in motion._stops(begin, end)})
 
 
@@ -314,7 +354,9 @@ def spheres_text(scene: Scene) -> str:
     if not spheres:
         return "no sphere"
     kinds = Counter(
-        f"{'moving, ' if s.motion else ''}response {s.response}{' as printed' if s.as_printed else ''}" for s in spheres
+        f"{'moving, ' if s.motion else ''}response "
+        f"{s.response}{' as printed' if s.as_printed else ''}"
+        for s in spheres
     )
     parts = [kind if n == len(spheres) else f"{n} {kind}" for kind, n in kinds.items()]
     return f"{counted(len(spheres), 'sphere')} ({'; '.join(parts)})"

@@ -40,9 +40,9 @@ _COMMENTS = {
 def load_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene from a TOML file.
 
-    The file has "schema" (2), a table "cloth", tables "spheres" and the other arguments of `Scene`. Missing arguments take
-    their defaults. The last line, ``complete = true`` of the table "file", shows that nothing has been cut off. Comments
-    and the order of keys and tables are free.
+    The file has "schema" (2), a table "cloth", tables "spheres" and the other arguments of `Scene`.
+    Missing arguments take their defaults. The last line, ``complete = true`` of the table "file",
+    shows that nothing has been cut off. Comments and the order of keys and tables are free.
 
     Parameters
     ----------
@@ -51,7 +51,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     Raises
     ------
     ValueError, TypeError
-        If the file is not TOML, is cut, has another schema version, an unknown key or a refused value.
+        If the file is not TOML, is cut, has another schema version, an unknown key or a refused
+        value.
     ImportError
         On Python 3.10 without tomli (the extra "sweep").
 
@@ -69,7 +70,9 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     try:
         data = toml.loads(content.decode("utf-8-sig"))
         if data.pop(_END, None) != {"complete": True}:
-            raise ValueError(f"it is cut: its end, the lines '[{_END}]' and 'complete = true', is missing")
+            raise ValueError(
+                f"it is cut: its end, the lines '[{_END}]' and 'complete = true', is missing"
+            )
         return Scene.from_dict(data)
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
         kind = TypeError if isinstance(error, TypeError) else ValueError
@@ -77,15 +80,18 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
 
 
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
-    """Write a scene to a TOML file that `load_scene` reads back as an equal scene, and return its path.
+    """Write a scene to a TOML file that `load_scene` reads back as an equal scene, and return its
+    path.
 
-    Every argument is written, with its unit as a comment, so that you can edit the file without the documentation.
+    Every argument is written, with its unit as a comment, so that you can edit the file without the
+    documentation.
 
     Parameters
     ----------
     scene : Scene
     path : path-like
-        Replaced if it exists, once the new file is complete. A symbolic link is replaced, not followed.
+        Replaced if it exists, once the new file is complete. A symbolic link is replaced, not
+        followed.
 
     Examples
     --------
@@ -120,7 +126,9 @@ def _table(data: Mapping[str, Any], path: str) -> list[str]:
                 below += ["", f"[[{there}]]", *_table(entry, there)]
         else:
             comment = _COMMENTS.get(key, units(key))
-            lines.append(f"{key} = {_value(value)}" + (f"  # {comment}" if comment.strip("1") else ""))
+            lines.append(
+                f"{key} = {_value(value)}" + (f"  # {comment}" if comment.strip("1") else "")
+            )
     return lines + below
 
 

@@ -98,9 +98,10 @@ class Obstacle(Record):
     def offset_length(self, cloth: Cloth) -> float:
         """Length that the contact radius adds to the true radius [m].
 
-        For "edge" it is O = sqrt((D/2)^2 + R^2) - R (eq 13 of Kim et al.), with R the radius and D the largest distance
-        between neighbours at rest. "cell" has no fixed length: the value is the most that a corner of an unstretched cell
-        needs, sqrt(rho^2 + R^2) - R. Here rho is half the diagonal of the cell, at most R.
+        For "edge" it is O = sqrt((D/2)^2 + R^2) - R (eq 13 of Kim et al.), with R the radius and D
+        the largest distance between neighbours at rest. "cell" has no fixed length: the value is
+        the most that a corner of an unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half
+        the diagonal of the cell, at most R.
 
         Parameters
         ----------
@@ -118,7 +119,9 @@ class Obstacle(Record):
         if self.offset == "none":  # a plane has no offset
             return 0.0
         length = lengths_of_offsets(cloth)[self.offset]
-        return _core.edge_offset(self.radius, min(length, 2 * self.radius) if self.offset == "cell" else length)
+        return _core.edge_offset(
+            self.radius, min(length, 2 * self.radius) if self.offset == "cell" else length
+        )
 
     def height(self, x: npt.ArrayLike, t: float = 0.0) -> npt.NDArray[np.float64]:
         """Height of places over the surface at the time `t` [m]; below it negative.
@@ -137,11 +140,14 @@ class Obstacle(Record):
         """
         away = np.asarray(x, float) - self.center_at(t)
         return np.asarray(
-            away @ self.unit_normal if isinstance(self, Plane) else np.linalg.norm(away, axis=-1) - self.radius
+            away @ self.unit_normal
+            if isinstance(self, Plane)
+            else np.linalg.norm(away, axis=-1) - self.radius
         )
 
     def contact_radius(self, cloth: Cloth) -> float:
-        """Distance from the centre below which a mass point is in contact [m]: ``radius`` + ``offset_length(cloth)``.
+        """Distance from the centre below which a mass point is in contact [m]: ``radius`` +
+        ``offset_length(cloth)``.
 
         Parameters
         ----------
@@ -158,11 +164,13 @@ class Obstacle(Record):
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Sphere(Obstacle):
-    """A sphere that cloth cannot enter, with continuous contact or the two responses of Kim et al. (section 5).
+    """A sphere that cloth cannot enter, with continuous contact or the two responses of Kim et al.
+    (section 5).
 
     A mass point is in contact when its distance to the centre is less than the contact radius,
-    ``radius`` plus the offset. Responses use the velocity of the point relative to the sphere, and only approaching
-    points respond. With `as_printed` they use the absolute velocity, and leaving points respond too.
+    ``radius`` plus the offset. Responses use the velocity of the point relative to the sphere, and
+    only approaching points respond. With `as_printed` they use the absolute velocity, and leaving
+    points respond too.
 
     "reflect" and "ray" test the end of a step. Fast points pass between two steps, and the
     responses can make energy. "continuous" finds the time of impact within the step, with point and
@@ -172,37 +180,40 @@ class Sphere(Obstacle):
     Parameters
     ----------
     center : sequence of 3 floats, default (0, 0, 0)
-        Centre [m]. With a `motion` it is the point of reference: for `Linear` the place at t = 0, for `Reciprocate` and
-        `Sinusoid` the middle of the travel. `Keyframes` with centres ignores it.
+        Centre [m]. With a `motion` it is the point of reference: for `Linear` the place at t = 0,
+        for `Reciprocate` and `Sinusoid` the middle of the travel. `Keyframes` with centres ignores
+        it.
     radius : float, default 0.25
         True radius [m], > 0.
     motion : Linear, Reciprocate, Sinusoid or Keyframes, optional
         Default: the sphere stands still.
     response : {"continuous", "ray", "reflect"}, default "continuous"
-        "continuous" responds at the time of impact. "reflect" (method 1, eq 7) reflects the velocity
-        and keeps the position. "ray" (method 2, eq 8-12) moves the point back along its velocity to
-        the contact radius, then reflects the velocity.
+        "continuous" responds at the time of impact. "reflect" (method 1, eq 7) reflects the
+        velocity and keeps the position. "ray" (method 2, eq 8-12) moves the point back along its
+        velocity to the contact radius, then reflects the velocity.
     offset : {"cell", "edge", "none"} or float, default "cell"
         Length that the contact radius adds to `radius`. "cell" is the length of eq 13 for the cells
-        of each point as they are deformed, so that no triangle dips in. A step in which all points touch
-        takes 1.4 times as long as one without spheres (single: 1.6). A cell must be smaller than the
-        sphere, so a small sphere needs a finer cloth; otherwise you get a `ContactWarning`. With "ray"
-        and "reflect" the cells are those at rest.
-        "edge" is the length of eq 13, which keeps the middle of an unstretched structural spring
-        outside. "none" is 0, and a number is that length [m], >= 0.
+        of each point as they are deformed, so that no triangle dips in. A step in which all points
+        touch takes 1.4 times as long as one without spheres (single: 1.6). A cell must be smaller
+        than the sphere, so a small sphere needs a finer cloth; otherwise you get a
+        `ContactWarning`. With "ray" and "reflect" the cells are those at rest. "edge" is the length
+        of eq 13, which keeps the middle of an unstretched structural spring outside. "none" is 0,
+        and a number is that length [m], >= 0.
     restitution : float, optional
         Normal velocity after a contact over that before it, 0 <= restitution <= 1. Default: 0 with
-        "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute holds the number in use;
-        ``replace(response=...)`` takes the default of the new response. With "continuous", if a point would bounce and
-        return within one step, it stays at the surface and keeps the speed of the bounce.
+        "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute
+        holds the number in use; ``replace(response=...)`` takes the default of the new response.
+        With "continuous", if a point would bounce and return within one step, it stays at the
+        surface and keeps the speed of the bounce.
     friction : float, default 0.0
         Coefficient of Coulomb friction, >= 0.
     as_printed : bool, default False
-        True follows the paper as printed: a moving sphere's velocity is ignored, and a point's velocity is reflected even
-        if it is leaving. Not with "continuous", which the paper does not have.
+        True follows the paper as printed: a moving sphere's velocity is ignored, and a point's
+        velocity is reflected even if it is leaving. Not with "continuous", which the paper does not
+        have.
     push_out_speed : float, default 1.0
-        With the response "continuous", speed at which points that start inside the contact radius are
-        pushed out [m/s], > 0. It is not added to their velocity.
+        With the response "continuous", speed at which points that start inside the contact radius
+        are pushed out [m/s], > 0. It is not added to their velocity.
 
     Examples
     --------
@@ -240,25 +251,31 @@ class Sphere(Obstacle):
             radius=check.number("radius", radius, minimum=0, exclusive=True),
             offset=_offset(offset),
             as_printed=check.boolean("as_printed", as_printed),
-            push_out_speed=check.number("push_out_speed", push_out_speed, minimum=0, exclusive=True),
+            push_out_speed=check.number(
+                "push_out_speed", push_out_speed, minimum=0, exclusive=True
+            ),
         )
         self._set_response(motion, response, restitution, friction)
         if self.as_printed and response == "continuous":
-            raise ValueError("as_printed must be False with response 'continuous', which the paper does not have")
+            raise ValueError(
+                "as_printed must be False with response 'continuous', which the paper does not have"
+            )
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Plane(Obstacle):
-    """A plane that keeps cloth on the side to which its normal points: a floor or a wall, a sphere of no curvature.
+    """A plane that keeps cloth on the side to which its normal points: a floor or a wall, a sphere
+    of no curvature.
 
-    It stands where a `Sphere` stands, in `Scene.spheres` too, and has the laws of its responses. The distance of a point is
-    its height over the plane. A triangle is outside if its corners are, so a plane needs no offset.
+    It stands where a `Sphere` stands, in `Scene.spheres` too, and has the laws of its responses.
+    The distance of a point is its height over the plane. A triangle is outside if its corners are,
+    so a plane needs no offset.
 
     Parameters
     ----------
     point : sequence of 3 floats, default (0, 0, 0)
-        A place on the plane [m]. In precision "single" take one near the cloth. With a `motion` it is the point of
-        reference, as `Sphere.center` is.
+        A place on the plane [m]. In precision "single" take one near the cloth. With a `motion` it
+        is the point of reference, as `Sphere.center` is.
     normal : sequence of 3 floats, default (0, 1, 0)
         Direction out of the plane, of any length > 0.
     motion : Linear, Reciprocate or Keyframes, optional
@@ -270,7 +287,8 @@ class Plane(Obstacle):
 
     Examples
     --------
-    >>> scene = cs.Scene(cs.Cloth((8, 8), mass=1.0, stiffness=500.0, damping=1.0, pins=()), cs.Plane((0, -1, 0)))
+    >>> cloth = cs.Cloth((8, 8), mass=1.0, stiffness=500.0, damping=1.0, pins=())
+    >>> scene = cs.Scene(cloth, cs.Plane((0, -1, 0)))
     >>> bool(cs.simulate(scene, 1.0).x[-1][..., 1].min() >= -1)
     True
     """
@@ -322,7 +340,9 @@ def held(obstacle: Sphere | Plane, center: npt.ArrayLike) -> Sphere | Plane:
 
 
 def continuous(obstacle: Sphere | Plane, **changes: Any) -> Sphere | Plane:
-    """The sphere or plane with response "continuous", which the paper does not have, and with further `changes`."""
+    """The sphere or plane with response "continuous", which the paper does not have, and with
+    further `changes`.
+    """
     mended = {"as_printed": False} if obstacle.as_printed else {}
     return obstacle.replace(response="continuous", **mended, **changes)
 
@@ -331,6 +351,12 @@ def _offset(value: Any) -> Offset | float:
     if not isinstance(value, str):
         return check.number("offset", value, minimum=0)
     if value not in OFFSETS:
-        instead = "; use 'cell', and more mass points where a sphere is smaller than a cell" if value == "face" else ""
-        raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {value!r}{instead}")
+        instead = (
+            "; use 'cell', and more mass points where a sphere is smaller than a cell"
+            if value == "face"
+            else ""
+        )
+        raise ValueError(
+            f"offset must be one of {OFFSETS} or a length >= 0 [m], got {value!r}{instead}"
+        )
     return value

@@ -1,4 +1,6 @@
-"""The experiments of Kim et al. as one call, with a report; `docs/reproduction.md` explains the choices behind them."""
+"""The experiments of Kim et al. as one call, with a report; `docs/reproduction.md` explains the
+choices behind them.
+"""
 
 from __future__ import annotations
 
@@ -44,22 +46,33 @@ def reproduce(
     experiments : collection of int, default (1, 2, 3, 4, 5)
         Numbers of docs/reproduction.md; 5 is ours.
     threads, progress : int and bool, optional
-        Threads to use, by default those of the core; whether to show a progress bar on stderr (needs tqdm).
+        Threads to use, by default those of the core; whether to show a progress bar on stderr
+        (needs tqdm).
 
     Returns
     -------
     dict
-        The contents of report.json: "settings", "cuts", "provenance", "experiments" (a mapping from "1") and "folder".
+        The contents of report.json: "settings", "cuts", "provenance", "experiments" (a mapping from
+        "1") and "folder".
     """
     chosen = sorted(set(experiments))
     if not chosen or not set(chosen) <= set(EXPERIMENTS):
         raise ValueError(f"experiments must be some of {EXPERIMENTS}, got {tuple(experiments)!r}")
-    threads = int(cs.build_config()["threads"]) if threads is None else check.integer("threads", threads, minimum=1)
+    threads = (
+        int(cs.build_config()["threads"])
+        if threads is None
+        else check.integer("threads", threads, minimum=1)
+    )
     settings = settings or (QUICK if quick else FULL)
     folder = check.path("out", out, "the path of a folder").resolve()
     folder.mkdir(parents=True, exist_ok=True)
     entries: dict[str, Any] = {}
-    report = {"settings": asdict(settings), "cuts": pages.cuts(settings), "provenance": provenance(), "experiments": entries}
+    report = {
+        "settings": asdict(settings),
+        "cuts": pages.cuts(settings),
+        "provenance": provenance(),
+        "experiments": entries,
+    }
     for number in chosen:
         with ProgressBar(progress, desc=f"experiment {number}") as bar:
             entries[str(number)] = _run(str(number), settings, threads, folder, bar.advance)
@@ -67,16 +80,26 @@ def reproduce(
     write_gallery(folder)
     write_bytes(folder / "report.txt", text(report).encode())
     write_bytes(folder / "report.json", (as_json(report) + "\n").encode())
-    pages.write_page(folder / "index.html", "clothsim: the experiments of Kim et al.", pages.parts(report))
+    pages.write_page(
+        folder / "index.html", "clothsim: the experiments of Kim et al.", pages.parts(report)
+    )
     return report
 
 
-def _run(key: str, settings: Settings, threads: int, folder: Path, advance: Callable[[int], object]) -> dict[str, Any]:
+def _run(
+    key: str, settings: Settings, threads: int, folder: Path, advance: Callable[[int], object]
+) -> dict[str, Any]:
     if key in "34":
-        return made.frame_rates(settings, advance) if key == "3" else made.speedup(settings, threads, advance)
+        return (
+            made.frame_rates(settings, advance)
+            if key == "3"
+            else made.speedup(settings, threads, advance)
+        )
     if key == "5":
         rows = made.comparison(part=settings.part, threads=threads, advance=advance)
-        failures = {f"{row['sphere']}, {row['case']}": row["failure"] for row in rows if row["failure"]}
+        failures = {
+            f"{row['sphere']}, {row['case']}": row["failure"] for row in rows if row["failure"]
+        }
         return {"rows": rows, "failures": failures}
     cases = made.contact(key, settings, settings.dt[int(key) - 1], threads=threads, advance=advance)
     pages.draw_cells(key, cases, folder)
@@ -92,19 +115,31 @@ GALLERY: dict[str, tuple[str, cs.Scene]] = {
     "live_static.html": ("Experiment 1: a static sphere", cs.scenes.paper_static()),
     "live_moving.html": ("Experiment 2: a moving sphere", cs.scenes.paper_moving()),
     "live_swing.html": ("The cloth alone", cs.scenes.paper_swing()),
-    "live_continuous.html": ("Beyond the paper: no triangle enters", cs.scenes.paper_moving("continuous", offset="cell")),
+    "live_continuous.html": (
+        "Beyond the paper: no triangle enters",
+        cs.scenes.paper_moving("continuous", offset="cell"),
+    ),
 }
 
 
 def write_gallery(folder: str | Path) -> Path:
-    """Write live.html, which leads to a live page of each of the paper's scenes, and these pages beside it."""
+    """Write live.html, which leads to a live page of each of the paper's scenes, and these pages
+    beside it.
+    """
     folder, title = Path(folder), "The scenes of Kim et al., live"
-    told = "Each page simulates one scene in your browser, by the compute shader, and makes no request. It needs WebGPU. "
+    told = (
+        "Each page simulates one scene in your browser, by the compute shader, and makes no "
+        "request. It needs WebGPU. "
+    )
     told += "Drag the sphere and the pinned points, and choose the method in the list."
     parts = [f"# {title}", told]
     for name, (what, scene) in GALLERY.items():
         scene.to_live_html(folder / name, title=what)
         picture = folder / name.replace(".html", ".png")
         cs.picture(scene, width=480).save(picture)
-        parts += [f"## {what}", f"![The scene at its start]({picture.name})", f"[Open the page]({name})"]
+        parts += [
+            f"## {what}",
+            f"![The scene at its start]({picture.name})",
+            f"[Open the page]({name})",
+        ]
     return pages.write_page(folder / "live.html", f"clothsim: {title}", parts)

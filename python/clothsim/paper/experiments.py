@@ -1,4 +1,6 @@
-"""The experiments: 1 to 4 of Kim et al., and 5, which is ours; contact by `follow`, speed by `frame_rates` and `speedup`."""
+"""The experiments: 1 to 4 of Kim et al., and 5, which is ours; contact by `follow`, speed by
+`frame_rates` and `speedup`.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ AGREEMENT_STEPS = 100  # after which experiment 4 compares core and reference
 def _fast() -> cs.Scene:
     """The paper's cloth, level, and its sphere on the way up through it at 100 m/s."""
     scene = cs.scenes.paper_static()
-    return scene.replace(spheres=[scene.spheres[0].replace(center=(0.5, -0.3, 0.5), motion=cs.Linear((0, 100.0, 0)))])
+    return scene.replace(
+        spheres=[scene.spheres[0].replace(center=(0.5, -0.3, 0.5), motion=cs.Linear((0, 100.0, 0)))]
+    )
 
 
 # Of experiment 5: scene, duration [s], steps between two looks.
@@ -48,7 +52,7 @@ SPHERES_DT = 1e-4  # s
 
 @dataclass(frozen=True)
 class Settings:
-    """Sizes of the experiments; docs/reproduction.md says what each is, and why a frame is 1.6 ms."""
+    """Sizes of the experiments; docs/reproduction.md: what each is, and why a frame is 1.6 ms."""
 
     dt: tuple[float, float, float] = (PAPER_DT, PAPER_DT, PAPER_DT)
     frame_dt: float = 1.6e-3
@@ -69,7 +73,7 @@ QUICK = Settings((4e-5, 8e-5, 5e-5), 1.6e-3, (4e-4, 1.6e-3), 3, 200, speedup_ste
 
 @dataclass
 class Case:
-    """What one cloth did: the last frame, those of the paper's tables, states to play; why it ended early."""
+    """One cloth's last frame, those of the paper's tables, states to play; why it ended early."""
 
     name: str
     scene: cs.Scene
@@ -84,7 +88,8 @@ def _dot(a: Any, b: Any) -> Any:
 
 
 class Passed:
-    """Counts mass points that go through a sphere: between two states seen, or out on another side than they came in.
+    """Counts mass points that go through a sphere: between two states seen, or out on another side
+    than they came in.
 
     Positions are from the centre, of one cloth or of a batch.
     """
@@ -107,12 +112,19 @@ class Passed:
 
 
 def follow(
-    scenes: dict[str, cs.Scene], dt: float, steps: int, looks: int, frames: Collection[int] = (), threads: int | None = None,
+    scenes: dict[str, cs.Scene],
+    dt: float,
+    steps: int,
+    looks: int,
+    frames: Collection[int] = (),
+    threads: int | None = None,
     advance: Callable[[int], object] = bool,
-) -> list[Case]:  # fmt: skip
-    """Step scenes that differ in the responses of their sphere alone as one batch, and measure each every `steps` steps.
+) -> list[Case]:
+    """Step scenes that differ in the responses of their sphere alone as one batch, and measure each
+    every `steps` steps.
 
-    There are `looks` measurements; those of `frames` are kept as cells. `advance` is called with the number of new ones.
+    There are `looks` measurements; those of `frames` are kept as cells. `advance` is called with
+    the number of new ones.
     """
     cases, members = [Case(name, scene) for name, scene in scenes.items()], list(scenes.values())
     scene, sphere = members[0], members[0].spheres[0]
@@ -127,10 +139,16 @@ def follow(
         from_center = x - sphere.center_at(t)
         passed.see(from_center)
         depth, energy = cs.penetration(x, sphere, t), cs.energy(scene, x, v)
-        found = {**depth, "energy_gained": energy["total"] - start, "kinetic_energy": energy["kinetic"]}
+        found = {
+            **depth,
+            "energy_gained": energy["total"] - start,
+            "kinetic_energy": energy["kinetic"],
+        }
         found |= {"points_passed": passed.count}
         if look in frames:
-            found["points_touching"] = (np.linalg.norm(from_center, axis=-1) < touching[:, None, None]).sum(axis=(1, 2))
+            found["points_touching"] = (
+                np.linalg.norm(from_center, axis=-1) < touching[:, None, None]
+            ).sum(axis=(1, 2))
         for k, case in enumerate(cases):
             if case.failure:
                 continue
@@ -160,17 +178,31 @@ def _advance(stepper: cs.Stepper, steps: int, dt: float, cases: Sequence[Case]) 
 def with_responses(scene: cs.Scene, responses: dict[str, dict[str, Any]]) -> dict[str, cs.Scene]:
     """The scene with each of these responses of its sphere."""
     (sphere,) = scene.spheres
-    return {name: scene.replace(spheres=[sphere.replace(**changes)]) for name, changes in responses.items()}
+    return {
+        name: scene.replace(spheres=[sphere.replace(**changes)])
+        for name, changes in responses.items()
+    }
 
 
-def contact(number: str, settings: Settings, dt: float, cases: Collection[str] = tuple(CASES), **options: Any) -> list[Case]:
-    """Experiment "1" (static sphere) or "2" (moving sphere) with steps of `dt`; `options` are those of `follow`."""
+def contact(
+    number: str,
+    settings: Settings,
+    dt: float,
+    cases: Collection[str] = tuple(CASES),
+    **options: Any,
+) -> list[Case]:
+    """Experiment "1" (static sphere) or "2" (moving sphere) with steps of `dt`; `options` are those
+    of `follow`.
+    """
     scene = cs.scenes.paper_static() if number == "1" else cs.scenes.paper_moving()
     scenes = with_responses(scene, {name: CASES[name] for name in cases})
     frames = FRAMES[number]
-    with warnings.catch_warnings():  # a step a frame, one of the steps studied, is above the guarantee
+    with warnings.catch_warnings():
+        # A step a frame, one of the steps studied, is above the guarantee.
         warnings.simplefilter("ignore", cs.StabilityWarning)
-        return follow(scenes, dt, settings.steps_per_frame(dt), max(frames), frames=frames, **options)
+        return follow(
+            scenes, dt, settings.steps_per_frame(dt), max(frames), frames=frames, **options
+        )
 
 
 def study(settings: Settings, threads: int) -> list[dict[str, Any]]:
@@ -190,7 +222,8 @@ def comparison(
     every: int | None = None,
     **options: Any,
 ) -> list[dict[str, Any]]:
-    """Experiment 5: every response on every sphere, a row each, measured every `every` steps; `options` as for `follow`.
+    """Experiment 5: every response on every sphere, a row each, measured every `every` steps;
+    `options` as for `follow`.
 
     docs/reproduction.md defines the quantities; depths are in m.
     """
@@ -205,8 +238,12 @@ def comparison(
     return rows
 
 
-def _in_turns(jobs: dict[str, Any], repeats: int, steps: int, advance: Callable[[int], object]) -> list[dict[str, Any]]:
-    """A row of rates for each job of so many steps: the median, which one disturbed repeat does not move, and all."""
+def _in_turns(
+    jobs: dict[str, Any], repeats: int, steps: int, advance: Callable[[int], object]
+) -> list[dict[str, Any]]:
+    """A row of rates for each job of so many steps: the median, which one disturbed repeat does not
+    move, and all.
+    """
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(repeats):
         for name, job in jobs.items():
@@ -217,14 +254,19 @@ def _in_turns(jobs: dict[str, Any], repeats: int, steps: int, advance: Callable[
     middle = {name: float(np.median(measured)) for name, measured in seconds.items()}
     first = next(iter(middle.values()))
     return [
-        {"case": name, "steps_per_second": steps / middle[name], "times_the_first": first / middle[name]}
+        {
+            "case": name,
+            "steps_per_second": steps / middle[name],
+            "times_the_first": first / middle[name],
+        }
         | {"each": (steps / np.array(measured)).tolist()}
         for name, measured in seconds.items()
     ]
 
 
 def frame_rates(settings: Settings, advance: Callable[[int], object] = bool) -> dict[str, Any]:
-    """Experiment 3: all cases on the falling cloth, on one thread, in turns; "each": steps/s in each run.
+    """Experiment 3: all cases on the falling cloth, on one thread, in turns; "each": steps/s in
+    each run.
 
     A frame is its steps and one copy of the positions, as a renderer needs.
     """
@@ -245,8 +287,11 @@ def frame_rates(settings: Settings, advance: Callable[[int], object] = bool) -> 
     return {"rows": rows, "frame_steps": frame_steps}
 
 
-def speedup(settings: Settings, threads: int, advance: Callable[[int], object] = bool) -> dict[str, Any]:
-    """Experiment 4: method 2 by the scalar reference, the core and every graphics card, from one state in contact.
+def speedup(
+    settings: Settings, threads: int, advance: Callable[[int], object] = bool
+) -> dict[str, Any]:
+    """Experiment 4: method 2 by the scalar reference, the core and every graphics card, from one
+    state in contact.
 
     "each": steps/s in each run; the first makes the buffers, as in the paper.
     """
@@ -266,13 +311,19 @@ def speedup(settings: Settings, threads: int, advance: Callable[[int], object] =
         with using(card) if card else nullcontext():
             stepper(card, **options).advance(steps, dt)
 
-    jobs: dict[str, Any] = {"scalar reference": lambda: cs.reference_step(scene, x, v, dt, steps=steps, t=t)}
+    jobs: dict[str, Any] = {
+        "scalar reference": lambda: cs.reference_step(scene, x, v, dt, steps=steps, t=t)
+    }
     for precision in ("double", "single"):
         for n in sorted({1, threads}):
-            jobs[f"core, {precision}, {n} thread{'s' * (n > 1)}"] = partial(job, precision=precision, threads=n)
+            jobs[f"core, {precision}, {n} thread{'s' * (n > 1)}"] = partial(
+                job, precision=precision, threads=n
+            )
         for card in cards:
             if card.float64 or precision == "single":
-                jobs[f"shader, {precision}, {card.name}"] = partial(job, card, precision=precision, backend="gpu")
+                jobs[f"shader, {precision}, {card.name}"] = partial(
+                    job, card, precision=precision, backend="gpu"
+                )
     rows = _in_turns(jobs, settings.runs, steps, advance)
     ends = [step(scene, x, v, dt, AGREEMENT_STEPS, t=t)[0] for step in (cs.reference_step, cs.step)]
     return {"rows": rows, "agreement": float(np.abs(ends[0] - ends[1]).max()), "missing": missing}

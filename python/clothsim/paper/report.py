@@ -1,4 +1,6 @@
-"""The report: one list of blocks, written as text and as a page that fetches nothing; its pictures and players."""
+"""The report: one list of blocks, written as text and as a page that fetches nothing; its pictures
+and players.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +22,18 @@ from ..base.files import write_bytes
 from .experiments import FRAMES, FULL, Case, Settings
 from .findings import findings, here, number
 
-FRONT, BACK = (1.0, 0.6, 1.3), (-0.6, 0.9, 0.7)  # the paper draws frame 200 of the moving sphere from the back
+FRONT, BACK = (
+    (1.0, 0.6, 1.3),
+    (-0.6, 0.9, 0.7),
+)  # the paper draws frame 200 of the moving sphere from the back
 WIDTH = 440  # pixels of a picture
-STAGE = (-1.2, -1.6, -0.6), (1.6, 1.1, 1.6)  # m; mass points that a collision throws further are cut
+STAGE = (
+    (-1.2, -1.6, -0.6),
+    (1.6, 1.1, 1.6),
+)  # m; mass points that a collision throws further are cut
 COLORS = (
-    "Blue: the cloth's upper face as it starts; sand: its lower face. Red: the sphere's surface where cloth lies under it, "
-    "stronger with depth. The pictures of a frame have one scale."
+    "Blue: the cloth's upper face as it starts; sand: its lower face. Red: the sphere's surface "
+    "where cloth lies under it, stronger with depth. The pictures of a frame have one scale."
 )
 
 
@@ -33,13 +41,19 @@ def page_section(title: str) -> str:
     """A section of docs/reproduction.md, which an installation has beside this file."""
     path = Path(__file__).with_name("reproduction.md")
     path = path if path.exists() else Path(__file__).parents[3] / "docs" / "reproduction.md"
-    return path.read_text(encoding="utf-8").split(f"\n## {title}\n")[1].partition("\n## ")[0].strip()
+    return (
+        path.read_text(encoding="utf-8").split(f"\n## {title}\n")[1].partition("\n## ")[0].strip()
+    )
 
 
 def _cells(table: str) -> list[list[str]]:
     """Cells of the rows of a table in Markdown; the first row is the head."""
     lines = [line for line in table.splitlines() if line.startswith("| ")]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if not line.startswith("| -")]
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in lines
+        if not line.startswith("| -")
+    ]
 
 
 def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -68,38 +82,62 @@ def _table(kind: str, rows: Iterable[dict[str, Any]]) -> str:
         return number((1e3 * np.array(value)).tolist() if "[mm]" in HEADINGS[key] else value)
 
     keys = COLUMNS[kind]
-    return _markdown([HEADINGS[key] for key in keys], [[shown(key, row[key]) for key in keys] for row in rows])
+    return _markdown(
+        [HEADINGS[key] for key in keys], [[shown(key, row[key]) for key in keys] for row in rows]
+    )
 
 
 def cuts(settings: Settings) -> list[str]:
     """The differences from the full reproduction, one per line."""
     own, full = asdict(settings), asdict(FULL)
     rows = [
-        (what, *(number(np.ravel(one[k]).tolist()) for one in (own, full))) for k, what in _cells(page_section("Sizes"))[1:]
+        (what, *(number(np.ravel(one[k]).tolist()) for one in (own, full)))
+        for k, what in _cells(page_section("Sizes"))[1:]
     ]
     return [f"{what}: {value} instead of {usual}" for what, value, usual in rows if value != usual]
 
 
 def parts(report: dict[str, Any]) -> list[str]:
-    """The report in Markdown, in its order: what held, the experiments, how they were run, what was cut."""
-    experiments, build, machine = report["experiments"], report["provenance"]["build"], report["provenance"]["machine"]
+    """The report in Markdown: what held, the experiments, how they were run, what was cut."""
+    experiments, build, machine = (
+        report["experiments"],
+        report["provenance"]["build"],
+        report["provenance"]["machine"],
+    )
     claims = {key: texts for key, *texts in _cells(page_section("The experiments"))}
     rows = [finding[:4] for found in findings(experiments).values() for finding in found]
     head = ["claim of the paper", "held?", "our number, as printed", "our number, corrected"]
     made = [
         "# The experiments of Kim et al., run by clothsim",
-        "The claims of Real-time collision response between cloth and sphere object in Unity, and what we measured.",
+        "The claims of Real-time collision response between cloth and sphere object in "
+        "Unity, and what we measured.",
         *(["## Did it hold?", _markdown(head, rows)] if rows else []),
-        "[the scenes, live in the browser](live.html) · [as text](report.txt) · [all numbers](report.json)",
+        "[the scenes, live in the browser](live.html) · [as text](report.txt) · [all "
+        "numbers](report.json)",
     ]
-    sections = ["The two methods, in two variants", "Choices where the paper is silent", "Quantities"]
+    sections = [
+        "The two methods, in two variants",
+        "Choices where the paper is silent",
+        "Quantities",
+    ]
     told = {title: [f"## {title}", *page_section(title).split("\n\n")] for title in sections}
     made += told.pop(sections[0])
     for key, entry in experiments.items():
         title, setting, claim = claims[key]
-        made += [f"## Experiment {key}: {title}", setting, f"> **The paper:** {claim}", f"> **Here:** {here(key, entry)}"]
-        made += [f"{name} ended early: {failure}." for name, failure in entry.get("failures", {}).items()]
-        made += _contact(key, entry, report["settings"]["frame_dt"]) if "cells" in entry else [_table(key, entry["rows"])]
+        made += [
+            f"## Experiment {key}: {title}",
+            setting,
+            f"> **The paper:** {claim}",
+            f"> **Here:** {here(key, entry)}",
+        ]
+        made += [
+            f"{name} ended early: {failure}." for name, failure in entry.get("failures", {}).items()
+        ]
+        made += (
+            _contact(key, entry, report["settings"]["frame_dt"])
+            if "cells" in entry
+            else [_table(key, entry["rows"])]
+        )
     made += sum(told.values(), [])
     if report["cuts"]:
         made += ["## What this short form cuts", "\n".join(f"- {line}" for line in report["cuts"])]
@@ -120,11 +158,22 @@ def _contact(key: str, entry: dict[str, Any], frame_dt: float) -> list[str]:
     live = "live_static.html" if key == "1" else "live_moving.html"
     made.append(" · ".join([*links, f"[simulate this scene in the browser]({live})"]))
     made.append(_table("cells", sorted(entry["cells"], key=lambda cell: cell["frame"])))
-    return made + (["### The same frames with coarser steps", _table("study", entry["study"])] if entry["study"] else [])
+    return made + (
+        ["### The same frames with coarser steps", _table("study", entry["study"])]
+        if entry["study"]
+        else []
+    )
 
 
 def _caption(cell: dict[str, Any]) -> str:
-    return f"{cell['case'].capitalize()}: {number(1e3 * cell['triangles'])} mm deep, {cell['points_passed']} points passed"
+    return (
+        f"{cell['case'].capitalize()}: {number(1e3 * cell['triangles'])} mm deep, "
+        f"{cell['points_passed']} points passed"
+    )
+
+
+def _wrapped(line: str) -> str:
+    return textwrap.fill(line, 100, subsequent_indent="  " if line[0] == "-" else "")
 
 
 def as_text(report: dict[str, Any]) -> str:
@@ -133,20 +182,31 @@ def as_text(report: dict[str, Any]) -> str:
     for part in parts(report):
         if part[0] == "|" and len(part.splitlines()[0]) > 160:
             head, *rows = _cells(part)
-            part = "\n".join("- " + "; ".join(f"{a}: {b}" for a, b in zip(head, row)) for row in rows)
-        wrap = lambda line: textwrap.fill(line, 100, subsequent_indent="  " if line[0] == "-" else "")  # noqa: E731
-        shown += [] if part[:2] == "![" else [part if part[0] == "|" else "\n".join(map(wrap, part.splitlines()))]
+            part = "\n".join(
+                "- " + "; ".join(f"{a}: {b}" for a, b in zip(head, row)) for row in rows
+            )
+        shown += (
+            []
+            if part[:2] == "!["
+            else [part if part[0] == "|" else "\n".join(map(_wrapped, part.splitlines()))]
+        )
     return "\n\n".join(shown) + "\n"
 
 
 def write_page(path: Path, title: str, made: Iterable[str]) -> Path:
     """Write parts in Markdown as a page that holds its pictures."""
     page = (files(__package__) / "report.html").read_text(encoding="utf-8").replace("TITLE", title)
-    return write_bytes(path, page.replace("BODY", "\n".join(_html(part, path.parent) for part in made)).encode())
+    return write_bytes(
+        path, page.replace("BODY", "\n".join(_html(part, path.parent) for part in made)).encode()
+    )
 
 
 def _inline(text: str) -> str:
-    text = re.sub(r"\*\*(.*?)\*\*", r"<strong>\1</strong>", re.sub(r"`(.*?)`", r"<code>\1</code>", escape(text)))
+    text = re.sub(
+        r"\*\*(.*?)\*\*",
+        r"<strong>\1</strong>",
+        re.sub(r"`(.*?)`", r"<code>\1</code>", escape(text)),
+    )
     return re.sub(r"\[([^]]*)\]\(([^)]*)\)", r'<a href="\2">\1</a>', text)
 
 
@@ -155,9 +215,15 @@ def _html(part: str, folder: Path) -> str:
     if kind.startswith("#"):
         return f"<h{len(kind)}>{_inline(text)}</h{len(kind)}>"
     if kind == ">":
-        return f'<div class="{"claim" if "The paper" in text[:13] else "here"}">{_inline(text)}</div>'
+        return (
+            f'<div class="{"claim" if "The paper" in text[:13] else "here"}">{_inline(text)}</div>'
+        )
     if kind == "-":
-        return "<ul>" + "".join(f"<li>{_inline(line[2:])}</li>" for line in part.splitlines()) + "</ul>"
+        return (
+            "<ul>"
+            + "".join(f"<li>{_inline(line[2:])}</li>" for line in part.splitlines())
+            + "</ul>"
+        )
     if kind == "|":
         head, *rows = _cells(part)
         words = max(len(cell) for row in rows for cell in row) > 60
@@ -165,34 +231,54 @@ def _html(part: str, folder: Path) -> str:
 
         def line(tag: str, cells: Sequence[str]) -> str:
             marks = (' class="word"' if one else "" for one in left)
-            return "<tr>" + "".join(f"<{tag}{mark}>{_inline(cell)}</{tag}>" for mark, cell in zip(marks, cells)) + "</tr>"
+            return (
+                "<tr>"
+                + "".join(
+                    f"<{tag}{mark}>{_inline(cell)}</{tag}>" for mark, cell in zip(marks, cells)
+                )
+                + "</tr>"
+            )
 
-        body = f"<thead>{line('th', head)}</thead><tbody>{''.join(line('td', row) for row in rows)}</tbody>"
+        body = "".join(line("td", row) for row in rows)
+        body = f"<thead>{line('th', head)}</thead><tbody>{body}</tbody>"
         return f'<div class="scroll"><table{" class=words" if words else ""}>{body}</table></div>'
     if part.startswith("!["):
         found = re.findall(r"!\[(.*)\]\((.*)\)", part)
-        figures = "".join(f"<figure>{_image(folder / name, caption)}</figure>" for caption, name in found)
+        figures = "".join(
+            f"<figure>{_image(folder / name, caption)}</figure>" for caption, name in found
+        )
         return f'<div class="{"cells" if len(found) > 1 else "plot"}">{figures}</div>'
     return f"<p>{_inline(part)}</p>"
 
 
 def _image(path: Path, caption: str) -> str:
     data = b64encode(path.read_bytes()).decode("ascii")
-    return f'<img src="data:image/png;base64,{data}" alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption>'
+    return (
+        f'<img src="data:image/png;base64,{data}" '
+        f'alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption>'
+    )
 
 
 def draw_cells(number: str, cases: Sequence[Case], folder: Path) -> None:
-    """Write the picture of each cell, with one camera for all of a frame, and enter its path in the cell."""
+    """Write the picture of each cell, with one camera a frame, and enter its path in the cell."""
     (folder / f"experiment{number}").mkdir(parents=True, exist_ok=True)
     for frame in FRAMES[number]:
         direction = BACK if (number, frame) == ("2", 200) else FRONT
         axes = cs.Camera(direction, (0, 0, 0), 1, 1).axes()
         cells = [(case, cell) for case in cases for cell in case.cells if cell["frame"] == frame]
-        shown = [(case, cell, *next(s[:2] for s in case.played if s[0] == cell["time"])) for case, cell in cells]
+        shown = [
+            (case, cell, *next(s[:2] for s in case.played if s[0] == cell["time"]))
+            for case, cell in cells
+        ]
         seen = [np.clip(x, *STAGE).reshape(-1, 3) for *_, x in shown]
-        seen += [s.center_at(t) + s.radius * np.concatenate([axes, -axes]) for c, _, t, _ in shown for s in c.scene.spheres]
+        seen += [
+            s.center_at(t) + s.radius * np.concatenate([axes, -axes])
+            for c, _, t, _ in shown
+            for s in c.scene.spheres
+        ]
         for case, cell, t, x in shown:
-            cell["picture"] = f"experiment{number}/frame{frame}_{case.name.replace(', ', '_').replace(' ', '_')}.png"
+            name = case.name.replace(", ", "_").replace(" ", "_")
+            cell["picture"] = f"experiment{number}/frame{frame}_{name}.png"
             camera = cs.Camera.around(direction, np.concatenate(seen))
             picture = cs.picture(case.scene, x, t, camera=camera, width=WIDTH, ground=False)
             picture.save(folder / cell["picture"])
@@ -202,4 +288,6 @@ def play(number: str, cases: Sequence[Case], folder: Path) -> None:
     """Write a page that plays all cases of an experiment in step."""
     arrays = [map(np.array, zip(*case.played)) for case in cases]
     runs = {case.name: cs.Run(case.scene, t, x, v, {}) for case, (t, x, v) in zip(cases, arrays)}
-    cs.compare(runs).to_html(folder / f"experiment{number}.html", title=f"Experiment {number}, all cases in step")
+    cs.compare(runs).to_html(
+        folder / f"experiment{number}.html", title=f"Experiment {number}, all cases in step"
+    )

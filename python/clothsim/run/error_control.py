@@ -3,13 +3,14 @@
 The request is for the rms error over the mass points at the end of the run: ``atol + rtol * size``.
 The size is the longer side of the cloth.
 
-The estimate is the distance of the run from a better run of the same scene. The better run takes other steps and rounds
-differently, so the distance includes rounding errors.
+The estimate is the distance of the run from a better run of the same scene. The better run takes
+other steps and rounds differently, so the distance includes rounding errors.
 
-A search is a function from the trajectories so far to the job of the next run, or to the end: a generator that yields a
-`Job`, is sent its `Trajectory`, and returns the trajectory to hand over and its error. `refined` is the search for dop853 in
-double, which "auto" takes; `compared` serves all other methods. After a contact no error is estimated. Both make `RUNS` runs
-at most; docs/dev/error-control.md says why each run ends.
+A search is a function from the trajectories so far to the job of the next run, or to the end: a
+generator that yields a `Job`, is sent its `Trajectory`, and returns the trajectory to hand over and
+its error. `refined` is the search for dop853 in double, which "auto" takes; `compared` serves all
+other methods. After a contact no error is estimated. Both make `RUNS` runs at most;
+docs/dev/error-control.md says why each run ends.
 """
 
 from __future__ import annotations
@@ -44,15 +45,15 @@ MARGIN = 1.4
 SMALL = 0.1
 # Runs of one method at most.
 RUNS = 8
-# The smallest tolerance of a step, over the size: some fifty roundings of a position in double. Single
-# precision keeps what a step adds with fewer digits, and compensates the sum.
+# The smallest tolerance of a step, over the size: some fifty roundings of a position in double.
+# Single precision keeps what a step adds with fewer digits, and compensates the sum.
 SMALLEST = {"double": 1e-14, "single": 1e-8}
 # Below this error over the size, rounding may be a part of a difference, and does not fall with m.
 ROUNDING = 1e-9
 # Tolerance of a step of a short run over the error that is asked for.
 TOLERANCE = 1.5
-# Radians, approximately, of the fastest motion above which tolerances fall with their cube. Each step adds an error, and an
-# error of frequency moves positions apart with the square of time.
+# Radians, approximately, of the fastest motion above which tolerances fall with their cube. Each
+# step adds an error, and an error of frequency moves positions apart with the square of time.
 GROWTH = 12.0
 # Steps of a run over those of the run before it, at least.
 REFINEMENT = 1.25
@@ -60,7 +61,8 @@ REFINEMENT = 1.25
 FEW = 60
 
 ORDER = 8  # of dop853
-# A promise, not a setting: force evaluations of everything over those of a run at the smallest tolerance.
+# A promise, not a setting: force evaluations of everything over those of a run at the smallest
+# tolerance.
 MOST = 3.0
 # Part of the local errors that a refinement leaves, at most and at least.
 _FALL, _LEAST_FALL = REFINEMENT**-ORDER, SMALL**4
@@ -68,10 +70,16 @@ _FALL, _LEAST_FALL = REFINEMENT**-ORDER, SMALL**4
 # Why an error is unknown, or larger than what was asked for.
 CONTACT = "a sphere responded: nearby trajectories part, and no error can be told"
 MISSED = "this run misses a sphere that a better run meets: no error can be told"
-LEAST = f"runs with more steps come no closer to each other, or cost more than {MOST:g} runs at the smallest tolerance"
+LEAST = (
+    f"runs with more steps come no closer to each other, or cost more than {MOST:g} runs at "
+    "the smallest tolerance"
+)
 UNSTABLE = "runs with more steps are unstable"
 NOT_REACHED = f"{RUNS} runs did not reach the error that was asked for"
-NO_FINER = f"neither the smallest tolerance of a step nor {MANY_STEPS:,} steps reach the error that was asked for"
+NO_FINER = (
+    f"neither the smallest tolerance of a step nor {MANY_STEPS:,} steps reach the error "
+    "that was asked for"
+)
 
 
 def size_of(scene: Scene) -> float:
@@ -96,7 +104,7 @@ class Estimate(NamedTuple):
 
     @classmethod
     def of(cls, x: Floats, better: Floats, factor: float) -> Estimate:
-        """`factor` times the distance of positions from better ones, and half a unit in the last place."""
+        """`factor` times the distance from better positions, and half a unit in the last place."""
         distances = factor * np.linalg.norm(x - better, axis=-1) + np.spacing(np.abs(x).max()) / 2
         return cls(float(distances.max()), float(np.sqrt((distances**2).mean())))
 
@@ -114,8 +122,12 @@ Step = Generator[Job, Trajectory, Trajectory]  # a part of a search, which finds
 
 
 def solve(job: Job, asked: float, watch: Watch, plain: Options | None = None) -> Controlled:
-    """The run whose error is at most `asked` [m], rms, or the best one found; see `refined` for `plain`."""
-    stops_of(job.scene, job.start, job.start + job.duration)  # refuses too many before the first run
+    """The run whose error is at most `asked` [m], rms, or the best one found; see `refined` for
+    `plain`.
+    """
+    stops_of(
+        job.scene, job.start, job.start + job.duration
+    )  # refuses too many before the first run
     done: list[Trajectory] = []
     if job.options.integrator == "dop853" and job.options.precision == "double":
         return _conduct(refined(job, asked, done, plain), done, watch)
@@ -162,13 +174,15 @@ def _smallest(job: Job) -> float:
 
 def _unseen(job: Job, **changes: object) -> Job:
     """A run that is not returned: it has no frames, unless a force changes at them."""
-    return replace(job, shown=False, frames=job.frames if job.force else Frames(), **changes)  # type: ignore[arg-type]
+    frames = job.frames if job.force else Frames()
+    return replace(job, shown=False, frames=frames, **changes)  # type: ignore[arg-type]
 
 
 def _at_tolerance(job: Job, tolerance: float) -> Step:
     """A run at a tolerance of a step [m].
 
-    If it runs away, because the tolerance lets stiff motion grow, it is repeated at a smaller tolerance.
+    If it runs away, because the tolerance lets stiff motion grow, it is repeated at a smaller
+    tolerance.
     """
     smallest = _smallest(job)
     tolerance = max(tolerance, smallest)
@@ -182,7 +196,7 @@ def _at_tolerance(job: Job, tolerance: float) -> Step:
 
 
 def _longest_dt(job: Job, integrator: str) -> float:
-    """The longest fixed step [s]: the guaranteed stable one, or half of it in a scene with spheres."""
+    """The longest fixed step [s]: the guaranteed stable one, or half of it with spheres."""
     stable = usable_dt(job.scene.cloth.core, integrator)
     return min(stable / 2 if job.scene.spheres else stable, job.duration / 4)
 
@@ -192,15 +206,17 @@ def _fixed(job: Job, dt: float) -> Job:
     return replace(job, dt=job.duration / math.ceil(job.duration / dt), own_step=True)
 
 
-# dop853 in double: grids that are refined (Shampine, Watts: Global error estimation for ordinary differential equations, ACM
-# TOMS 2 (1976) 172), and tolerances (Stetter: Considerations concerning a theory for ODE-solvers, 1978) where errors are not
-# proportional; docs/dev/error-control.md has the algorithm.
+# dop853 in double: grids that are refined (Shampine, Watts: Global error estimation for ordinary
+# differential equations, ACM TOMS 2 (1976) 172), and tolerances (Stetter: Considerations concerning
+# a theory for ODE-solvers, 1978) where errors are not proportional; docs/dev/error-control.md has
+# the algorithm.
 
 
 def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | None = None) -> Search:
     """The run of dop853 whose error is at most `asked` [m], rms, or the best one found.
 
-    `plain`: options of a run at the longest stable step, which is returned if it is accurate enough, because it costs less.
+    `plain`: options of a run at the longest stable step, which is returned if it is accurate
+    enough, because it costs less.
     """
     tolerance = yield from _first_tolerance(job, asked)
     before = first = yield from _at_tolerance(job, tolerance)
@@ -238,7 +254,9 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | Non
             best, error, least = before, pair.before, pair.before.rms
         elif stalled:
             # The least of several distances may be small by chance.
-            error = max(error, Estimate.of(best.x[-1], after.x[-1], MARGIN), key=lambda one: one.rms)
+            error = max(
+                error, Estimate.of(best.x[-1], after.x[-1], MARGIN), key=lambda one: one.rms
+            )
         if finer.is_finest or hopeless:
             return best, error._replace(reason=LEAST)
         finer.choose(pair, asked, SMALL**2 if stalled else _FALL)
@@ -249,8 +267,8 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | Non
 def _first_tolerance(job: Job, asked: float) -> Generator[Job, Trajectory, float]:
     """The tolerance of a step [m] that should give a run about the error asked for.
 
-    The number of steps times tolerance^(1/p) measures how far the motion goes, at any tolerance. Errors
-    of damped motion are forgotten.
+    The number of steps times tolerance^(1/p) measures how far the motion goes, at any tolerance.
+    Errors of damped motion are forgotten.
     """
     tolerance, steps = TOLERANCE * asked, 0.0
     with suppress(UnstableError):
@@ -303,13 +321,17 @@ class _Finer:
         first = self._first
         if not self.by_grid:
             return (yield from _at_tolerance(self._job, self.fall * first.tolerance))
-        return (yield replace(self._job, tolerance=first.tolerance, grid=first.refined(self.fall ** (-1 / ORDER))))
+        return (
+            yield replace(
+                self._job, tolerance=first.tolerance, grid=first.refined(self.fall ** (-1 / ORDER))
+            )
+        )
 
     def refine(self, fall: float) -> None:
         self.fall = max(fall, self.fall * _LEAST_FALL, self._finest)
 
     def choose(self, pair: _Pair, asked: float, least: float) -> None:
-        """Choose the run that should have the error asked for; local errors fall by `least` at least."""
+        """Choose the run to have the error asked for; local errors fall by `least` at least."""
         if pair.proportional:
             self.refine(self.fall * min(asked / pair.after.rms, least))
             return
@@ -318,7 +340,8 @@ class _Finer:
         self.refine(min(min(after, 1.0) * min(SMALL**2, least), before * asked / pair.before.rms))
 
 
-# Other methods: the tolerance of a better run of dop853 is tightened until its own error is small beside the distance.
+# Other methods: the tolerance of a better run of dop853 is tightened until its own error is small
+# beside the distance.
 
 
 def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
@@ -371,7 +394,11 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
         # The order predicts an error only where the phase of the motion is not lost.
         wanted = max((asked / (MARGIN * found.rms)) ** (1 / order), SMALL if lost else SMALL**4)
         finer = max(setting * min(wanted, 1 - SMALL), least)
-        if stalls >= 2 and not known and _evaluations(done) + run.evaluations * setting / finer > better.most:
+        if (
+            stalls >= 2
+            and not known
+            and _evaluations(done) + run.evaluations * setting / finer > better.most
+        ):
             return best, error._replace(reason=LEAST)
         setting = finer
     assert best is not None
@@ -411,10 +438,12 @@ class _Better:
     def most(self) -> float:
         """Force evaluations that are affordable where errors do not fall."""
         assert self._run is not None
-        return float(MOST * self._run.evaluations * (self._tolerance / self._smallest) ** (1 / ORDER))
+        return float(
+            MOST * self._run.evaluations * (self._tolerance / self._smallest) ** (1 / ORDER)
+        )
 
     def contact(self, run: Trajectory) -> Generator[Job, Trajectory, str]:
-        """Why a sphere that responded in one of the two runs leaves no estimate; "" without contact."""
+        """Why a sphere that responded in one of two runs leaves no estimate; "" without contact."""
         if run.contacts:
             return CONTACT
         return MISSED if (yield from self.run()).contacts else ""
@@ -424,7 +453,8 @@ class _Better:
         while True:
             better = yield from self.run()
             error = Estimate.of(run.x[-1], better.x[-1], MARGIN)
-            growth = 1.0  # of errors: that of the looser of two better runs over the sum of its local errors
+            # Of errors: that of the looser of two better runs over the sum of its local errors.
+            growth = 1.0
             if self._looser is not None:
                 growth = max(self.agreement / max(self._looser.local_error, 1e-300), 1.0)
             part = SMALL * error.rms / max(growth * better.local_error, 1e-300)
@@ -432,7 +462,9 @@ class _Better:
                 return error
 
     def tighten(self, part: float) -> bool:
-        """Give the better run a smaller tolerance, well below this part of the present one; False if there is none."""
+        """Give the better run a smaller tolerance, well below this part of the present one; False
+        if there is none.
+        """
         if self._tolerance <= self._smallest:
             return False
         self._tolerance = max(SMALL * part * self._tolerance, self._smallest)

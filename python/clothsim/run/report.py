@@ -1,4 +1,4 @@
-"""`Run.report`: what a run says about its cost, its error and its extremes. Every report has the same keys."""
+"""`Run.report`: cost, error and extremes of a run. Every report has the same keys."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ def report(
     asked: float = math.nan,
     unknown: str = NOT_ASKED,
 ) -> dict[str, Any]:
-    """The report of a run. `stopped`: why it ended early. `controlled`: the outcome of its error estimate, if any.
+    """The report of a run. `stopped`: why it ended early. `controlled`: the outcome of its error
+    estimate, if any.
 
     `unknown`: why the error of a whole run is not known.
     """
@@ -52,9 +53,16 @@ def report(
         "tolerance": {"asked": asked, "reached": bool(estimate["rms"] <= asked)},
         "energy": {**_gained(scene, watched), **_energies(scene, run.x, run.v)},
         "force_work": run.force_work,
-        "penetration": {"points": watched["point_depth"], "triangles": watched["triangle_depth"], "reason": missing},
+        "penetration": {
+            "points": watched["point_depth"],
+            "triangles": watched["triangle_depth"],
+            "reason": missing,
+        },
         "stretch": {"largest": watched["stretch"], "reason": missing},
-        "first_contact": {"time": time, "reason": (untouched or missing) if math.isnan(time) else ""},
+        "first_contact": {
+            "time": time,
+            "reason": (untouched or missing) if math.isnan(time) else "",
+        },
         "impulse": watched["impulse"],
         "impulse_reason": missing,
         "lift_work": watched.get("lift_work", math.nan),
@@ -85,7 +93,11 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     gained, reason = watched["energy_gained"], ""
     if math.isnan(gained):
         pins = "driven pins do work on the cloth" if scene.cloth.driven else ""
-        contact = "a sphere responded, and responses change the energy" if watched["in_contact"] else "no step was taken"
+        contact = (
+            "a sphere responded, and responses change the energy"
+            if watched["in_contact"]
+            else "no step was taken"
+        )
         reason = watched.get("reason", "") or pins or contact
     return {"gained": gained, "reason": reason}
 
@@ -100,13 +112,19 @@ def joined(one: Any, two: Any) -> dict[str, Any]:
     found = {
         **two,
         **sums,
-        "steps_per_second": sums["steps"] / sums["wall_time"] if sums["wall_time"] > 0 else math.inf,
+        "steps_per_second": sums["steps"] / sums["wall_time"]
+        if sums["wall_time"] > 0
+        else math.inf,
         "error_estimate": {"max": math.nan, "rms": math.nan, "reason": RESUMED},
         "tolerance": {"asked": one["tolerance"]["asked"], "reached": False},
         "energy": energies,
-        "first_contact": two["first_contact"] if math.isnan(one["first_contact"]["time"]) else one["first_contact"],
+        "first_contact": two["first_contact"]
+        if math.isnan(one["first_contact"]["time"])
+        else one["first_contact"],
         "impulse": [[p + q for p, q in zip(*both)] for both in zip(one["impulse"], two["impulse"])],
     }
     for name in ("penetration", "stretch"):
-        found[name] = {key: max(value, two[name][key]) for key, value in one[name].items()}  # reasons are "" or equal
+        found[name] = {
+            key: max(value, two[name][key]) for key, value in one[name].items()
+        }  # reasons are "" or equal
     return found

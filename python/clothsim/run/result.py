@@ -1,4 +1,4 @@
-"""A finished run: its frames, its report, its measures over frames, and files and pictures of it."""
+"""A finished run: its frames, report, measures over frames, and files and pictures of it."""
 
 from __future__ import annotations
 
@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 class Run:
     """Frames, report and final state of a run; `simulate` returns it.
 
-    ``print(run)`` gives six lines, ``len(run)`` the number of frames, ``run[10:20]`` a run of these frames, and
-    ``run + run.resume(1.0)`` one run of both. Two runs are equal if their scenes, times and frames are equal bit for bit.
+    ``print(run)`` gives six lines, ``len(run)`` the number of frames, ``run[10:20]`` a run of these
+    frames, and ``run + run.resume(1.0)`` one run of both. Two runs are equal if their scenes, times
+    and frames are equal bit for bit.
 
     Attributes
     ----------
@@ -51,43 +52,50 @@ class Run:
 
     Notes
     -----
-    Every report has the same keys. A number that is not known is NaN, and its "reason" says why. With the
-    backend "gpu" all extremes are NaN.
+    Every report has the same keys. A number that is not known is NaN, and its "reason" says why.
+    With the backend "gpu" all extremes are NaN.
 
-    =========================  =========================================================================================
+    =========================  =====================================================================
     "steps", "rejected_steps"  accepted and rejected steps
     "dt"                       the time step, the mean one of an adaptive method [s]
-    "force_evaluations"        in total; "solution_evaluations": of this run alone, without more accurate runs, and runs
-                               that were too coarse
+    "force_evaluations"        in total; "solution_evaluations": of this run alone, without more
+                               accurate runs, and runs that were too coarse
     "wall_time"                of the run alone [s], as "steps_per_second"
-    "stopped"                  "" for a whole run, else "callback", "interrupted", "unstable" or "contact"
-    "error_estimate"           "max" and "rms" [m] of the last positions over the mass points: the distance from a better
-                               run (docs/integrators.md). If it is larger than asked for, "reason" says why error control
-                               could not reduce it. After a contact it is NaN: nearby states diverge
-    "tolerance"                "asked" [m, rms], NaN without error control, and "reached": whether the estimate is at most
-                               that
-    "energy"                   "start" and "end", see `energy`; "gained" [J]: the largest excess of the total over its
-                               start, or 0, at stored frames and at one state in 128 (in 16 with error control, or above
-                               `max_stable_dt`). Until a sphere responds only an error of the method can add energy;
+    "stopped"                  "" for a whole run, else "callback", "interrupted", "unstable" or
+                               "contact"
+    "error_estimate"           "max" and "rms" [m] of the last positions over the mass points: the
+                               distance from a better run (docs/integrators.md). If it is larger
+                               than asked for, "reason" says why error control could not reduce it.
+                               After a contact it is NaN: nearby states diverge
+    "tolerance"                "asked" [m, rms], NaN without error control, and "reached": whether
+                               the estimate is at most that
+    "energy"                   "start" and "end", see `energy`; "gained" [J]: the largest excess of
+                               the total over its start, or 0, at stored frames and at one state in
+                               128 (in 16 with error control, or above `max_stable_dt`). Until a
+                               sphere responds only an error of the method can add energy;
                                afterwards it is NaN
-    "force_work"               work of the argument `force` of `simulate` on the cloth [J], with the positions of frames
-    "penetration"              "points" and "triangles" [m]: greatest depths over all spheres; see `penetration`. Mass
-                               points are measured at every state, triangles at sampled ones. "triangles" is never less
-                               than "points"
+    "force_work"               work of the argument `force` of `simulate` on the cloth [J], with the
+                               positions of frames
+    "penetration"              "points" and "triangles" [m]: greatest depths over all spheres; see
+                               `penetration`. Mass points are measured at every state, triangles at
+                               sampled ones. "triangles" is never less than "points"
     "stretch"                  "largest": see `largest_stretch`; sampled
-    "first_contact"            "time" [s]: end of the first step in which a response changed the cloth
-    "impulse"                  one (x, y, z) per sphere [N s]: minus the momentum that its responses gave to the cloth;
-                               see `Stepper.impulses`. A resumed run counts its own. "impulse_reason"
-    "lift_work"                energy that cells which grew on a sphere have made by lifting mass points [J]; the reason of
-                               a NaN is "impulse_reason"
+    "first_contact"            "time" [s]: end of the first step in which a response changed the
+                               cloth
+    "impulse"                  one (x, y, z) per sphere [N s]: minus the momentum that its responses
+                               gave to the cloth; see `Stepper.impulses`. A resumed run counts its
+                               own. "impulse_reason"
+    "lift_work"                energy that cells which grew on a sphere have made by lifting mass
+                               points [J]; the reason of a NaN is "impulse_reason"
     "residual", "reason"       of `settle`
-    "integrator", ...          "precision", "kernel", "threads", "backend", "instruction_set" (with "gpu" the adapter) and
-                               "version" say how the run was computed; "as_printed": whether a sphere responds as printed
-                               in the paper
-    =========================  =========================================================================================
+    "integrator", ...          "precision", "kernel", "threads", "backend", "instruction_set" (with
+                               "gpu" the adapter) and "version" say how the run was computed;
+                               "as_printed": whether a sphere responds as printed in the paper
+    =========================  =====================================================================
 
-    States are the initial state and that at the end of each step, after the responses. Sampled are stored frames and every
-    n-th state, n = min(128, steps // 32); with error control every 16th, and where 1/32 of the duration has passed.
+    States are the initial state and that at the end of each step, after the responses. Sampled are
+    stored frames and every n-th state, n = min(128, steps // 32); with error control every 16th,
+    and where 1/32 of the duration has passed.
 
     Examples
     --------
@@ -127,8 +135,13 @@ class Run:
             raise TypeError(f"frames must be a slice, as in run[10:20], got {check.shown(frames)}")
         chosen = range(len(self))[frames]
         if not chosen or chosen.step < 0:
-            raise ValueError(f"frames must be a rising slice of 0 to {len(self)} with a frame in it, got {frames}")
-        final: dict[str, Any] = {} if chosen[-1] == len(self) - 1 else {"snapshot": None, "continuation": None}
+            raise ValueError(
+                f"frames must be a rising slice of 0 to {len(self)} with a frame in it, got "
+                f"{frames}"
+            )
+        final: dict[str, Any] = (
+            {} if chosen[-1] == len(self) - 1 else {"snapshot": None, "continuation": None}
+        )
         return replace(self, t=self.t[frames], x=self.x[frames], v=self.v[frames], **final)
 
     def __add__(self, more: Run) -> Run:
@@ -137,9 +150,13 @@ class Run:
             return NotImplemented
         ends = ((self.t[-1:], more.t[:1]), (self.x[-1:], more.x[:1]), (self.v[-1:], more.v[:1]))
         if self.scene != more.scene or not all(np.array_equal(*pair) for pair in ends):
-            raise ValueError("a run can only be added that goes on from the last frame of this run, as run.resume(duration)")
+            raise ValueError(
+                "a run can only be added that goes on from the last frame of this run, as "
+                "run.resume(duration)"
+            )
         arrays: dict[str, Any] = {
-            name: np.concatenate([getattr(self, name), getattr(more, name)[1:]]) for name in ("t", "x", "v")
+            name: np.concatenate([getattr(self, name), getattr(more, name)[1:]])
+            for name in ("t", "x", "v")
         }
         return replace(more, **arrays, report=joined(self.report, more.report))
 
@@ -159,9 +176,10 @@ class Run:
     ) -> Run:
         """Continue from the end of this run, with its settings.
 
-        With a time step that divides the first duration, the result has the bits of one run of both durations. With error
-        control, the method, the tolerance of a step and the step size continue. The bits are those of one run where a
-        callback or Ctrl-C ended the first at a step; a whole run shortens its last steps to end at its duration.
+        With a time step that divides the first duration, the result has the bits of one run of both
+        durations. With error control, the method, the tolerance of a step and the step size
+        continue. The bits are those of one run where a callback or Ctrl-C ended the first at a
+        step; a whole run shortens its last steps to end at its duration.
 
         Parameters
         ----------
@@ -175,7 +193,8 @@ class Run:
         Returns
         -------
         Run
-            A run whose first frame is the last frame of this run; ``run + more`` is one run of both.
+            A run whose first frame is the last frame of this run; ``run + more`` is one run of
+            both.
 
         Examples
         --------
@@ -200,8 +219,9 @@ class Run:
         Returns
         -------
         dict
-            "t" [s], shape (frames,); "x" [m] and "v" [m/s], shape (frames, 3); "speed" `|v|` [m/s] and "stretch", shape
-            (frames,). The stretch is l/L - 1 of the most stretched spring at the point, 0 where all are slack.
+            "t" [s], shape (frames,); "x" [m] and "v" [m/s], shape (frames, 3); "speed" `|v|` [m/s]
+            and "stretch", shape (frames,). The stretch is l/L - 1 of the most stretched spring at
+            the point, 0 where all are slack.
 
         Examples
         --------
@@ -219,7 +239,13 @@ class Run:
         other = np.where(here["i"] == point, here["j"], here["i"])
         lengths = np.linalg.norm(self.x.reshape(len(self), -1, 3)[:, other] - x[:, None], axis=-1)
         stretch = (lengths / here["rest_length"] - 1).max(axis=1, initial=0.0)
-        return {"t": self.t, "x": x, "v": v, "speed": np.linalg.norm(v, axis=-1), "stretch": stretch}
+        return {
+            "t": self.t,
+            "x": x,
+            "v": v,
+            "speed": np.linalg.norm(v, axis=-1),
+            "stretch": stretch,
+        }
 
     def energy(self) -> dict[str, Floats]:
         """Energies of the frames.
@@ -237,7 +263,9 @@ class Run:
         >>> total.shape, bool(abs(total - total[0]).max() < 1e-9)
         ((11,), True)
         """
-        found = [energy(self.scene, *one) for one in zip(self.x, self.v)]  # Ctrl-C acts between two frames
+        found = [
+            energy(self.scene, *one) for one in zip(self.x, self.v)
+        ]  # Ctrl-C acts between two frames
         return {name: np.array([one[name] for one in found]) for name in found[0]}
 
     def penetration(self, sphere: int | None = None) -> dict[str, Floats]:
@@ -251,8 +279,8 @@ class Run:
         Returns
         -------
         dict
-            "points" and "triangles": depths [m] below the true radius, >= 0, arrays of shape (frames,); 0 without spheres.
-            See `clothsim.penetration`.
+            "points" and "triangles": depths [m] below the true radius, >= 0, arrays of shape
+            (frames,); 0 without spheres. See `clothsim.penetration`.
 
         Examples
         --------
@@ -264,7 +292,9 @@ class Run:
         if sphere is not None:
             last = len(spheres) - 1
             if last < 0:
-                raise ValueError(f"sphere must be None for a scene without spheres, got {check.shown(sphere)}")
+                raise ValueError(
+                    f"sphere must be None for a scene without spheres, got {check.shown(sphere)}"
+                )
             spheres = (spheres[check.integer("sphere", sphere, minimum=0, maximum=last)],)
         return deepest(spheres, self.x, self.t)
 
@@ -320,7 +350,10 @@ class Run:
         xr = needed("xarray", "to_xarray")
         dimensions = ("time", "row", "column", "component")
         dataset: xarray.Dataset = xr.Dataset(
-            {"position": (dimensions, self.x, {"units": "m"}), "velocity": (dimensions, self.v, {"units": "m/s"})},
+            {
+                "position": (dimensions, self.x, {"units": "m"}),
+                "velocity": (dimensions, self.v, {"units": "m/s"}),
+            },
             {"time": ("time", self.t, {"units": "s"}), "component": ["x", "y", "z"]},
             {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)},
         )
@@ -328,7 +361,13 @@ class Run:
 
     # Pictures and files of other programs, by the room `viewing`
 
-    def picture(self, frame: int | None = None, t: float | None = None, path: str | Path | None = None, **style: Any) -> Any:
+    def picture(
+        self,
+        frame: int | None = None,
+        t: float | None = None,
+        path: str | Path | None = None,
+        **style: Any,
+    ) -> Any:
         """Draw a stored frame; see `clothsim.picture`.
 
         All frames of a run are drawn from one view, so that two pictures can be compared.
@@ -342,9 +381,9 @@ class Run:
         path : path-like, optional
             File to write as well; see `Picture.save`.
         **style
-            camera, width, color, limits, label and ground, as for `clothsim.picture`. The view, the colour
-            scale and the ground are those of all frames. An array as `color` has shape (rows, columns) or (frames,
-            rows, columns).
+            camera, width, color, limits, label and ground, as for `clothsim.picture`. The view, the
+            colour scale and the ground are those of all frames. An array as `color` has shape
+            (rows, columns) or (frames, rows, columns).
 
         Examples
         --------
@@ -359,7 +398,8 @@ class Run:
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
 
-        A contact is a mass point closer to a sphere than the contact radius plus 1/32 of the grid spacing.
+        A contact is a mass point closer to a sphere than the contact radius plus 1/32 of the grid
+        spacing.
 
         Parameters
         ----------
@@ -381,18 +421,22 @@ class Run:
 
         return plot_run(self, path)
 
-    def animate(self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, **style: Any) -> Path:
+    def animate(
+        self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, **style: Any
+    ) -> Path:
         """Write a film of the run.
 
-        Each picture shows the stored frame that is nearest in time: a smooth film needs ``every=speed / fps``.
+        Each picture shows the stored frame that is nearest in time: a smooth film needs
+        ``every=speed / fps``.
 
         Parameters
         ----------
         path : path-like
-            Ends in ".gif", ".webp" (both by Pillow, extra "plot") or ".mp4" (H.264, by the program ffmpeg or the extra
-            "film").
+            Ends in ".gif", ".webp" (both by Pillow, extra "plot") or ".mp4" (H.264, by the program
+            ffmpeg or the extra "film").
         fps : float, default 30
-            Pictures a second, > 0, at most 240; at most 50 for a GIF, because browsers slow down faster ones.
+            Pictures a second, > 0, at most 240; at most 50 for a GIF, because browsers slow down
+            faster ones.
         speed : float, default 1.0
             Simulated seconds in a second of the film, > 0.
         **style
@@ -411,18 +455,19 @@ class Run:
         return animate(self, path, fps, speed, **style)
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
-        """Write one self-contained page that plays the run in a browser; `clothsim.compare` plays several side by side.
+        """Write one self-contained page that plays the run in a browser; `clothsim.compare` plays
+        several side by side.
 
-        The page makes no request. Positions are rounded to 1/65535 of the run's extent on each axis. 300 frames of 32 x 32
-        take 1.1 MB.
+        The page makes no request. Positions are rounded to 1/65535 of the run's extent on each
+        axis. 300 frames of 32 x 32 take 1.1 MB.
 
         Parameters
         ----------
         path : path-like
             File to write.
         title : str, optional
-            Heading of the page. Default: the name of a ready scene, or the shape of the cloth and the responses of its
-            spheres.
+            Heading of the page. Default: the name of a ready scene, or the shape of the cloth and
+            the responses of its spheres.
 
         Examples
         --------
@@ -460,7 +505,9 @@ class Run:
 
         return run_bundle(self)
 
-    def export(self, path: str | os.PathLike[str], fps: float | None = None, z_up: bool = False) -> list[Path]:
+    def export(
+        self, path: str | os.PathLike[str], fps: float | None = None, z_up: bool = False
+    ) -> list[Path]:
         """Write the run as files for other programs, in the format that the suffix names.
 
         ===================  ====================================================================
@@ -474,16 +521,17 @@ class Run:
         .pc2                 A point cache, and the mesh of the first frame as .obj beside it
         ===================  ====================================================================
 
-        Vertices of the cloth are the mass points in the order of the array index. Texture coordinates run from 0 to 1: u
-        along the columns, v from the last row to the first. docs/export.md shows how to open the files.
+        Vertices of the cloth are the mass points in the order of the array index. Texture
+        coordinates run from 0 to 1: u along the columns, v from the last row to the first.
+        docs/export.md shows how to open the files.
 
         Parameters
         ----------
         path : path-like
             File to write, in a folder that exists. A failed export changes nothing.
         fps : float, optional
-            Frames a second [1/s], > 0, at most 1e5. The first frame is the start of the run. Cubic Hermite
-            interpolation of positions and velocities gives frames between stored frames.
+            Frames a second [1/s], > 0, at most 1e5. The first frame is the start of the run. Cubic
+            Hermite interpolation of positions and velocities gives frames between stored frames.
             Default: the stored frames at their own times.
         z_up : bool, default False
             Whether (x, y, z) is written as (x, -z, y), for programs where z is up. A .glb is
@@ -497,7 +545,8 @@ class Run:
         Warns
         -----
         UserWarning
-            If interpolation may be wrong by more than a tenth of the grid spacing. More than a spacing is an error.
+            If interpolation may be wrong by more than a tenth of the grid spacing. More than a
+            spacing is an error.
 
         Examples
         --------
@@ -555,8 +604,9 @@ def deepest(spheres: Iterable[Sphere | Plane], x: Floats, t: Floats) -> dict[str
 def difference(a: Run, b: Run) -> dict[str, Any]:
     """Distance of the mass points of two runs at equal times, as for one scene in two settings.
 
-    Only times that both runs have stored are compared, because interpolation has an error of its own. Give `fps` or
-    `times` to `simulate` for equal times. Times are equal if they differ by at most half a step of either run.
+    Only times that both runs have stored are compared, because interpolation has an error of its
+    own. Give `fps` or `times` to `simulate` for equal times. Times are equal if they differ by at
+    most half a step of either run.
 
     Parameters
     ----------
@@ -566,9 +616,10 @@ def difference(a: Run, b: Run) -> dict[str, Any]:
     Returns
     -------
     dict
-        "t" [s], the times of `a` with an equal time in `b`, shape (times,); "distance" \\|x_a - x_b\\| [m], shape (times,
-        rows, columns); its root mean square "rms" and its largest "max" [m] over the mass points, shape (times,);
-        "unmatched", the number of frames of both runs that have no partner.
+        "t" [s], the times of `a` with an equal time in `b`, shape (times,); "distance" \\|x_a -
+        x_b\\| [m], shape (times, rows, columns); its root mean square "rms" and its largest "max"
+        [m] over the mass points, shape (times,); "unmatched", the number of frames of both runs
+        that have no partner.
 
     Raises
     ------
@@ -585,7 +636,10 @@ def difference(a: Run, b: Run) -> dict[str, Any]:
     for name, run in (("a", a), ("b", b)):
         check.instance(name, run, Run)
     if a.x.shape[1:] != b.x.shape[1:]:
-        raise ValueError(f"b must be a run of a cloth of shape {a.scene.cloth.shape}, as a, got {b.scene.cloth.shape}")
+        raise ValueError(
+            f"b must be a run of a cloth of shape {a.scene.cloth.shape}, as a, got "
+            f"{b.scene.cloth.shape}"
+        )
     steps = [run.report["dt"] for run in (a, b) if "dt" in run.report]
     near = max(NEGLIGIBLE * max(a.t[-1] - a.t[0], b.t[-1] - b.t[0]), min(steps, default=0.0) / 2)
     nearest = _nearest(a.t, b.t)
@@ -593,10 +647,12 @@ def difference(a: Run, b: Run) -> dict[str, Any]:
     equal = (np.abs(b.t[nearest] - a.t) <= near) & (back == np.arange(len(a)))
     if not equal.any():
         raise ValueError(
-            f"b must have a stored time of a, which are {a.t[0]:g} to {a.t[-1]:g} s, got {b.t[0]:g} to {b.t[-1]:g} s: "
-            "give fps= or times= to simulate"
+            f"b must have a stored time of a, which are {a.t[0]:g} to {a.t[-1]:g} s, got "
+            f"{b.t[0]:g} to {b.t[-1]:g} s: give fps= or times= to simulate"
         )
-    distance = np.array([np.linalg.norm(a.x[k] - b.x[nearest[k]], axis=-1) for k in np.flatnonzero(equal)])
+    distance = np.array(
+        [np.linalg.norm(a.x[k] - b.x[nearest[k]], axis=-1) for k in np.flatnonzero(equal)]
+    )
     by_time = distance.reshape(len(distance), -1)
     rms, most = np.sqrt((by_time**2).mean(axis=1)), by_time.max(axis=1)
     unmatched = len(a) + len(b) - 2 * len(distance)
@@ -613,17 +669,22 @@ def _nearest(times: Floats, others: Floats) -> npt.NDArray[np.int64]:
 def _check_arrays(run: Run) -> None:
     """Raise a ValueError where times or frames do not fit the scene or each other."""
     shape = (len(run.t), *run.scene.cloth.shape, 3) if run.t.ndim == 1 else ()
-    for name, array, expected in (("t", run.t, shape[:1]), ("x", run.x, shape), ("v", run.v, shape)):
+    for name, array, expected in (
+        ("t", run.t, shape[:1]),
+        ("x", run.x, shape),
+        ("v", run.v, shape),
+    ):
         if array.dtype != np.float64 or array.shape != expected or not array.size:
             raise ValueError(
-                f"{name} must be float64 of shape {expected or '(frames,)'}, got {array.dtype} of shape {array.shape}"
+                f"{name} must be float64 of shape {expected or '(frames,)'}, got "
+                f"{array.dtype} of shape {array.shape}"
             )
         check.check_all(name, array, np.isfinite(array), "finite numbers")
     check.check_all("t", run.t, np.diff(run.t, prepend=-np.inf) > 0, "increasing times")
 
 
 def _lines(run: Run) -> list[str]:
-    """The scene, frames, steps, energy, penetration, and speed; an empty report gives the first two lines."""
+    """Scene, frames, steps, energy, penetration and speed; an empty report gives the first two."""
     scene, t, report = run.scene, run.t, run.report
     stopped = f", stopped early ({report['stopped']})" if report and report["stopped"] else ""
     lines = [
@@ -637,7 +698,8 @@ def _lines(run: Run) -> list[str]:
     start, end, change = joules([*totals, totals[1] - totals[0]])
     return [
         *lines,
-        f"{counted(report['steps'], 'step')} of {about}{quantity(report['dt'], 's')} by {report['integrator']} in "
+        f"{counted(report['steps'], 'step')} of {about}{quantity(report['dt'], 's')} by "
+        f"{report['integrator']} in "
         f"{report['precision']}",
         f"energy {start} at the start, {end} at the end (change, by damping and contact, {change})",
         _penetration_line(scene, report["penetration"]),
@@ -649,5 +711,12 @@ def _lines(run: Run) -> list[str]:
 def _penetration_line(scene: Scene, depths: Any) -> str:
     if not scene.spheres:
         return "penetration: no sphere"
-    parts = [f"{name} {quantity(depths[name], 'm')}" for name in ("points", "triangles") if depths[name] == depths[name]]
-    return f"deepest penetration{': ' + ', '.join(parts) if parts else ' not known: ' + depths['reason']}"
+    parts = [
+        f"{name} {quantity(depths[name], 'm')}"
+        for name in ("points", "triangles")
+        if depths[name] == depths[name]
+    ]
+    return (
+        "deepest "
+        f"penetration{': ' + ', '.join(parts) if parts else ' not known: ' + depths['reason']}"
+    )

@@ -1,9 +1,10 @@
 """The rest state of a scene, by dynamic relaxation.
 
-Dynamic relaxation follows a damped motion to its end, because only the end counts. Drag takes the place of the scene's
-damping. It damps the slowest motion that is left critically, with c = 2 omega m. Rayleigh's quotient of the last change of
-the cloth gives the frequency omega. This is the adaptive viscous damping of Underwood (1983), "Dynamic relaxation". Spheres
-respond in each step, so that contact and friction belong to the rest state.
+Dynamic relaxation follows a damped motion to its end, because only the end counts. Drag takes the
+place of the scene's damping. It damps the slowest motion that is left critically, with c = 2 omega
+m. Rayleigh's quotient of the last change of the cloth gives the frequency omega. This is the
+adaptive viscous damping of Underwood (1983), "Dynamic relaxation". Spheres respond in each step, so
+that contact and friction belong to the rest state.
 """
 
 from __future__ import annotations
@@ -34,18 +35,20 @@ _INTEGRATOR = "semi_implicit_euler"  # one force evaluation a step, and the long
 
 # Time step over the guaranteed one. Half needs twice the steps; above 1 nothing is guaranteed.
 _STEP = 0.9
-# Spring damping over sqrt(stiffness * mass), for the fastest modes. With half of it high modes ring on the curtain of seven
-# pins; twice as much shortens the guaranteed step by a fifth.
+# Spring damping over sqrt(stiffness * mass), for the fastest modes. With half of it high modes ring
+# on the curtain of seven pins; twice as much shortens the guaranteed step by a fifth.
 _SPRING_DAMPING = 0.2
-# Steps between two estimates of the frequency. Half or twice changes the number of steps by less than a third on
-# `benchmarks/settle.py`.
+# Steps between two estimates of the frequency. Half or twice changes the number of steps by less
+# than a third on `benchmarks/settle.py`.
 _BLOCK = 100
-# Bounds of omega over sqrt(gravity / size). Ten times the lower bound doubles the steps of a soft curtain near a saddle. The
-# upper bound tames estimates from a wild start; half or twice changes little.
+# Bounds of omega over sqrt(gravity / size). Ten times the lower bound doubles the steps of a soft
+# curtain near a saddle. The upper bound tames estimates from a wild start; half or twice changes
+# little.
 _SLOWEST, _FASTEST = 0.02, 5.0
 # Blocks between two measurements of the residual, each of which takes a step of a new stepper.
 _BLOCKS_OF_RESIDUAL = 3
-# The step that measures the residual, over that of the relaxation: short enough that a point stays in contact.
+# The step that measures the residual, over that of the relaxation: short enough that a point stays
+# in contact.
 _PROBE = 1e-2
 # Evaluations without half the residual, after which a scene is said not to rest.
 _PATIENCE = 100_000
@@ -76,17 +79,19 @@ def settle(
 ) -> Run | list[Run]:
     """Find the rest state of a scene, from its initial state, with contact and friction.
 
-    Dynamic relaxation finds a state in which every force is balanced. The initial velocities are ignored. Where friction
-    holds the cloth, many rest states exist, and the path from the initial state decides which is found.
+    Dynamic relaxation finds a state in which every force is balanced. The initial velocities are
+    ignored. Where friction holds the cloth, many rest states exist, and the path from the initial
+    state decides which is found.
 
     Parameters
     ----------
     scene : Scene or sequence of Scene
-        Scenes of one shape give a list of runs. Spheres and driven pins are held at their places at the time `t`. Every
-        sphere responds as "continuous" without restitution does, because a cloth that bounces does not rest.
+        Scenes of one shape give a list of runs. Spheres and driven pins are held at their places at
+        the time `t`. Every sphere responds as "continuous" without restitution does, because a
+        cloth that bounces does not rest.
     tolerance : float, default 1e-6
-        Largest unbalanced force of a mass point after contact forces, over the largest weight of a mass point. Without
-        gravity, over the largest given force. At least 1e-12.
+        Largest unbalanced force of a mass point after contact forces, over the largest weight of a
+        mass point. Without gravity, over the largest given force. At least 1e-12.
     t : float, default 0.0
         Time of the scene [s].
     max_evaluations : int, default 400,000
@@ -99,9 +104,10 @@ def settle(
     Returns
     -------
     Run, or list of Run
-        Two frames: the start and the rest state. ``run.t`` is the time of the relaxation, which has no physical meaning.
-        ``run.report["residual"]`` is the largest unbalanced force over the largest weight.
-        ``run.report["reason"]`` is "" or says why the scene does not rest. The last frame is then the best state found.
+        Two frames: the start and the rest state. ``run.t`` is the time of the relaxation, which has
+        no physical meaning. ``run.report["residual"]`` is the largest unbalanced force over the
+        largest weight. ``run.report["reason"]`` is "" or says why the scene does not rest. The last
+        frame is then the best state found.
 
     Raises
     ------
@@ -117,12 +123,19 @@ def settle(
     >>> lowest = run.x[-1, ..., 1].min()  # the sag [m]
     """
     if not isinstance(scene, Scene):
-        more: Any = {"t": t, "max_evaluations": max_evaluations, "threads": threads, "progress": progress}
+        more: Any = {
+            "t": t,
+            "max_evaluations": max_evaluations,
+            "threads": threads,
+            "progress": progress,
+        }
         return [settle(one, tolerance, **more) for one in scenes_of(scene)]
     tolerance = check.number("tolerance", tolerance, minimum=1e-12)
     t = check.number("t", t)
     most = check.integer("max_evaluations", max_evaluations, minimum=1)
-    search = _Relaxation(scene_at(scene, t), tolerance, most, t, Options(_INTEGRATOR, threads=threads))
+    search = _Relaxation(
+        scene_at(scene, t), tolerance, most, t, Options(_INTEGRATOR, threads=threads)
+    )
     with ProgressBar(check.boolean("progress", progress), total=most) as bar:
         try:
             reason = search.run(bar.bar)
@@ -145,8 +158,16 @@ def scene_at(scene: Scene, t: float) -> Scene:
 class _Relaxation:
     """The relaxation of a scene in which nothing moves, by `most` force evaluations at most."""
 
-    def __init__(self, scene: Scene, tolerance: float, most: int, t: float, options: Options) -> None:
-        self.scene, self._tolerance, self._most, self._t, self._options = scene, tolerance, most, t, options
+    def __init__(
+        self, scene: Scene, tolerance: float, most: int, t: float, options: Options
+    ) -> None:
+        self.scene, self._tolerance, self._most, self._t, self._options = (
+            scene,
+            tolerance,
+            most,
+            t,
+            options,
+        )
         still = [continuous(sphere, restitution=0.0) for sphere in scene.spheres]
         self._plain = scene.replace(spheres=still)
         self._mass = scene.cloth.mass_per_point[..., None]
@@ -160,7 +181,10 @@ class _Relaxation:
         self._stepper = self._stepper_of(damped, self._start)
         self._steps, self._seconds = 0, 0.0
         self._best, self._residual, self._best_steps = self._start, self._unbalanced(self._start), 0
-        self._mark, self._halved = math.inf, 0  # the residual when it was last halved, and the steps until then
+        self._mark, self._halved = (
+            math.inf,
+            0,
+        )  # the residual when it was last halved, and the steps until then
 
     def _force_scale(self) -> float:
         scene = self._plain
@@ -170,19 +194,25 @@ class _Relaxation:
         return weight or given or springs or 1.0
 
     def _with_drag(self, omega: float) -> Scene:
-        """The scene that relaxes: drag for a motion of this frequency [1/s], spring damping for the fastest."""
+        """The scene that relaxes: drag for this frequency [1/s], spring damping for the fastest."""
         cloth = self._plain.cloth
         mean = float(self._mass.mean())
-        damping = {f: _SPRING_DAMPING * math.sqrt(k * mean) for f, k in cloth.family_stiffness.items()}
+        damping = {
+            f: _SPRING_DAMPING * math.sqrt(k * mean) for f, k in cloth.family_stiffness.items()
+        }
         return self._plain.replace(cloth=cloth.replace(damping=damping, drag=2 * omega * mean))
 
     def _stepper_of(self, scene: Scene, x: Floats) -> Stepper:
-        stepper = Stepper(scene, x, np.zeros_like(x), t=0.0, integrator=_INTEGRATOR, threads=self._options.threads)
+        stepper = Stepper(
+            scene, x, np.zeros_like(x), t=0.0, integrator=_INTEGRATOR, threads=self._options.threads
+        )
         stepper._state.judge.given |= {"dt", "grown"}
         return stepper
 
     def _unbalanced(self, x: Floats) -> float:
-        """Largest unbalanced force over the scale: momentum that a step from rest leaves after the responses."""
+        """Largest unbalanced force over the scale: momentum that a step from rest leaves after the
+        responses.
+        """
         probe = self._stepper_of(self._plain, x)
         dt = _PROBE * self._dt
         probe.advance(1, dt)
@@ -232,21 +262,29 @@ class _Relaxation:
             self._mark, self._halved = residual, self._steps
 
     def _damp(self, before: tuple[Floats, Floats], now: tuple[Floats, Floats]) -> None:
-        """Damp the motion between two states critically, by the frequency of Rayleigh's quotient."""
+        """Damp motion between two states critically, by the frequency of Rayleigh's quotient."""
         change, response = ((b - a)[self._free] for a, b in zip(before, now))
         square = float((change**2).sum())
         if square == 0.0:
             return
-        # Negative curvature leads away from a saddle of the energy: drag would only slow the way down.
+        # Negative curvature leads away from a saddle of the energy: drag would only slow the way
+        # down.
         omega = math.sqrt(max(0.0, -float((change * response).sum()) / square))
-        self._stepper.set_scene(self._with_drag(min(max(omega, _SLOWEST * self._slow), _FASTEST * self._slow)))
+        self._stepper.set_scene(
+            self._with_drag(min(max(omega, _SLOWEST * self._slow), _FASTEST * self._slow))
+        )
 
     def _left(self, x: Floats) -> bool:
         if not self._free.all():
             return False
         centre = self._start.mean(axis=(0, 1))
-        farthest = max((float(np.linalg.norm(s.center - centre)) for s in self.scene.spheres), default=0.0)
-        return bool(np.linalg.norm(x.mean(axis=(0, 1)) - centre) > _TRAVEL * max(self.scene.cloth.size) + farthest)
+        farthest = max(
+            (float(np.linalg.norm(s.center - centre)) for s in self.scene.spheres), default=0.0
+        )
+        return bool(
+            np.linalg.norm(x.mean(axis=(0, 1)) - centre)
+            > _TRAVEL * max(self.scene.cloth.size) + farthest
+        )
 
     def result(self, reason: str) -> Run:
         """The run that ends with the best state."""
@@ -259,7 +297,9 @@ class _Relaxation:
         state.core.sample()
         cost = self._steps, 0, self._steps, self._seconds, self._dt
         watched = state.core.watched[0]
-        run = Trajectory(self.scene, options, t, x, v, *cost, watched, 0.0, state, None, Continuation(self._t))
+        run = Trajectory(
+            self.scene, options, t, x, v, *cost, watched, 0.0, state, None, Continuation(self._t)
+        )
         found = report(run, unknown="a run to rest has no error in time")
         found["residual"], found["reason"] = self._residual, reason
         found["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]

@@ -28,7 +28,8 @@ from .trajectory import Failure, Force, Frames, Job, Recorder, StopRun, Trajecto
 _DEFAULT_RTOL = 1e-3  # Where neither a step nor a tolerance is given.
 # A duration over the time of its end that is above the rounding of the clock by a thousand times.
 _SHORTEST = 1e-12
-# A duration [s] whose inverse square is finite: rates in 1/s^2 are computed. No cloth moves by a rounding within it.
+# A duration [s] whose inverse square is finite: rates in 1/s^2 are computed. No cloth moves by a
+# rounding within it.
 _LEAST = 1e-150
 
 
@@ -55,7 +56,9 @@ def simulate(
     estimate_error: bool | None = None,
 ) -> Run: ...
 @overload
-def simulate(scene: Sequence[Scene], duration: float, *arguments: Any, **options: Any) -> list[Run]: ...
+def simulate(
+    scene: Sequence[Scene], duration: float, *arguments: Any, **options: Any
+) -> list[Run]: ...
 def simulate(
     scene: Scene | Sequence[Scene],
     duration: float,
@@ -87,30 +90,36 @@ def simulate(
     duration : float
         Simulated time [s], > 0.
     dt : float, optional
-        Time step [s], not with `rtol` or `atol`. If it does not divide the duration, the last step is shorter.
+        Time step [s], not with `rtol` or `atol`. If it does not divide the duration, the last step
+        is shorter.
     integrator : str, optional
-        A name of `integrators`, or "auto", which chooses method, precision and step by the tolerance. Default: "auto"
-        without `dt`, "rk4" with it.
+        A name of `integrators`, or "auto", which chooses method, precision and step by the
+        tolerance. Default: "auto" without `dt`, "rk4" with it.
     precision, threads, kernel, backend
         As for `step`. The backend "gpu" takes fixed steps of "rk4" only.
     rtol, atol : float, optional
         Error control: the rms error of the last positions over the mass points is to be at most
         ``atol + rtol * max(scene.cloth.size)`` [m]. Without `dt`, `rtol` and `atol`, rtol is 1e-3.
     every, times, fps
-        When frames are stored besides the first and the last state. `every`: an interval in steps (an int) or seconds (a
-        float); `times` of the scene [s], increasing; `fps`: frames per second. Frames never change a run.
+        When frames are stored besides the first and the last state. `every`: an interval in steps
+        (an int) or seconds (a float); `times` of the scene [s], increasing; `fps`: frames per
+        second. Frames never change a run.
     progress : bool, default False
-        True shows a progress bar of simulated seconds on a terminal and in a notebook (tqdm, in the extra "demo").
+        True shows a progress bar of simulated seconds on a terminal and in a notebook (tqdm, in the
+        extra "demo").
     t : float, default 0.0
         Time of the initial state [s], at which moving spheres and pins start.
     force : callable, optional
-        ``force(t, x, v)`` returns a force on each mass point [N], shape (rows, columns, 3), such as wind. It is called at
-        each frame and held until the next, beside the scene's own force; steps end there.
+        ``force(t, x, v)`` returns a force on each mass point [N], shape (rows, columns, 3), such as
+        wind. It is called at each frame and held until the next, beside the scene's own force;
+        steps end there.
     callback : callable, optional
-        ``callback(t, x, v)`` is called at each frame, with read-only arrays; True stops the run, at the end of the step. If
-        error control repeats the run, the calls start again from the first frame.
+        ``callback(t, x, v)`` is called at each frame, with read-only arrays; True stops the run, at
+        the end of the step. If error control repeats the run, the calls start again from the first
+        frame.
     estimate_error : bool, optional
-        Whether a run with a given `dt` is compared with a more accurate run. Without `dt` the error is always estimated.
+        Whether a run with a given `dt` is compared with a more accurate run. Without `dt` the error
+        is always estimated.
 
     Returns
     -------
@@ -120,8 +129,9 @@ def simulate(
     Raises
     ------
     UnstableError, ContactError
-        If the state runs away, or spheres trap a mass point; ``error.run`` is the run so far. Of many scenes it is the first
-        error, of ``error.member``, raised when all have ended; ``error.runs`` has all runs.
+        If the state runs away, or spheres trap a mass point; ``error.run`` is the run so far. Of
+        many scenes it is the first error, of ``error.member``, raised when all have ended;
+        ``error.runs`` has all runs.
     RunInterrupted
         On Ctrl-C; its ``run`` ends with the last whole step.
 
@@ -139,9 +149,22 @@ def simulate(
     check.no_argument(unknown)
     batched = not isinstance(scene, Scene)
     scenes = scenes_of(scene)
-    if batched and (dt is None or callback is not None or force is not None or estimate_error or backend == "gpu"):
+    if batched and (
+        dt is None
+        or callback is not None
+        or force is not None
+        or estimate_error
+        or backend == "gpu"
+    ):
         given = (duration, dt, integrator, precision, rtol, atol, every, threads, progress)
-        named = {"t": t, "times": times, "fps": fps, "force": force, "callback": callback, "kernel": kernel}
+        named = {
+            "t": t,
+            "times": times,
+            "fps": fps,
+            "force": force,
+            "callback": callback,
+            "kernel": kernel,
+        }
         return _one_by_one(scenes, *given, **named, backend=backend, estimate_error=estimate_error)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     t = check.number("t", t)
@@ -156,8 +179,9 @@ def simulate(
     options = Options(method, precision, threads, kernel, backend)
     if options.backend == "gpu" and (asked is not None or integrator == "auto"):
         raise ValueError(
-            "rtol and atol must be None and integrator must be 'rk4' with backend 'gpu', which takes fixed steps: "
-            "give dt, or leave it out for a step of half the guaranteed stable one"
+            "rtol and atol must be None and integrator must be 'rk4' with backend 'gpu', which "
+            "takes fixed steps: give dt, or leave it out for a step of half the guaranteed stable "
+            "one"
         )
     any(warn_of_order(method, one) for one in scenes)
     if dt is not None:
@@ -170,8 +194,8 @@ def simulate(
     _check_callables(callback=callback, force=force)
     if force is not None and (options.backend == "gpu" or (dt is None and frames.steps)):
         raise ValueError(
-            "force must be None with backend 'gpu', and with error control and frames that are counted in steps: give every "
-            "as seconds (a float), or fps or times"
+            "force must be None with backend 'gpu', and with error control and frames that are "
+            "counted in steps: give every as seconds (a float), or fps or times"
         )
     if integrator == "auto":
         options = replace(options, integrator="dop853", precision="double")
@@ -185,7 +209,12 @@ def simulate(
             runs, errors = run_batch(job, watch)
             return _raise_first([errors[k] for k in sorted(errors)], runs)
         if dt is None:
-            found = solve(job, error, watch, replace(options, integrator="rk4", precision=precision) if plain else None)
+            found = solve(
+                job,
+                error,
+                watch,
+                replace(options, integrator="rk4", precision=precision) if plain else None,
+            )
             return _run(found.trajectory, controlled=found, asked=error)
         run = Recorder(job, watch).run().trajectory()
         return _run(run, controlled=estimate_of(job, run) if estimate_error else None)
@@ -227,14 +256,29 @@ def _raise_first(errors: list[Failure], runs: list[Run]) -> list[Run]:
 
 def _run(found: Trajectory, stopped: str = "", **told: Any) -> Run:
     state = found.state
-    final = None if found.saved is None and state.batched else take(state, found.scene, found.options, found.saved)
-    return Run(found.scene, np.array(found.t), found.x, found.v, report(found, stopped, **told), final, found.continuation)
+    final = (
+        None
+        if found.saved is None and state.batched
+        else take(state, found.scene, found.options, found.saved)
+    )
+    return Run(
+        found.scene,
+        np.array(found.t),
+        found.x,
+        found.v,
+        report(found, stopped, **told),
+        final,
+        found.continuation,
+    )
 
 
 def _runs(recorder: Recorder, reason: str = "") -> list[Run]:
     """The runs so far, which ended early for the `reason`, or for that of a member's own error."""
     errors = {k: error for k, (error, _) in recorder.failed.items()}
-    runs = [_run(one, _reason(errors[k]) if k in errors else reason) for k, one in enumerate(recorder.trajectories())]
+    runs = [
+        _run(one, _reason(errors[k]) if k in errors else reason)
+        for k, one in enumerate(recorder.trajectories())
+    ]
     for k, error in errors.items():
         error.run = runs[k]
     return runs
@@ -245,7 +289,7 @@ def _reason(error: Failure) -> str:
 
 
 def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progress: bool) -> Runs:
-    """What `compute` finds, or the part of the runs before an early end, at least their first frames."""
+    """What `compute` finds, or the runs up to an early end, at least their first frames."""
     form = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
     bar = ProgressBar(progress, total=job.duration, bar_format=form)
     watch = Watch(callback, bar.bar)
@@ -274,11 +318,23 @@ def interrupted(so_far: Callable[[], Any]) -> NoReturn:
         raise RunInterrupted(so_far()) from None
 
 
-def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, force: Any, callback: Any, progress: bool) -> Run:
+def resume(
+    run: Run,
+    duration: float,
+    every: Any,
+    times: Any,
+    fps: Any,
+    force: Any,
+    callback: Any,
+    progress: bool,
+) -> Run:
     """`Run.resume`."""
     snapshot, before, scene = run.snapshot, run.continuation, run.scene
     if snapshot is None or before is None or (before.dt is None and before.control is None):
-        raise ValueError("this run cannot be resumed, as its final state was not kept: runs of simulate and of load_run can")
+        raise ValueError(
+            "this run cannot be resumed, as its final state was not kept: runs of simulate "
+            "and of load_run can"
+        )
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     _check_end(before.start, before.seconds + duration)
     if before.dt is not None:
@@ -289,7 +345,17 @@ def resume(run: Run, duration: float, every: Any, times: Any, fps: Any, force: A
     _check_callables(callback=callback, force=force)
     if before.forced and force is None:
         raise ValueError("force must be given: this run had one, and functions are not kept")
-    job = Job([scene], False, duration, snapshot.options, before.start, frames, force, before.dt, resumed=(snapshot, before))
+    job = Job(
+        [scene],
+        False,
+        duration,
+        snapshot.options,
+        before.start,
+        frames,
+        force,
+        before.dt,
+        resumed=(snapshot, before),
+    )
 
     def compute(watch: Watch) -> Run:
         return _run(Recorder(job, watch).run().trajectory(), unknown=RESUMED)
@@ -318,7 +384,10 @@ def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, flo
     """The tolerances as numbers; they choose the step, so `dt` must be None."""
     if dt is not None:
         given = check.shown(dt)
-        raise ValueError(f"dt must be None with rtol or atol, or with integrator 'auto': they choose it; got {given}")
+        raise ValueError(
+            "dt must be None with rtol or atol, or with integrator 'auto': they choose it; "
+            f"got {given}"
+        )
     rtol = None if rtol is None else check.number("rtol", rtol, minimum=0)
     atol = None if atol is None else check.number("atol", atol, minimum=0)
     if not rtol and not atol and (rtol, atol) != (None, None):
@@ -326,7 +395,9 @@ def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, flo
     return rtol, atol
 
 
-def _asked_error(scene: Scene, dt: float | None, rtol: float | None, atol: float | None) -> float | None:
+def _asked_error(
+    scene: Scene, dt: float | None, rtol: float | None, atol: float | None
+) -> float | None:
     """The error asked for [m], or None."""
     if rtol is None and atol is None:
         return None

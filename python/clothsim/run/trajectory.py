@@ -1,7 +1,8 @@
-"""One run of a scene, or of the scenes of a batch side by side: a `Job` becomes a `Trajectory` for each scene.
+"""One run of a scene, or of the scenes of a batch side by side: a `Job` becomes a `Trajectory` for
+each scene.
 
-One loop serves fixed steps and error control. It goes from frame to frame; the core takes the steps between two frames by
-itself. Frames never change a run: a frame between two steps is interpolated.
+One loop serves fixed steps and error control. It goes from frame to frame; the core takes the steps
+between two frames by itself. Frames never change a run: a frame between two steps is interpolated.
 """
 
 from __future__ import annotations
@@ -34,10 +35,12 @@ Force = Callable[[float, Floats, Floats], npt.ArrayLike]
 Failure = UnstableError | ContactError
 Pair = tuple[Floats, Floats]  # positions and velocities
 Moment = tuple[float, float]  # seconds since the start of the run, and the time of the scene [s]
-# The tolerance of a step [m], the weight of velocities in it [1/s] and the state of the core's controller.
+# The tolerance of a step [m], the weight of velocities in it [1/s] and the state of the core's
+# controller.
 ControlValues = tuple[float, float, tuple[float, float, bool]]
 
-# Called between steps; may raise to end a run, as for a sweep whose runs are on threads that Ctrl-C does not reach.
+# Called between steps; may raise to end a run, as for a sweep whose runs are on threads that Ctrl-C
+# does not reach.
 PAUSE: ContextVar[Callable[[], None] | None] = ContextVar("PAUSE", default=None)
 
 # A remainder below this part of a step is rounding of the caller's numbers, not a step.
@@ -50,8 +53,8 @@ _VELOCITY_WEIGHT = 3.0
 _ROUNDING = 4e-16  # of a time over the step size, as part of it
 _ANY_ERROR = 1e12  # Times the tolerance of a step: errors up to here are taken as they are.
 _NEW_CONTROLLER = 1e-4, False  # its previous error, and whether it has just rejected a step
-# States at which triangles and stretches are sampled, at least, and most steps between two of them. An adaptive method's
-# steps are several times as long.
+# States at which triangles and stretches are sampled, at least, and most steps between two of them.
+# An adaptive method's steps are several times as long.
 _SAMPLES = 32
 _MOST_STEPS_BETWEEN_SAMPLES = 128
 _MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES = 16
@@ -59,7 +62,9 @@ _MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES = 16
 
 @dataclass(frozen=True)
 class Frames:
-    """When frames are stored between the first and the last state; by default there are none. At most one field is set."""
+    """When frames are stored between the first and the last state; by default there are none. At
+    most one field is set.
+    """
 
     every: int | float | None = None  # steps (int) or seconds (float) between frames
     fps: float | None = None
@@ -68,9 +73,15 @@ class Frames:
     @classmethod
     def of(cls, every: Any, times: Any, fps: Any, start: float, duration: float) -> Frames:
         """The frames for the arguments of `simulate`, checked."""
-        given = [name for name, value in (("every", every), ("times", times), ("fps", fps)) if value is not None]
+        given = [
+            name
+            for name, value in (("every", every), ("times", times), ("fps", fps))
+            if value is not None
+        ]
         if len(given) > 1:
-            raise ValueError(f"at most one of every, times and fps can be given, got {' and '.join(given)}")
+            raise ValueError(
+                f"at most one of every, times and fps can be given, got {' and '.join(given)}"
+            )
         if times is not None:
             return cls(times=_checked_times(times, start, duration))
         if fps is not None:
@@ -83,7 +94,8 @@ class Frames:
         return self.every if isinstance(self.every, int) else 0
 
     def moments(self, start: float, begin: float, end: float, dt: float | None) -> list[Moment]:
-        """Moments from `begin` to `end`, both included, of steps of `dt`; without it frames in steps have no moments.
+        """Moments from `begin` to `end`, both included, of steps of `dt`; without it frames in
+        steps have no moments.
 
         `begin` and `end` are seconds since the run started, at the time `start`.
         """
@@ -92,10 +104,15 @@ class Frames:
             near = NEGLIGIBLE * (end - begin)
             inner = [(t - start, t) for t in self.times if begin + near < t - start < end - near]
         else:
-            first, last = (offset / every if every else offset * (self.fps or 0.0) for offset in (begin, end))
+            first, last = (
+                offset / every if every else offset * (self.fps or 0.0) for offset in (begin, end)
+            )
             if not last - first < _MOST_FRAMES:
                 name = "fps" if self.fps else "every"
-                raise ValueError(f"{name} must give fewer than {_MOST_FRAMES:,} frames, got {self.fps or self.every:g}")
+                raise ValueError(
+                    f"{name} must give fewer than {_MOST_FRAMES:,} frames, got "
+                    f"{self.fps or self.every:g}"
+                )
             numbers = range(math.floor(first + NEGLIGIBLE) + 1, math.ceil(last - NEGLIGIBLE))
             offsets = [k * every if every else k / (self.fps or 1.0) for k in numbers]
             inner = [(offset, start + offset) for offset in offsets]
@@ -118,7 +135,9 @@ def _checked_times(times: Any, start: float, duration: float) -> tuple[float, ..
     found = given.astype(np.float64)
     slack = NEGLIGIBLE * duration
     rising = np.append(True, found[1:] > found[:-1])
-    check.check_all("times", found, rising & (found >= start - slack) & (found <= end + slack), accepted)
+    check.check_all(
+        "times", found, rising & (found >= start - slack) & (found <= end + slack), accepted
+    )
     return tuple(found.tolist())
 
 
@@ -139,8 +158,8 @@ class Continuation:
 class Job:
     """What one run computes: with fixed steps of `dt`, or else with error control.
 
-    `own_step`: the step is not the caller's, so no warning names it, and no snapshot of a batch is kept. `shown`: the
-    callback and the progress bar follow the run.
+    `own_step`: the step is not the caller's, so no warning names it, and no snapshot of a batch is
+    kept. `shown`: the callback and the progress bar follow the run.
     """
 
     scenes: list[Scene]
@@ -164,7 +183,7 @@ class Job:
 
 @dataclass
 class Trajectory:
-    """A run of one scene, or its part so far: its frames, cost, extremes over all states, and local error."""
+    """A run of a scene, or its part so far: frames, cost, extremes over all states, local error."""
 
     scene: Scene
     options: Options
@@ -179,7 +198,9 @@ class Trajectory:
     watched: Mapping[str, Any]  # extremes over the states, see Watched in the core
     force_work: float  # of the force of a function [J]
     state: State
-    saved: dict[str, Any] | None  # the fields of the core for a member of a batch, which `state` steps
+    saved: (
+        dict[str, Any] | None
+    )  # the fields of the core for a member of a batch, which `state` steps
     continuation: Continuation
     tolerance: float = math.nan  # of a step [m], with error control
     ends: list[float] = field(default_factory=list)  # of its steps
@@ -191,11 +212,15 @@ class Trajectory:
         return bool(self.watched["in_contact"])
 
     def refined(self, ratio: float) -> tuple[float, ...]:
-        """Ends of a grid with `ratio` times as many steps between two kinks, with times interpolated linearly."""
+        """Ends of a grid with `ratio` times as many steps between two kinks, with times
+        interpolated linearly.
+        """
         ends, finer = [self.t[0], *self.ends], []
         for first, last in pairwise([0, *self.kinks, len(self.ends)]):
             count = last - first
-            numbers = np.linspace(0, count, max(count + 1, math.ceil(ratio * count - NEGLIGIBLE)) + 1)[1:]
+            numbers = np.linspace(
+                0, count, max(count + 1, math.ceil(ratio * count - NEGLIGIBLE)) + 1
+            )[1:]
             finer += np.interp(numbers, np.arange(count + 1), ends[first : last + 1]).tolist()
         return tuple(finer)
 
@@ -207,8 +232,9 @@ class StopRun(Exception):
 class Watch:
     """Follows the runs of one call of `simulate`.
 
-    `callback` is called with (t, x, v) at each frame, and stops the run by returning True. `bar` is a bar of tqdm that
-    counts simulated seconds. `recorder` has the present run, or the last run that ended.
+    `callback` is called with (t, x, v) at each frame, and stops the run by returning True. `bar` is
+    a bar of tqdm that counts simulated seconds. `recorder` has the present run, or the last run
+    that ended.
     """
 
     def __init__(self, callback: Callback | None = None, bar: Any = None) -> None:
@@ -232,7 +258,10 @@ class Watch:
             return
         stop = self._callback(t, *map(_constant, (x, v)))
         if stop is not None and not isinstance(stop, (bool, np.bool_)):
-            raise TypeError(f"callback must return True to stop the run, or False or None to go on, got {check.shown(stop)}")
+            raise TypeError(
+                "callback must return True to stop the run, or False or None to go on, got "
+                f"{check.shown(stop)}"
+            )
         if stop:
             raise StopRun
 
@@ -243,7 +272,9 @@ def _constant(values: Floats) -> Floats:
 
 
 class _Stack:
-    """Frames of a cloth, stacked as they come: to stack thousands of them at the end would hold back Ctrl-C."""
+    """Frames of a cloth, stacked as they come: to stack thousands of them at the end would hold
+    back Ctrl-C.
+    """
 
     def __init__(self, shape: tuple[int, ...], count: int) -> None:
         self.t: list[float] = []
@@ -268,8 +299,8 @@ class _Stack:
 class Recorder:
     """A job in progress: advances `state`, and keeps the frames and the counts of its runs.
 
-    `steps` counts accepted steps. `live` has the members of a batch that go on, `failed` the error and the run so far of
-    each other member.
+    `steps` counts accepted steps. `live` has the members of a batch that go on, `failed` the error
+    and the run so far of each other member.
     """
 
     def __init__(self, job: Job, watch: Watch) -> None:
@@ -278,13 +309,18 @@ class Recorder:
         self._earlier = Continuation(job.start)
         if job.resumed:
             snapshot, self._earlier = job.resumed
-            core = {name: 0 * value if name == "impulses" else value for name, value in snapshot.core.items()}
+            core = {
+                name: 0 * value if name == "impulses" else value
+                for name, value in snapshot.core.items()
+            }
             self.state.core.restore(core)  # a report has the impulses of its own run
         begin = self._earlier.seconds
         self.moments = job.frames.moments(job.start, begin, begin + job.duration, job.dt)
         self.steps = 0
         self._wall_time = 0.0  # of stepping and dense output [s]; of a batch, the share of a member
-        self._frames = [_Stack(shape, len(self.moments)) for shape in [self.state.shape[-3:]] * len(job.scenes)]
+        self._frames = [
+            _Stack(shape, len(self.moments)) for shape in [self.state.shape[-3:]] * len(job.scenes)
+        ]
         self.live = list(range(len(job.scenes)))
         self.failed: dict[int, tuple[Failure, Trajectory]] = {}
         self._ahead = False  # the present state comes after the last frame
@@ -310,8 +346,8 @@ class Recorder:
     # Fixed steps
 
     def _pass_frames(self, moments: Sequence[Moment], dt: float) -> None:
-        """Take steps of `dt` from the first moment to the last, and store a frame at each of the others. The last step is
-        shorter where the step does not divide the time.
+        """Take steps of `dt` from the first moment to the last, and store a frame at each of the
+        others. The last step is shorter where the step does not divide the time.
         """
         begin, origin = moments[0]
         length = moments[-1][0] - begin
@@ -381,9 +417,10 @@ class Recorder:
     def _control(self, path: _core.AdaptiveRun) -> None:
         """Take steps at the tolerance of the job.
 
-        Steps end where a piece of a motion ends. In reach of a sphere they are at most half as long as is guaranteed to be
-        stable for this method and for rk4. Frames that are counted in steps are ends of accepted steps. Dense output gives
-        other frames until a sphere responds, and from then on the polynomial of `interpolated`.
+        Steps end where a piece of a motion ends. In reach of a sphere they are at most half as long
+        as is guaranteed to be stable for this method and for rk4. Frames that are counted in steps
+        are ends of accepted steps. Dense output gives other frames until a sphere responds, and
+        from then on the polynomial of `interpolated`.
         """
         core, count = self.state.core, self.job.frames.steps
         since = self._earlier.steps % count if count else 0  # steps since the last frame
@@ -411,17 +448,23 @@ class Recorder:
                 self._keep(seconds, until, *self._dense(until), ahead=True)
             else:
                 step = path.begin, core.time - path.begin, self._dense(path.begin), self.arrays()
-                self._keep(seconds, until, *interpolated(until, self.state.scenes, *step), ahead=True)
+                self._keep(
+                    seconds, until, *interpolated(until, self.state.scenes, *step), ahead=True
+                )
 
     def _new_path(self) -> _core.AdaptiveRun:
         job, state, before = self.job, self.state, self._earlier
         cloth = job.scene.cloth.core
         stable = guaranteed_dt(cloth, job.options.integrator)
-        # The law of contact is of order 1 in the step, so a method that takes long steps is no better there.
+        # The law of contact is of order 1 in the step, so a method that takes long steps is no
+        # better there.
         near = min(stable, stable_dt(job.scene)) / 2
         if before.control is None:
             rate = _VELOCITY_WEIGHT * max(math.sqrt(cloth.mode_bounds[0]), 1.0 / job.duration)
-            tolerance, controller = job.tolerance, (min(job.duration, 0.9 * stable), *_NEW_CONTROLLER)
+            tolerance, controller = (
+                job.tolerance,
+                (min(job.duration, 0.9 * stable), *_NEW_CONTROLLER),
+            )
         else:
             tolerance, rate, controller = before.control
         self._control_values = tolerance, rate
@@ -436,7 +479,7 @@ class Recorder:
         return _core.AdaptiveRun(unit, unit * rate, near, sorted(stops), list(job.grid), controller)
 
     def _dense(self, t: float) -> Pair:
-        """Positions and velocities at a time `t` within the last step, without responses at its end."""
+        """Positions and velocities at a time `t` in the last step, without responses at its end."""
         begin = time.perf_counter()
         x, v = np.empty(self.state.shape), np.empty(self.state.shape)
         self.state.core.dense(t, x, v, self.state.threads)
@@ -518,11 +561,19 @@ class Recorder:
             # The core does not count for kernels that take whole steps.
             evaluations = method.stages * self.steps if method.in_kernels else counted[k]
             settings = Continuation(
-                job.start, frames.seconds, earlier.steps + self.steps, job.dt, job.frames, control, job.force is not None
+                job.start,
+                frames.seconds,
+                earlier.steps + self.steps,
+                job.dt,
+                job.frames,
+                control,
+                job.force is not None,
             )
             cost = self.steps, path.rejected if path else 0, evaluations, self._wall_time, step
             rest = watched[k], work, state, saved[k], settings
-            found[k] = Trajectory(job.scenes[k], job.options, frames.t, frames.x, frames.v, *cost, *rest)
+            found[k] = Trajectory(
+                job.scenes[k], job.options, frames.t, frames.x, frames.v, *cost, *rest
+            )
         if path:
             one = found[0]
             one.tolerance, one.ends, one.kinks = job.tolerance, path.ends, path.kinks
@@ -541,7 +592,9 @@ class _Forcing:
 
     def change(self, t: float, x: Floats, v: Floats) -> None:
         """Ask the function for the force from this state on."""
-        force = check.array("the result of force(t, x, v)", self._function(t, *map(_constant, (x, v))), x.shape)
+        force = check.array(
+            "the result of force(t, x, v)", self._function(t, *map(_constant, (x, v))), x.shape
+        )
         if self._held is not None:
             held, place = self._held
             self.work += float((held * (x - place)).sum())
@@ -549,16 +602,20 @@ class _Forcing:
         self._state.core.set_force(force + self._constant)
 
 
-def interpolated(t: float, scenes: Sequence[Scene], begin: float, h: float, before: Pair, after: Pair) -> Pair:
+def interpolated(
+    t: float, scenes: Sequence[Scene], begin: float, h: float, before: Pair, after: Pair
+) -> Pair:
     """The state of a cloth or a batch at a time `t` within a step.
 
-    Positions are the cubic Hermite polynomial of positions and velocities, of order 4 in the time step where no sphere
-    responds. Velocities are its derivative, of order 3. Driven pins are where their motion has them. Points are no deeper
-    in a sphere than in the deeper of the two states.
+    Positions are the cubic Hermite polynomial of positions and velocities, of order 4 in the time
+    step where no sphere responds. Velocities are its derivative, of order 3. Driven pins are where
+    their motion has them. Points are no deeper in a sphere than in the deeper of the two states.
     """
     (x0, v0), (x1, v1) = before, after
     s = (t - begin) / h
-    x = x0 + s * (h * v0 + s * (3 * (x1 - x0) - h * (2 * v0 + v1) + s * (2 * (x0 - x1) + h * (v0 + v1))))
+    x = x0 + s * (
+        h * v0 + s * (3 * (x1 - x0) - h * (2 * v0 + v1) + s * (2 * (x0 - x1) + h * (v0 + v1)))
+    )
     v = v0 + s * (6 * (x1 - x0) / h - 2 * (2 * v0 + v1) + 3 * s * (2 * (x0 - x1) / h + v0 + v1))
     put_driven_pins(scenes, x, v, t)
     for k, scene in enumerate(scenes):
@@ -570,8 +627,15 @@ def interpolated(t: float, scenes: Sequence[Scene], begin: float, h: float, befo
     return x, v
 
 
-def _lift(x: Floats, ends: Any, free: npt.NDArray[np.bool_], sphere: Sphere | Plane, offset: float, t: float) -> None:
-    """Lift free points to the lesser of their heights at both ends, where that is below the contact offset."""
+def _lift(
+    x: Floats,
+    ends: Any,
+    free: npt.NDArray[np.bool_],
+    sphere: Sphere | Plane,
+    offset: float,
+    t: float,
+) -> None:
+    """Lift free points to their lesser height at both ends where it is below the contact offset."""
     height = sphere.height(x, t)
     least = np.minimum(*(sphere.height(places, time) for time, places in ends))
     highest = np.full(height.shape, offset)
@@ -579,7 +643,9 @@ def _lift(x: Floats, ends: Any, free: npt.NDArray[np.bool_], sphere: Sphere | Pl
         near = free & (height < np.minimum(least, (math.sqrt(2) - 1) * sphere.radius))
         if near.any():
             part = tuple(slice(max(k.min() - 1, 0), k.max() + 2) for k in np.nonzero(near))
-            highest[part] = sphere.radius * (np.sqrt(1 + np.minimum(point_radii2(x[part]) / sphere.radius**2, 1)) - 1)
+            highest[part] = sphere.radius * (
+                np.sqrt(1 + np.minimum(point_radii2(x[part]) / sphere.radius**2, 1)) - 1
+            )
     allowed = np.minimum(least, highest)
     inside = free & (height < allowed)
     if isinstance(sphere, Plane):
@@ -587,4 +653,8 @@ def _lift(x: Floats, ends: Any, free: npt.NDArray[np.bool_], sphere: Sphere | Pl
         return
     center = sphere.center_at(t)
     inside &= height > -sphere.radius
-    x[inside] = center + (x[inside] - center) * ((sphere.radius + allowed) / (sphere.radius + height))[inside][:, None]
+    x[inside] = (
+        center
+        + (x[inside] - center)
+        * ((sphere.radius + allowed) / (sphere.radius + height))[inside][:, None]
+    )

@@ -1,26 +1,30 @@
-"""The largest stable time step: guaranteed for a scene, or by the modes that limit it near a given state.
+"""The largest stable time step: guaranteed for a scene, or by the modes that limit it near a given
+state.
 
-About a state (x, v) the cloth moves as M y'' + C y' + K y = 0 with the tangent matrices of the spring forces. A spring
-along d = l n, whose ends have the relative velocity w, has the force f = (k (l - L) + c (w . n)) n. With P = 1 - n n^T,
+About a state (x, v) the cloth moves as M y'' + C y' + K y = 0 with the tangent matrices of the
+spring forces. A spring along d = l n, whose ends have the relative velocity w, has the force f = (k
+(l - L) + c (w . n)) n. With P = 1 - n n^T,
 
     df/dd = k n n^T + k (1 - L/l) P + c ((w . n) P + n (P w)^T) / l,      df/dw = c n n^T
 
-A mode is a pair (mu, y) with (mu^2 + mu C + K) y = 0 (M is scaled away). Only the few modes that limit the time step are
-needed, so the problem is projected onto a small space (Galerkin). K and C keep their symmetry and definiteness, and no
-projected mode lies outside the range of the true ones. Residuals of the limiting modes extend the space until the limit
-no longer changes.
-For an undamped cloth that is Lanczos' iteration, in general a residual Arnoldi iteration.
+A mode is a pair (mu, y) with (mu^2 + mu C + K) y = 0 (M is scaled away). Only the few modes that
+limit the time step are needed, so the problem is projected onto a small space (Galerkin). K and C
+keep their symmetry and definiteness, and no projected mode lies outside the range of the true ones.
+Residuals of the limiting modes extend the space until the limit no longer changes. For an undamped
+cloth that is Lanczos' iteration, in general a residual Arnoldi iteration.
 
-The step matrix of a Runge-Kutta method is a function of the first-order system's matrix, so both have the same modes. The
-step matrix S(h) of a splitting method, of z = (x, h v), mixes the modes where K and C do not commute: its eigenvalues leave
-the unit circle before those of any single mode. The space then grows by the accelerations that the stages of the full step
-give for the eigenvectors that leave first. Once these lie in the space, the projected step of that eigenvector is the full
+The step matrix of a Runge-Kutta method is a function of the first-order system's matrix, so both
+have the same modes. The step matrix S(h) of a splitting method, of z = (x, h v), mixes the modes
+where K and C do not commute: its eigenvalues leave the unit circle before those of any single mode.
+The space then grows by the accelerations that the stages of the full step give for the eigenvectors
+that leave first. Once these lie in the space, the projected step of that eigenvector is the full
 step.
 
-A compressed spring buckles: K has a negative eigenvalue, and a mode of the equation grows without alternating. A step
-reproduces that growth, so it does not count as instability of the step. A growing eigenvector counts as buckling where K is
-negative along its velocity, and damping along it is within the limit of pure damping. Other growth counts as growth of the
-equation only up to the number of its growing modes.
+A compressed spring buckles: K has a negative eigenvalue, and a mode of the equation grows without
+alternating. A step reproduces that growth, so it does not count as instability of the step. A
+growing eigenvector counts as buckling where K is negative along its velocity, and damping along it
+is within the limit of pure damping. Other growth counts as growth of the equation only up to the
+number of its growing modes.
 """
 
 from __future__ import annotations
@@ -46,15 +50,17 @@ Operator = Callable[[Floats], Floats]
 _SAFETY = 0.97  # a little below, as the limit found approaches the true one from above
 _NOISE = 1e-12  # of the rest length: four digits of a direction are left, of coordinates near 1 m
 _BLOCK = 4  # modes followed at once
-_DENSE = 400  # coordinates; a method that modes in the middle can limit takes all of up to so many, in 1 s
+# Coordinates; a method that modes in the middle can limit takes all of up to so many, in 1 s.
+_DENSE = 400
 _KEPT = 8  # modes that a space is reduced to
 _MOST_VECTORS = 48  # in a space
 _MOST_PRODUCTS = 600
 _SETTLED = 1e-3  # relative change of the limit over the last rounds
 _ROUNDS = 6
 _DOUBT = 0.01  # part by which a followed mode may yet come out below the limit, by its residual
-# Growth per step that counts, by the sign of Re lambda. Damped springs that turn make modes grow by some 1e-3 a
-# step without alternating, in the equation too. Twice of either growth moves the limit by less than 1 %.
+# Growth per step that counts, by the sign of Re lambda. Damped springs that turn make modes grow by
+# some 1e-3 a step without alternating, in the equation too. Twice of either growth moves the limit
+# by less than 1 %.
 _GROWTH = {-1: 1e-3, 1: 1e-2}
 _FOLLOWED = 2  # eigenvectors of a step matrix per sign of Re lambda
 _RATIO = 1.08  # between the steps tried; an unstable interval narrower than that is passed over
@@ -64,7 +70,10 @@ _RESIDUAL = 0.02  # of S z = lambda z: moves lambda, and the limit, by about 1 %
 
 @overload
 def max_stable_dt(
-    scene: Scene, integrator: Integrator = "rk4", x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None
+    scene: Scene,
+    integrator: Integrator = "rk4",
+    x: npt.ArrayLike | None = None,
+    v: npt.ArrayLike | None = None,
 ) -> float: ...
 @overload
 def max_stable_dt(scene: Sequence[Scene], *arguments: Any, **options: Any) -> Floats: ...
@@ -74,17 +83,21 @@ def max_stable_dt(
     x: npt.ArrayLike | None = None,
     v: npt.ArrayLike | None = None,
 ) -> float | Floats:
-    """The largest stable time step: guaranteed for all states except extreme states, or at a given state.
+    """The largest stable time step: guaranteed for all states except extreme states, or at a given
+    state.
 
-    A mode of the cloth has a frequency omega and a damping rate delta: x'' = -omega^2 x - delta x'. A mode does not grow if
-    the integrator's amplification matrix of (omega dt, delta dt) has no eigenvalue above 1 in size. Without a state,
-    omega^2 <= lambda and a largest delta bound all modes, and the step is stable for every pair up to these bounds. The
-    guarantee holds where no spring is shorter than half its rest length. With spring damping, c w/l must also be at most K,
-    where w is the relative speed of a spring's ends and l its length. In other states a run at this step may be unstable.
-    Compressed springs buckle at any step, because their modes grow in the exact solution too.
+    A mode of the cloth has a frequency omega and a damping rate delta: x'' = -omega^2 x - delta x'.
+    A mode does not grow if the integrator's amplification matrix of (omega dt, delta dt) has no
+    eigenvalue above 1 in size. Without a state, omega^2 <= lambda and a largest delta bound all
+    modes, and the step is stable for every pair up to these bounds. The guarantee holds where no
+    spring is shorter than half its rest length. With spring damping, c w/l must also be at most K,
+    where w is the relative speed of a spring's ends and l its length. In other states a run at this
+    step may be unstable. Compressed springs buckle at any step, because their modes grow in the
+    exact solution too.
 
-    With a state, the step is 3 % below the limit of the forces linearised at that state. A moving cloth has other modes: in
-    the paper's swing the limit falls to 11 % below its value at rest. docs/stability.md has the bounds and the methods.
+    With a state, the step is 3 % below the limit of the forces linearised at that state. A moving
+    cloth has other modes: in the paper's swing the limit falls to 11 % below its value at rest.
+    docs/stability.md has the bounds and the methods.
 
     Parameters
     ----------
@@ -100,14 +113,14 @@ def max_stable_dt(
     Returns
     -------
     float
-        Time step [s]; infinite where nothing limits it, 0 where every time step amplifies some motion, as "explicit_euler"
-        does with motion that nothing damps.
+        Time step [s]; infinite where nothing limits it, 0 where every time step amplifies some
+        motion, as "explicit_euler" does with motion that nothing damps.
 
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above. Also if a spring of the state is shorter than 1e-12 of its rest length, but not of
-        length 0. The message names the spring's ends.
+        If an argument is not as above. Also if a spring of the state is shorter than 1e-12 of its
+        rest length, but not of length 0. The message names the spring's ends.
 
     Examples
     --------
@@ -120,8 +133,13 @@ def max_stable_dt(
     if not isinstance(scene, Scene):
         scenes = scenes_of(scene)
         every = (len(scenes), *scenes[0].cloth.shape, 3)
-        states = [repeat(None) if a is None else check.array(name, a, every) for name, a in (("x", x), ("v", v))]
-        return np.array([max_stable_dt(one, integrator, *state) for one, *state in zip(scenes, *states)])
+        states = [
+            repeat(None) if a is None else check.array(name, a, every)
+            for name, a in (("x", x), ("v", v))
+        ]
+        return np.array(
+            [max_stable_dt(one, integrator, *state) for one, *state in zip(scenes, *states)]
+        )
     integrator = integrator_name(integrator)
     if x is None:
         if v is not None:
@@ -136,8 +154,8 @@ def max_stable_dt(
 def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
     """Products with K [1/s^2] and C [1/s] at a state, of vectors of shape (n, 3 points).
 
-    Both are scaled with the roots of the masses on either side; pinned points are left out. Springs without length have no
-    direction and exert no force; they are left out too.
+    Both are scaled with the roots of the masses on either side; pinned points are left out. Springs
+    without length have no direction and exert no force; they are left out too.
     """
     cloth, table = scene.cloth, scene.cloth.spring_table()
     scale = np.where(cloth.pinned, 0.0, cloth.mass_per_point**-0.5).reshape(-1, 1)
@@ -151,8 +169,8 @@ def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
         ends = [divmod(int(end[near[0]]), cloth.columns) for end in (i, j)]
         raise ValueError(
             f"x must have the ends of every spring together or apart, got {length[near[0]]:.3g} m "
-            f"between mass points {ends[0]} and {ends[1]}: less than rounding leaves of the spring's "
-            "direction"
+            f"between mass points {ends[0]} and {ends[1]}: less than rounding leaves of the "
+            "spring's direction"
         )
     i, j, d, w, length, table = (part[there] for part in (i, j, d, w, length, table))
     n = d / length[:, None]
@@ -189,8 +207,8 @@ def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
 def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats) -> float:
     """The largest stable time step [s] of the motion linearised about a state, to about 1 %.
 
-    With dopri5 and more than 400 free coordinates it may miss slow modes of little damping, which grow by up to some 1e-3 a
-    step.
+    With dopri5 and more than 400 free coordinates it may miss slow modes of little damping, which
+    grow by up to some 1e-3 a step.
     """
     operators = tangent(scene, x, v)
     free = np.flatnonzero(np.repeat(~scene.cloth.pinned.ravel(), 3))
@@ -208,11 +226,13 @@ def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats) -> float
     if METHODS[integrator].family != "splitting" or not np.isfinite(limit):
         return limit
     space = Subspace(*operators, len(free))
-    return space.search(np.concatenate([start, followed]), lambda near: _by_steps(integrator, space, near or limit))[0]
+    return space.search(
+        np.concatenate([start, followed]), lambda near: _by_steps(integrator, space, near or limit)
+    )[0]
 
 
-# The limit in a space, the coordinates (in rows) of the modes that set it, vectors outside the space to which they lead, and
-# whether the limit is that of the modes outside too.
+# The limit in a space, the coordinates (in rows) of the modes that set it, vectors outside the
+# space to which they lead, and whether the limit is that of the modes outside too.
 Finding = tuple[float, npt.NDArray[Any], npt.NDArray[Any], bool]
 
 
@@ -225,7 +245,9 @@ class Subspace:
         self.products = 0
 
     def search(self, start: Floats, examine: Callable[[float], Finding]) -> tuple[float, Floats]:
-        """Extend the space until what `examine` finds no longer changes: the limit, and the modes that set it."""
+        """Extend the space until what `examine` finds no longer changes: the limit, and the modes
+        that set it.
+        """
         self.rows = [start[:0]] * 3
         extension, limits = start, [0.0]
         while self._extend(extension):
@@ -247,7 +269,10 @@ class Subspace:
         if not len(new):
             return False
         self.products += len(new)
-        self.rows = [np.concatenate([old, more]) for old, more in zip(self.rows, (new, *(of(new) for of in self.operators)))]
+        self.rows = [
+            np.concatenate([old, more])
+            for old, more in zip(self.rows, (new, *(of(new) for of in self.operators)))
+        ]
         self.k, self.c = (_dots(self.rows[0], product) for product in self.rows[1:])
         return True
 
@@ -257,8 +282,8 @@ def _parts(rows: npt.NDArray[Any]) -> Floats:
     return np.concatenate([rows.real, rows.imag])
 
 
-# einsum, not @: products this flat gain nothing from the threads of a BLAS, which wait for each other
-# where processors are busy.
+# einsum, not @: products this flat gain nothing from the threads of a BLAS, which wait for each
+# other where processors are busy.
 def _dots(a: Any, b: Any) -> Any:
     return np.einsum("ik,jk->ij", a, b)
 
@@ -268,7 +293,7 @@ def _sums(weights: Any, vectors: Any) -> Any:
 
 
 def _orthonormal(vectors: Floats, basis: Floats) -> Floats:
-    """The part of `vectors` outside the span of the orthonormal rows of `basis`, as orthonormal rows."""
+    """The part of `vectors` outside the span of the orthonormal `basis`, as orthonormal rows."""
     rest: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
     for _ in range(2):  # twice is enough to be orthogonal to the last bit
         rest = rest - _sums(_dots(rest, basis), basis)
@@ -280,17 +305,21 @@ def _orthonormal(vectors: Floats, basis: Floats) -> Floats:
 def modes(k: Floats, c: Floats) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Eigenvalues mu of y'' + C y' + K y = 0 [1/s] and eigenvectors (in columns), 2 n of them."""
     m = len(k)
-    speed = max(np.sqrt(np.abs(k).max(initial=0)), np.abs(c).max(initial=0), 1e-300)  # balances the two halves
+    speed = max(
+        np.sqrt(np.abs(k).max(initial=0)), np.abs(c).max(initial=0), 1e-300
+    )  # balances the two halves
     mu, z = np.linalg.eig(np.block([[np.zeros((m, m)), speed * np.eye(m)], [-k / speed, -c]]))
     return mu, z[:m]
 
 
-def limiting_modes(integrator: str, k: Floats, c: Floats) -> tuple[Floats, npt.NDArray[Any], npt.NDArray[Any]]:
-    """Step limits, eigenvalues and eigenvectors (in rows) of the modes of (K, C), the smallest limit first."""
+def limiting_modes(
+    integrator: str, k: Floats, c: Floats
+) -> tuple[Floats, npt.NDArray[Any], npt.NDArray[Any]]:
+    """Limits, eigenvalues and eigenvectors (rows) of the modes of (K, C), smallest limit first."""
     mu, z = modes(k, c)
     wave = np.abs(mu.imag) > 1e-9 * np.abs(mu)
-    # A wave has omega^2 = |mu|^2 and delta = -2 Re mu. A mode that decays without waves has its own damping. Growth of the
-    # exact motion is no matter of the time step.
+    # A wave has omega^2 = |mu|^2 and delta = -2 Re mu. A mode that decays without waves has its own
+    # damping. Growth of the exact motion is no matter of the time step.
     omega = np.where(wave, np.abs(mu), 0.0)
     delta = np.where(wave, -2 * mu.real, -mu.real).clip(0)
     limits = mode_limit(integrator, omega, delta)
@@ -304,10 +333,19 @@ def _by_modes(integrator: str, space: Subspace) -> Finding:
     limits, mu, z = limiting_modes(integrator, space.k, space.c)
     limit = float(limits.min(initial=np.inf))
     mode, rate = z[:_BLOCK], mu[:_BLOCK, None]
-    outside = sum(_sums(part, rows) for part, rows in zip((rate**2 * mode, mode, rate * mode), space.rows))
+    outside = sum(
+        _sums(part, rows) for part, rows in zip((rate**2 * mode, mode, rate * mode), space.rows)
+    )
     # |mu|^2 is off by no more than the residual, so the limit by no more than half of that part.
-    residual = np.linalg.norm(outside, axis=1) / (np.abs(rate[:, 0]) ** 2 * np.linalg.norm(mode, axis=1))
-    return limit, z, outside, bool((limits[:_BLOCK] * (1 - residual / 2) >= (1 - _DOUBT) * limit).all())
+    residual = np.linalg.norm(outside, axis=1) / (
+        np.abs(rate[:, 0]) ** 2 * np.linalg.norm(mode, axis=1)
+    )
+    return (
+        limit,
+        z,
+        outside,
+        bool((limits[:_BLOCK] * (1 - residual / 2) >= (1 - _DOUBT) * limit).all()),
+    )
 
 
 def _by_steps(integrator: str, space: Subspace, near: float) -> Finding:
@@ -315,7 +353,9 @@ def _by_steps(integrator: str, space: Subspace, near: float) -> Finding:
     limit = _limit_in(integrator, space.k, space.c, near)
     if not np.isfinite(limit):
         return limit, space.k[:0], space.k[:0], True
-    values, vectors = np.linalg.eig(matrix(integrator, space.k, space.c, limit * (1 + 10 * _PRECISION)))
+    values, vectors = np.linalg.eig(
+        matrix(integrator, space.k, space.c, limit * (1 + 10 * _PRECISION))
+    )
     sides = [np.flatnonzero((sign * values.real >= 0) & (values.imag >= 0)) for sign in _GROWTH]
     chosen = np.concatenate([side[np.argsort(-np.abs(values[side]))[:_FOLLOWED]] for side in sides])
     values, z = values[chosen, None], vectors[:, chosen].T
@@ -326,10 +366,17 @@ def _by_steps(integrator: str, space: Subspace, near: float) -> Finding:
         return -limit * limit * stiffness(x) - limit * damping(w)
 
     *end, stages = splitting_step(integrator, acceleration, x, w)
-    moved, before = (part[: len(z)] + 1j * part[len(z) :] for part in (np.hstack(end), np.hstack([x, w])))
+    moved, before = (
+        part[: len(z)] + 1j * part[len(z) :] for part in (np.hstack(end), np.hstack([x, w]))
+    )
     residual = np.linalg.norm(moved - values * before, axis=1) / np.linalg.norm(z, axis=1)
     grown = np.abs(values[:, 0]) > 1 + _GROWTH[-1]  # the others are inside, known or not
-    return limit, np.concatenate(np.split(z, 2, axis=1)), np.concatenate(stages), bool((residual <= _RESIDUAL)[grown].all())
+    return (
+        limit,
+        np.concatenate(np.split(z, 2, axis=1)),
+        np.concatenate(stages),
+        bool((residual <= _RESIDUAL)[grown].all()),
+    )
 
 
 def matrix(integrator: str, k: Floats, c: Floats, h: float) -> Floats:
@@ -340,7 +387,8 @@ def matrix(integrator: str, k: Floats, c: Floats, h: float) -> Floats:
 
 
 def faulty(integrator: str, k: Floats, c: Floats, flow: npt.NDArray[Any], h: float) -> bool:
-    """Whether a step of h [s] amplifies modes that do not grow in the equation, with dense K [1/s^2] and C [1/s].
+    """Whether a step of h [s] amplifies modes that do not grow in the equation, with dense K
+    [1/s^2] and C [1/s].
 
     `flow` has the eigenvalues mu of the equation, whose modes go as e^(mu t) [1/s].
     """

@@ -33,10 +33,10 @@ _ENERGY_ERROR = 0.01  # of kinetic and elastic energy, that an honest run may be
 def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **options: Any) -> bool:
     """Whether a run of `steps` steps of `dt` from a slightly disturbed (x, v) gains no energy.
 
-    The equations of motion add no energy to a cloth without moving spheres, so a rise comes from the time step. The
-    free points get random velocities, which contain every mode and are far too slow to matter for the motion. Above the
-    limit some modes grow exponentially. Spheres are left out, because they can do work on the cloth.
-    `options` are options of `Stepper`.
+    The equations of motion add no energy to a cloth without moving spheres, so a rise comes from
+    the time step. The free points get random velocities, which contain every mode and are far too
+    slow to matter for the motion. Above the limit some modes grow exponentially. Spheres are left
+    out, because they can do work on the cloth. `options` are options of `Stepper`.
     """
     cloth = scene.cloth
     scene = scene.replace(spheres=())
@@ -71,9 +71,10 @@ def stability_map(
 ) -> xarray.Dataset:
     """Which time steps are stable at which stiffness: predicted, guaranteed, and measured.
 
-    Every cell is a run of `steps` steps from the scene's initial state, slightly disturbed. A cell is stable unless its
-    total energy rises. Spheres are left out, so only the time step can raise the energy. The prediction comes from the
-    forces linearised at the initial state. A cloth that moves far may have a lower limit.
+    Every cell is a run of `steps` steps from the scene's initial state, slightly disturbed. A cell
+    is stable unless its total energy rises. Spheres are left out, so only the time step can raise
+    the energy. The prediction comes from the forces linearised at the initial state. A cloth that
+    moves far may have a lower limit.
 
     Parameters
     ----------
@@ -86,7 +87,8 @@ def stability_map(
     integrator, precision
         As for `step`.
     steps : int, default 1000
-        Steps of each run, >= 1. Just above the limit, growth becomes visible only after hundreds of steps.
+        Steps of each run, >= 1. Just above the limit, growth becomes visible only after hundreds of
+        steps.
     threads : int, optional
         Number of simultaneous runs. Default: one per processor.
     progress : bool, default False
@@ -95,8 +97,8 @@ def stability_map(
     Returns
     -------
     xarray.Dataset
-        With the dimensions "stiffness" and "dt": "stable" (measured) and "predicted"; with "stiffness" alone the predicted
-        "limit" and the "guarantee" [s].
+        With the dimensions "stiffness" and "dt": "stable" (measured) and "predicted"; with
+        "stiffness" alone the predicted "limit" and the "guarantee" [s].
 
     Examples
     --------
@@ -112,14 +114,21 @@ def stability_map(
     stiffness, dt = _positive("stiffness", stiffness), _positive("dt", dt)
     steps = check.integer("steps", steps, minimum=1)
     threads = Options(threads=threads).threads or available_threads()
-    scenes = [scene.replace(cloth=scene.cloth.replace(stiffness=float(k)), spheres=()) for k in stiffness]
+    scenes = [
+        scene.replace(cloth=scene.cloth.replace(stiffness=float(k)), spheres=()) for k in stiffness
+    ]
     x, v = scene.initial_position, scene.initial_velocity
 
     def cell(place: tuple[int, int]) -> bool:
-        return is_stable(scenes[place[0]], x, v, dt[place[1]], steps, integrator=integrator, precision=precision)
+        return is_stable(
+            scenes[place[0]], x, v, dt[place[1]], steps, integrator=integrator, precision=precision
+        )
 
     stable = np.empty((len(stiffness), len(dt)), dtype=bool)
-    with ProgressBar(progress, total=stable.size, unit="run") as bar, ThreadPoolExecutor(threads) as pool:
+    with (
+        ProgressBar(progress, total=stable.size, unit="run") as bar,
+        ThreadPoolExecutor(threads) as pool,
+    ):
         for place, one in zip(np.ndindex(stable.shape), pool.map(cell, np.ndindex(stable.shape))):
             stable[place] = one
             bar.advance()

@@ -26,10 +26,11 @@ class ClothsimAccessor:
         self._dataset = dataset
 
     def plot(self, kind: str | None = None, **options: Any) -> Any:
-        """Draw the plot that suits the sweep best, or the named kind: "convergence", "stability" or "heatmap".
+        """Draw the plot that suits the sweep best, or the named kind: "convergence", "stability" or
+        "heatmap".
 
-        A Dataset of `stability_map` or `work_precision` has one plot. `ax` may be given: axes of matplotlib, one or two of
-        them for `work_precision`. The axes are returned.
+        A Dataset of `stability_map` or `work_precision` has one plot. `ax` may be given: axes of
+        matplotlib, one or two of them for `work_precision`. The axes are returned.
         """
         from ..viewing.plots import plot
 
@@ -37,24 +38,29 @@ class ClothsimAccessor:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The "identity" (scene, grid, settings, version), and "created", "build" and "machine" of the first call."""
+        """The "identity" (scene, grid, settings, version), and "created", "build" and "machine" of
+        the first call.
+        """
         text = self._dataset.attrs.get(ATTRIBUTE)
         if text is None:
             raise ValueError(
-                f"this Dataset is of no sweep: it lacks the attribute {ATTRIBUTE!r}, which `sweep` and `open_sweep` give"
+                f"this Dataset is of no sweep: it lacks the attribute {ATTRIBUTE!r}, which "
+                "`sweep` and `open_sweep` give"
             )
         return dict(json.loads(text))
 
     def member(self, *, every: float | None = None, **selection: Any) -> Run:
         """The `Run` of one member, to show, play and export, computed again with equal bits.
 
-        `every` is as for `simulate`; default: that of the sweep. `selection` has labels as for ``Dataset.sel``, one for
-        each remaining dimension. The run of an unstable member ends at the last good state. Raises a ValueError if more
-        than one member is selected, or the Dataset does not keep a swept array because of its size.
+        `every` is as for `simulate`; default: that of the sweep. `selection` has labels as for
+        ``Dataset.sel``, one for each remaining dimension. The run of an unstable member ends at the
+        last good state. Raises a ValueError if more than one member is selected, or the Dataset
+        does not keep a swept array because of its size.
 
         Examples
         --------
-        >>> ds = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 4.0]}, duration=0.1, dt=0.01, progress=False)
+        >>> over = {"stiffness": [1.0, 4.0]}
+        >>> ds = cs.sweep(cs.scenes.oscillator(), over, duration=0.1, dt=0.01, progress=False)
         >>> run = ds.clothsim.member(stiffness=4.0, every=0.05)
         >>> run.scene.cloth.family_stiffness["structural"], run.t.tolist()
         (4.0, [0.0, 0.05, 0.1])
@@ -66,7 +72,9 @@ class ClothsimAccessor:
         chosen = self._dataset.sel(selection)["member"]
         for name, size in chosen.sizes.items():
             if size != 1:
-                raise ValueError(f"a member needs one value of {name!r}, got {size}: give member({name}=...)")
+                raise ValueError(
+                    f"a member needs one value of {name!r}, got {size}: give member({name}=...)"
+                )
         index = chosen.item()
         make = Maker(Scene.from_dict(identity["scene"]), SweepOptions(**{**given, "every": every}))
         member = make(index, grid.values(index))
@@ -85,15 +93,22 @@ class ClothsimAccessor:
 
 def _axis(entry: Mapping[str, Any]) -> Axis:
     """The axis that `Grid.describe` described."""
-    columns = [[_value(name, value) for value in values] for name, values in entry["values"].items()]
-    places = tuple(dict(zip(entry["values"], row, strict=True)) for row in zip(*columns, strict=True))
+    columns = [
+        [_value(name, value) for value in values] for name, values in entry["values"].items()
+    ]
+    places = tuple(
+        dict(zip(entry["values"], row, strict=True)) for row in zip(*columns, strict=True)
+    )
     return Axis(entry["dimension"], places, tuple(entry["labels"]) if "labels" in entry else None)
 
 
 def _value(name: str, value: Any) -> Any:
     """A swept value from its plain form."""
     if isinstance(value, Mapping) and "sha256" in value:
-        raise ValueError(f"a member cannot be run again where {name} is swept over arrays, which a Dataset does not keep")
+        raise ValueError(
+            f"a member cannot be run again where {name} is swept over arrays, which a "
+            "Dataset does not keep"
+        )
     if name == "scene":
         return Scene.from_dict(value)
     if name.endswith("motion") and value is not None:

@@ -1,4 +1,6 @@
-"""The members of a sweep: products of values, zipped lists, or given samples; values as plain data, labels and digests."""
+"""The members of a sweep: products of values, zipped lists, or given samples; values as plain data,
+labels and digests.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ from ..base import check
 from ..model.fields import check_name, units
 from ..model.record import Record
 
-_LARGEST_LISTED = 64  # entries of an array that are written out; a larger one is known by its digest
+# Entries of an array that are written out; a larger one is known by its digest.
+_LARGEST_LISTED = 64
 
 
 def plain(value: Any) -> Any:
@@ -36,7 +39,10 @@ def plain(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
-    raise TypeError(f"a swept value must be a number, text, sequence, array, or part of a scene, got {check.shown(value)}")
+    raise TypeError(
+        "a swept value must be a number, text, sequence, array, or part of a scene, got "
+        f"{check.shown(value)}"
+    )
 
 
 def digest(value: Any) -> str:
@@ -99,7 +105,9 @@ class Grid:
         return values
 
     def coordinates(self) -> dict[str, Any]:
-        """Labels as xarray takes them: one per swept name, two more for a swept shape, and the number of each member."""
+        """Labels as xarray takes them: one per swept name, two more for a swept shape, and the
+        number of each member.
+        """
         found: dict[str, Any] = {}
         for axis in self.axes:
             for name in axis.names:
@@ -121,14 +129,20 @@ class Grid:
         ]
 
 
-def _coordinates(name: str, dimension: str, values: list[Any], labels: Sequence[str] | None) -> dict[str, Any]:
+def _coordinates(
+    name: str, dimension: str, values: list[Any], labels: Sequence[str] | None
+) -> dict[str, Any]:
     attrs: dict[str, Any] = {"long_name": name.replace("_", " ")}
     if labels is None and all(isinstance(v, bool) for v in values):
         return {name: (dimension, np.array(values), attrs)}
     if unit := "" if all(isinstance(v, str) for v in values) else units(name):
         attrs["units"] = unit
     given = [v for v in values if v is not None]  # None, as of dt beside rtol, is NaN
-    if labels is None and given and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in given):
+    if (
+        labels is None
+        and given
+        and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in given)
+    ):
         return {name: (dimension, np.array([np.nan if v is None else v for v in values]), attrs)}
     texts = list(labels or map(label, values))
     if dimension == name and len(set(texts)) < len(texts):
@@ -161,7 +175,9 @@ def _axis(key: Any, values: Any) -> Axis:
     for k, row in enumerate(rows):
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
             wanted = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
-            raise ValueError(f"over[{key!r}] must have {wanted}, got {check.shown(row)} at index {k}")
+            raise ValueError(
+                f"over[{key!r}] must have {wanted}, got {check.shown(row)} at index {k}"
+            )
     return Axis("_".join(names), tuple(dict(zip(names, row, strict=True)) for row in rows), labels)
 
 
@@ -177,11 +193,17 @@ def _samples(over: Any) -> Axis:
         if set(sample) != set(given[0]):
             names = f"{sorted(sample)} at index {k} and {sorted(given[0])} before"
             raise ValueError(f"over must give every sample the same names, got {names}")
-    return Axis("sample", tuple({check_name(n): _scalar(v) for n, v in sample.items()} for sample in given))
+    return Axis(
+        "sample", tuple({check_name(n): _scalar(v) for n, v in sample.items()} for sample in given)
+    )
 
 
 def _values(name: str, values: Any) -> list[Any]:
-    if isinstance(values, (str, bytes, Record)) or not isinstance(values, Iterable) or getattr(values, "ndim", 1) == 0:
+    if (
+        isinstance(values, (str, bytes, Record))
+        or not isinstance(values, Iterable)
+        or getattr(values, "ndim", 1) == 0
+    ):
         raise TypeError(f"{name} must be a sequence of values, got {check.shown(values)}")
     result = list(map(_scalar, values))
     if not result:

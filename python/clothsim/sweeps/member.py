@@ -27,7 +27,7 @@ STATUS = ("pending", "done", "unstable", "failed")
 
 @dataclass(frozen=True)
 class SweepOptions:
-    """The arguments of `sweep` on which results depend. All members share them, unless they are swept."""
+    """The arguments of `sweep` on which results depend. Members share those not swept."""
 
     duration: float = 1.0
     dt: float | None = None
@@ -42,7 +42,9 @@ class SweepOptions:
         self.__dict__.update(
             duration=check.number("duration", self.duration, minimum=0, exclusive=True),
             dt=None if self.dt is None else check.number("dt", self.dt, minimum=0, exclusive=True),
-            integrator=None if self.integrator is None else integrator_name(self.integrator, "auto"),
+            integrator=None
+            if self.integrator is None
+            else integrator_name(self.integrator, "auto"),
             every=checked_every(self.every),
         )
 
@@ -51,7 +53,8 @@ class SweepOptions:
 class Member:
     """A cloth to run, with its index in the sweep, and its guaranteed stable time step [s].
 
-    `settings` are arguments of `simulate`: time steps of `dt` [s], or a tolerance, where `dt` is None.
+    `settings` are arguments of `simulate`: time steps of `dt` [s], or a tolerance, where `dt` is
+    None.
     """
 
     index: int
@@ -62,18 +65,25 @@ class Member:
 
 
 class Maker:
-    """Makes members of a scene and swept values. Members with equal values of the run share their `settings`."""
+    """Makes members of a scene and swept values. Those with equal run values share `settings`."""
 
     def __init__(self, base: Scene, options: SweepOptions) -> None:
         self._base, self._options, self._known = base, options, dict[str, dict[str, Any]]()
-        for kept in ("initial_position", "initial_velocity", "driven_pins", "core_spheres"):  # which members share
-            getattr(base, kept)
+        for kept in ("initial_position", "initial_velocity", "driven_pins", "core_spheres"):
+            getattr(base, kept)  # which members share
         _ = base.cloth.core  # with the arrays that it is made of
 
     def __call__(self, index: int, values: Mapping[str, Any]) -> Member:
         """The member with these values; a refused value raises the error of its argument."""
-        run = {} if values.keys().isdisjoint(RUN) else {name: values[name] for name in RUN if name in values}
-        scene = change_scene(self._base, {name: values[name] for name in values if name not in run} if run else values)
+        run = (
+            {}
+            if values.keys().isdisjoint(RUN)
+            else {name: values[name] for name in RUN if name in values}
+        )
+        scene = change_scene(
+            self._base,
+            {name: values[name] for name in values if name not in run} if run else values,
+        )
         settings = self._known.get(key := repr(run))
         if settings is None:
             settings = self._known[key] = self._settings(run)
@@ -82,20 +92,31 @@ class Maker:
         limit = usable_dt(cloth, integrator) if dt is None else guaranteed_dt(cloth, integrator)
         if dt is None and not controlled(settings):
             # A method without a limit of its own takes what follows the motion as well.
-            dt = min(_SAFETY * (limit if math.isfinite(limit) else stable_dt(scene)), settings["duration"])
+            dt = min(
+                _SAFETY * (limit if math.isfinite(limit) else stable_dt(scene)),
+                settings["duration"],
+            )
             check.step_count(settings["duration"], dt)
         return Member(index, scene, settings, dt, limit)
 
     def _settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
-        """The checked arguments of `simulate` of members with the swept values `run`; without `dt` it is by the cloth."""
+        """The checked arguments of `simulate` of members with the swept values `run`; without `dt`
+        it is by the cloth.
+        """
         given = {name: run.get(name, getattr(self._options, name)) for name in RUN}
         if given["integrator"] is None:
-            given["integrator"] = "rk4" if given["rtol"] is None and given["atol"] is None else "auto"
+            given["integrator"] = (
+                "rk4" if given["rtol"] is None and given["atol"] is None else "auto"
+            )
         name = given["integrator"] = integrator_name(given["integrator"], "auto")
         Options("rk4" if name == "auto" else name, given["precision"], None, given["kernel"])
-        duration = given["duration"] = check.number("duration", given["duration"], minimum=0, exclusive=True)
+        duration = given["duration"] = check.number(
+            "duration", given["duration"], minimum=0, exclusive=True
+        )
         if controlled(given):
-            given["rtol"], given["atol"] = checked_tolerances(given["dt"], given["rtol"], given["atol"])
+            given["rtol"], given["atol"] = checked_tolerances(
+                given["dt"], given["rtol"], given["atol"]
+            )
         elif given["dt"] is not None:
             given["dt"] = check.number("dt", given["dt"], minimum=0, exclusive=True)
             check.step_count(duration, given["dt"])
@@ -104,7 +125,11 @@ class Maker:
 
 def controlled(settings: Mapping[str, Any]) -> bool:
     """Whether these arguments of `simulate` ask for error control."""
-    return settings["integrator"] == "auto" or settings["rtol"] is not None or settings["atol"] is not None
+    return (
+        settings["integrator"] == "auto"
+        or settings["rtol"] is not None
+        or settings["atol"] is not None
+    )
 
 
 @dataclass

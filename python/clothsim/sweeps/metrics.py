@@ -1,9 +1,11 @@
-"""Measures of every member: metrics by name, or any function of the run; and the reference of the metric "error".
+"""Measures of every member: metrics by name, or any function of the run; and the reference of the
+metric "error".
 
-The reference is the solution in double with which `cs.reference` checks its own. Its bound is twice the change by the last
-halving of the step, plus a unit in the last place. After a contact the motion is chaotic, and there is no solution to
-compare with (`incomparable`). It depends on the cloth alone, never on other members of a sweep. Members that differ in
-numerics share it, and each process keeps the last references.
+The reference is the solution in double with which `cs.reference` checks its own. Its bound is twice
+the change by the last halving of the step, plus a unit in the last place. After a contact the
+motion is chaotic, and there is no solution to compare with (`incomparable`). It depends on the
+cloth alone, never on other members of a sweep. Members that differ in numerics share it, and each
+process keeps the last references.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ from ..run.settle import settle
 
 
 class Reference(NamedTuple):
-    """Positions at the end [m] and a bound of their error [m]. `contact`: whether a sphere has responded on the way."""
+    """Positions at the end [m] and a bound of their error [m]. `contact`: whether a sphere has
+    responded on the way.
+    """
 
     x: Floats
     error: float
@@ -36,7 +40,9 @@ def reference_of(scene: Scene, duration: float, threads: int | None = 1) -> Refe
     found = solve_in_double(scene, [duration], threads)
     x = found.x[-1]
     # Both runs may err by rounding, each as much as the other.
-    return Reference(x, float(2 * found.change[-1] + np.spacing(np.abs(x).max())), found.ended.contact)
+    return Reference(
+        x, float(2 * found.change[-1] + np.spacing(np.abs(x).max())), found.ended.contact
+    )
 
 
 def incomparable(run: Run, reference: Reference) -> str:
@@ -46,9 +52,9 @@ def incomparable(run: Run, reference: Reference) -> str:
         return ""
     whose = "the member" if contact else "the reference"
     return (
-        f"metric 'error': a sphere has responded to a mass point of {whose}; after contact trajectories "
-        "are chaotic and there is no reference; compare outcomes (penetration, first_contact, "
-        "energy_drift) or take a shorter duration"
+        f"metric 'error': a sphere has responded to a mass point of {whose}; after contact "
+        "trajectories are chaotic and there is no reference; compare outcomes (penetration, "
+        "first_contact, energy_drift) or take a shorter duration"
     )
 
 
@@ -75,7 +81,9 @@ def _impulse(run: Run, _: Any) -> tuple[float, ...]:
 
 
 class Metric(NamedTuple):
-    """A metric that has a name: the values of its variables, from a run and a reference; and their long names and units."""
+    """A metric that has a name: the values of its variables, from a run and a reference; and their
+    long names and units.
+    """
 
     compute: Callable[[Run, Any], tuple[Any, ...]]
     variables: Mapping[str, tuple[str, str]]
@@ -91,7 +99,9 @@ METRICS = {
         },
     ),
     "energy_drift": Metric(
-        lambda run, _: (run.report["energy"]["end"]["total"] - run.report["energy"]["start"]["total"],),
+        lambda run, _: (
+            run.report["energy"]["end"]["total"] - run.report["energy"]["start"]["total"],
+        ),
         {"energy_drift": ("total energy at the end minus that at the start", "J")},
     ),
     "energy_gained": Metric(
@@ -103,18 +113,26 @@ METRICS = {
         {"largest_stretch": ("stretch l/L - 1 of the most stretched spring at any time", "1")},
     ),
     "penetration": Metric(
-        lambda run, _: (run.report["penetration"]["triangles"], run.report["penetration"]["points"]),
+        lambda run, _: (
+            run.report["penetration"]["triangles"],
+            run.report["penetration"]["points"],
+        ),
         {
             "penetration": ("depth of the deepest triangle in a sphere at any time", "m"),
             "penetration_points": ("depth of the deepest mass point at any time", "m"),
         },
     ),
-    "stable": Metric(lambda *_: (True,), {"stable": ("whether the run came to its end without UnstableError", "")}),
+    "stable": Metric(
+        lambda *_: (True,),
+        {"stable": ("whether the run came to its end without UnstableError", "")},
+    ),
     "steps_per_second": Metric(
         lambda run, _: (run.report["steps_per_second"],),
         {"steps_per_second": ("steps over the member's share of its batch's time", "1/s")},
     ),
-    "sag": Metric(_sag, {"sag": ("largest way along gravity from the initial to the rest state", "m")}),
+    "sag": Metric(
+        _sag, {"sag": ("largest way along gravity from the initial to the rest state", "m")}
+    ),
     "first_contact": Metric(
         lambda run, _: (run.report["first_contact"]["time"],),
         {"first_contact": ("end of the first step that a sphere changed", "s")},
@@ -131,13 +149,19 @@ DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")
 RESERVED = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message")
 """Variables of every sweep, beside its metrics."""
 
-Chosen = Mapping[str, Callable[[Run], Any] | None]  # metrics by name; None where the name is of `METRICS`
+Chosen = Mapping[
+    str, Callable[[Run], Any] | None
+]  # metrics by name; None where the name is of `METRICS`
 
 
 def measured(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Any]:
     """The variables of a user's function of a run."""
     result = function(run)
-    parts = {f"{name}_{key}": value for key, value in result.items()} if isinstance(result, Mapping) else {name: result}
+    parts = (
+        {f"{name}_{key}": value for key, value in result.items()}
+        if isinstance(result, Mapping)
+        else {name: result}
+    )
     for value in parts.values():
         if np.asarray(value).dtype.kind not in "biuf":
             accepted = "a number, an array of numbers or a mapping of them"
@@ -150,9 +174,14 @@ def choose_metrics(metrics: Any) -> Chosen:
     if isinstance(metrics, str) or callable(metrics):
         metrics = (metrics,)
     if not isinstance(metrics, (Mapping, list, tuple)):
-        raise TypeError(f"metrics must be names, functions or a mapping of names to functions, got {check.shown(metrics)}")
+        raise TypeError(
+            "metrics must be names, functions or a mapping of names to functions, got "
+            f"{check.shown(metrics)}"
+        )
     chosen: dict[str, Callable[[Run], Any] | None] = {}
-    for name, metric in metrics.items() if isinstance(metrics, Mapping) else [(None, metric) for metric in metrics]:
+    for name, metric in (
+        metrics.items() if isinstance(metrics, Mapping) else [(None, metric) for metric in metrics]
+    ):
         if callable(metric):
             name = name or getattr(metric, "__name__", None) or type(metric).__name__
             chosen[_function_name(name, metric)] = metric
@@ -164,9 +193,15 @@ def choose_metrics(metrics: Any) -> Chosen:
 def _function_name(name: Any, function: Any) -> str:
     """`name` if a function may give its variable that name."""
     if not isinstance(name, str) or not name.isidentifier():
-        raise ValueError(f"metrics: {function!r} needs a name, as in metrics={{'name': function}}, got {name!r}")
-    if name in RESERVED or any(name == known or name in metric.variables for known, metric in METRICS.items()):
-        raise ValueError(f"metrics: a function must not be named {name!r}, which is a variable of sweeps")
+        raise ValueError(
+            f"metrics: {function!r} needs a name, as in metrics={{'name': function}}, got {name!r}"
+        )
+    if name in RESERVED or any(
+        name == known or name in metric.variables for known, metric in METRICS.items()
+    ):
+        raise ValueError(
+            f"metrics: a function must not be named {name!r}, which is a variable of sweeps"
+        )
     return name
 
 

@@ -1,8 +1,10 @@
-"""Results of a sweep: arrays over its members in memory, and a zarr store of them, which is written as members finish.
+"""Results of a sweep: arrays over its members in memory, and a zarr store of them, which is written
+as members finish.
 
-xarray writes the store, in chunks that end in their checksum (zarr's codec crc32c). zarr writes a new file for a chunk and
-renames it, and `status` is written after everything else: if the process is killed at any moment, each member is either
-complete or pending. Every chunk exists from the start, so a missing one is not mistaken for an empty one.
+xarray writes the store, in chunks that end in their checksum (zarr's codec crc32c). zarr writes a
+new file for a chunk and renames it, and `status` is written after everything else: if the process
+is killed at any moment, each member is either complete or pending. Every chunk exists from the
+start, so a missing one is not mistaken for an empty one.
 """
 
 from __future__ import annotations
@@ -34,46 +36,77 @@ _SECONDS_BETWEEN_WRITES = 1.0
 _SHARE_OF_WRITES = 0.05  # of the time, at most
 
 ATTRIBUTE = "clothsim_sweep"
-"""The attribute of Datasets and stores that identifies their sweep, as JSON text. Not "clothsim": that is the accessor,
-which xarray would hide behind it."""
+"""The attribute of Datasets and stores that identifies their sweep, as JSON text. Not "clothsim":
+that is the accessor, which xarray would hide behind it.
+"""
 
 SCHEMA = 5
 """Version of the layout of a store, and of the attribute."""
 
 
 class Results:
-    """The variables of a sweep, with an entry for each member, and dimensions of their own at the end.
+    """The variables of a sweep, with an entry for each member, and dimensions of their own at the
+    end.
 
     `about` has the sweep's identity and provenance, `store` keeps them.
     """
 
-    def __init__(self, grid: Grid, metrics: Chosen, about: Mapping[str, Any], store: Store | None = None) -> None:
+    def __init__(
+        self, grid: Grid, metrics: Chosen, about: Mapping[str, Any], store: Store | None = None
+    ) -> None:
         self.grid, self.store, self._coordinates = grid, store, grid.coordinates()
         self._attrs = {ATTRIBUTE: json.dumps(store.about if store else about)}
         self._variables: dict[str, tuple[tuple[str, ...], np.ndarray, Mapping[str, Any]]] = {}
         flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
         self._add("status", np.int8, PENDING, {"long_name": "what became of the member", **flags})
-        self._add("max_stable_dt", float, np.nan, {"long_name": "guaranteed stable time step", "units": "s"})
-        self._add("unstable_step", np.int64, -1, {"long_name": "step at which it diverged, -1: never", "units": "1"})
-        self._add("unstable_time", float, np.nan, {"long_name": "time at which it diverged", "units": "s"})
-        self._add("message", object, "", {"long_name": "why a member did not come to its end, or has no error"})
+        self._add(
+            "max_stable_dt",
+            float,
+            np.nan,
+            {"long_name": "guaranteed stable time step", "units": "s"},
+        )
+        self._add(
+            "unstable_step",
+            np.int64,
+            -1,
+            {"long_name": "step at which it diverged, -1: never", "units": "1"},
+        )
+        self._add(
+            "unstable_time", float, np.nan, {"long_name": "time at which it diverged", "units": "s"}
+        )
+        self._add(
+            "message",
+            object,
+            "",
+            {"long_name": "why a member did not come to its end, or has no error"},
+        )
         for metric in [METRICS[name] for name, function in metrics.items() if function is None]:
             for name, (text, unit) in metric.variables.items():
                 attrs = {"long_name": text, **({"units": unit} if unit else {})}
-                self._add(name, *((np.bool_, False) if name == "stable" else (float, np.nan)), attrs)
+                self._add(
+                    name, *((np.bool_, False) if name == "stable" else (float, np.nan)), attrs
+                )
         if store is not None and (found := store.load(self._variables)) is not None:
             for key, values in found.data_vars.items():
                 name = str(key)
                 if name not in self._variables:  # of a user's function, known from the first result
                     own = values.dims[len(grid.shape) :]
-                    self._add(name, float, np.nan, values.attrs, **{str(k): values.sizes[k] for k in own})
+                    self._add(
+                        name, float, np.nan, values.attrs, **{str(k): values.sizes[k] for k in own}
+                    )
                 self[name][...] = values.values.reshape(self[name].shape)
 
     def _add(self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], **own: int) -> None:
         """Add a variable; `own` has its own dimensions and their lengths."""
         if name in self._coordinates:
-            raise ValueError(f"metrics: a function must not be named {name!r}, a coordinate of this sweep is")
-        self._variables[name] = tuple(own), np.full((self.grid.size, *own.values()), fill, dtype), attrs
+            raise ValueError(
+                f"metrics: a function must not be named {name!r}, a coordinate of this sweep is"
+            )
+        self._variables[name] = (
+            tuple(own),
+            np.full((self.grid.size, *own.values()), fill, dtype),
+            attrs,
+        )
 
     def __getitem__(self, name: str) -> np.ndarray:
         """The values of a variable, with an entry for each member."""
@@ -85,7 +118,9 @@ class Results:
         return np.flatnonzero((self["status"] == PENDING) | (self["status"] == FAILED))
 
     def record(self, records: Sequence[MemberRecord]) -> None:
-        """Take the results of members; their status comes last, so that a member that is marked as done is complete."""
+        """Take the results of members; their status comes last, so that a member that is marked as
+        done is complete.
+        """
         found: dict[str, dict[int, Any]] = {}
         for one in records:
             for name, value in one.values.items():
@@ -104,7 +139,8 @@ class Results:
         array = self[name]
         if shapes := {getattr(value, "shape", ()) for value in values} - {array.shape[1:]}:
             raise ValueError(
-                f"metric {name!r} must give every member an array of one shape, got {shapes.pop()} and {array.shape[1:]}"
+                f"metric {name!r} must give every member an array of one shape, got "
+                f"{shapes.pop()} and {array.shape[1:]}"
             )
         array[indices] = values
 
@@ -117,7 +153,10 @@ class Results:
         """The results as a Dataset."""
         dims, shape = self.grid.dimensions, self.grid.shape
         found: xarray.Dataset = needed("xarray", "sweep").Dataset(
-            {name: ((*dims, *own), v.reshape((*shape, *v.shape[1:])), a) for name, (own, v, a) in self._variables.items()},
+            {
+                name: ((*dims, *own), v.reshape((*shape, *v.shape[1:])), a)
+                for name, (own, v, a) in self._variables.items()
+            },
             self._coordinates,
             self._attrs,
         )
@@ -125,9 +164,11 @@ class Results:
 
 
 class Store:
-    """The zarr group of one sweep at `path`, with a lock on its folder until `close`. `about` has its identity.
+    """The zarr group of one sweep at `path`, with a lock on its folder until `close`. `about` has
+    its identity.
 
-    A ValueError refuses a folder that is not a store, is being written, or is of another sweep, with the differences.
+    A ValueError refuses a folder that is not a store, is being written, or is of another sweep,
+    with the differences.
     """
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
@@ -142,10 +183,16 @@ class Store:
             if begun:
                 self.about = read_attrs(path)
                 if found := differences(self.about["identity"], about["identity"]):
-                    shown = "; ".join(found[:6]) + (f"; and {len(found) - 6} more" if len(found) > 6 else "")
-                    raise ValueError(f"store {str(path)!r} is of another sweep; it differs in {shown}")
+                    shown = "; ".join(found[:6]) + (
+                        f"; and {len(found) - 6} more" if len(found) > 6 else ""
+                    )
+                    raise ValueError(
+                        f"store {str(path)!r} is of another sweep; it differs in {shown}"
+                    )
             else:
-                self._zarr.create_group(path, zarr_format=3, attributes={ATTRIBUTE: json.dumps(about)})
+                self._zarr.create_group(
+                    path, zarr_format=3, attributes={ATTRIBUTE: json.dumps(about)}
+                )
         except BaseException:
             self.close()
             raise
@@ -163,11 +210,23 @@ class Store:
         """Write all values, those of "status" last."""
         begin = time.monotonic()
         codecs = {"compressors": (self._zarr.codecs.ZstdCodec(), self._zarr.codecs.Crc32cCodec())}
-        texts = {name: one.astype(object) for name, one in dataset.coords.items() if one.dtype.kind == "U"}
+        texts = {
+            name: one.astype(object)
+            for name, one in dataset.coords.items()
+            if one.dtype.kind == "U"
+        }
         dataset = dataset.assign_coords(texts)
         for part in (dataset.drop_vars("status"), dataset[["status"]]):
-            new = {name: codecs for name in part.variables if not (self.path / str(name) / "zarr.json").exists()}
-            layout: dict[str, Any] = {"zarr_format": 3, "consolidated": False, "write_empty_chunks": True}
+            new = {
+                name: codecs
+                for name in part.variables
+                if not (self.path / str(name) / "zarr.json").exists()
+            }
+            layout: dict[str, Any] = {
+                "zarr_format": 3,
+                "consolidated": False,
+                "write_empty_chunks": True,
+            }
             part.to_zarr(self.path, mode="a", encoding=new, **layout)
         end = time.monotonic()
         self._next = end + max(_SECONDS_BETWEEN_WRITES, (end - begin) / _SHARE_OF_WRITES)
@@ -197,16 +256,23 @@ def _locked(path: Path) -> int | None:
 def read_attrs(path: Path) -> dict[str, Any]:
     """What the store at `path` says of its sweep; a ValueError if it is none."""
     try:
-        about = dict(json.loads(json.loads((path / "zarr.json").read_bytes())["attributes"][ATTRIBUTE]))
+        about = dict(
+            json.loads(json.loads((path / "zarr.json").read_bytes())["attributes"][ATTRIBUTE])
+        )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"store {str(path)!r} is no store of a sweep ({error})") from None
     if about.get("schema") != SCHEMA:
-        raise ValueError(f"store {str(path)!r} has schema {about.get('schema')}, the version read here is {SCHEMA}")
+        raise ValueError(
+            f"store {str(path)!r} has schema {about.get('schema')}, the version read here is "
+            f"{SCHEMA}"
+        )
     return about
 
 
 def read(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
-    """The values of a store, with the variables `names`; a ValueError names one that is damaged or lacks a chunk."""
+    """The values of a store, with the variables `names`; a ValueError names one that is damaged or
+    lacks a chunk.
+    """
     name = "status"
     try:
         group = needed("zarr", "a sweep's store").open_group(path, mode="r", use_consolidated=False)
@@ -217,13 +283,22 @@ def read(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
             if done and name != "status" and array.nchunks_initialized < array.nchunks:
                 raise FileNotFoundError("a chunk is missing")
             array[...]  # which compares checksums
-        found: xarray.Dataset = needed("xarray", "open_sweep").open_zarr(path, chunks=None, consolidated=False).load()
+        found: xarray.Dataset = (
+            needed("xarray", "open_sweep").open_zarr(path, chunks=None, consolidated=False).load()
+        )
     except Exception as error:  # of zarr, of many kinds
-        raise ValueError(f"store {str(path)!r} is damaged at {name} ({type(error).__name__}: {error}): delete it") from None
+        raise ValueError(
+            f"store {str(path)!r} is damaged at {name} ({type(error).__name__}: {error}): delete it"
+        ) from None
     for key, one in found.variables.items():
-        if one.dtype.kind == "T":  # NumPy's new text type breaks xarray's `where` and the like; the old ones do not
+        # NumPy's new text type breaks xarray's `where` and the like; the old ones do not.
+        if one.dtype.kind == "T":
             texts = one.values.astype(object)
-            found[key] = (one.dims, texts if key == "message" else np.array(texts.tolist()), one.attrs)
+            found[key] = (
+                one.dims,
+                texts if key == "message" else np.array(texts.tolist()),
+                one.attrs,
+            )
     return found
 
 
@@ -232,7 +307,10 @@ def differences(theirs: Any, mine: Any, path: str = "") -> list[str]:
     if isinstance(theirs, list) and isinstance(mine, list):
         theirs, mine = dict(enumerate(theirs)), dict(enumerate(mine))
     if isinstance(theirs, dict) and isinstance(mine, dict):
-        both = [(theirs.get(key), mine.get(key), f"{path}.{key}".lstrip(".")) for key in {**theirs, **mine}]
+        both = [
+            (theirs.get(key), mine.get(key), f"{path}.{key}".lstrip("."))
+            for key in {**theirs, **mine}
+        ]
         return [text for pair in both for text in differences(*pair)]
     there, here = json.dumps(theirs), json.dumps(mine)
     return [] if there == here else [f"{path} ({there:.60} in the store, {here:.60} given)"]
@@ -254,7 +332,8 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     Raises
     ------
     ValueError
-        If `path` is not the store of a sweep, or a chunk is damaged or missing, which the message names.
+        If `path` is not the store of a sweep, or a chunk is damaged or missing, which the message
+        names.
 
     Examples
     --------

@@ -1,4 +1,6 @@
-"""`sweep`: many cloths from one call, from checked arguments by tasks on threads or an executor to a labelled Dataset."""
+"""`sweep`: many cloths from one call, from checked arguments by tasks on threads or an executor to
+a labelled Dataset.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,16 @@ from ..run.trajectory import PAUSE, Failure, Frames, Job
 from ..typing import Integrator, Kernel, Precision
 from .grid import Grid, make_grid, plain
 from .member import DONE, FAILED, PENDING, UNSTABLE, Maker, Member, MemberRecord, SweepOptions
-from .metrics import DEFAULT_METRICS, METRICS, Chosen, choose_metrics, describe, incomparable, measured, reference_of
+from .metrics import (
+    DEFAULT_METRICS,
+    METRICS,
+    Chosen,
+    choose_metrics,
+    describe,
+    incomparable,
+    measured,
+    reference_of,
+)
 from .store import SCHEMA, Results, Store
 
 if TYPE_CHECKING:
@@ -45,7 +56,9 @@ LARGEST_BATCH = 64
 """Members of a call; more save nothing, and all of their states are held at once."""
 
 _WAITING = 256  # tasks that an executor has, at most: each holds the scenes of its members
-_TASKS = 4  # a worker has at least so many, where there are enough members, so that all end together
+_TASKS = (
+    4  # a worker has at least so many, where there are enough members, so that all end together
+)
 _WORKERS_UNKNOWN = 32  # of an executor that does not say
 _CHECKED = 2048  # members that are made before anything is run, to find what cannot be
 
@@ -71,51 +84,58 @@ def sweep(
 ) -> xarray.Dataset:
     """Run a scene once for every combination of values, and label the results.
 
-    A member's result has the same bits as `simulate` gives for it alone. docs/sweeps.md describes names and metrics.
+    A member's result has the same bits as `simulate` gives for it alone. docs/sweeps.md describes
+    names and metrics.
 
     Parameters
     ----------
     scene : Scene
         Values that are not swept.
     over : mapping, or sequence of mappings
-        ``{name: values}`` is a grid: one dimension per name, every combination a member; `sweepable` lists the names.
-        ``{(name, name): [(value, value), ...]}`` are zipped lists, one dimension for both.
-        ``{name: {label: value}}`` labels values that are not numbers. A sequence of mappings (or a
-        table with ``to_dict("records")``) are given samples, with the dimension "sample".
+        ``{name: values}`` is a grid: one dimension per name, every combination a member;
+        `sweepable` lists the names. ``{(name, name): [(value, value), ...]}`` are zipped lists, one
+        dimension for both. ``{name: {label: value}}`` labels values that are not numbers. A
+        sequence of mappings (or a table with ``to_dict("records")``) are given samples, with the
+        dimension "sample".
     duration : float, default 1.0
         Simulated time [s], > 0.
     metrics : sequence, mapping, name or function
-        Names: "error" (and error_rms, reference_error), "energy_drift", "energy_gained", "largest_stretch",
-        "penetration" (and penetration_points), "stable", "steps_per_second", "sag", "first_contact",
-        "impulse" (and impulse_x, impulse_y, impulse_z). A function takes a `Run`, with the frames of `every`, and
-        returns a number, an array, or a mapping of them. It must pickle to run in another process.
+        Names: "error" (and error_rms, reference_error), "energy_drift", "energy_gained",
+        "largest_stretch", "penetration" (and penetration_points), "stable", "steps_per_second",
+        "sag", "first_contact", "impulse" (and impulse_x, impulse_y, impulse_z). A function takes a
+        `Run`, with the frames of `every`, and returns a number, an array, or a mapping of them. It
+        must pickle to run in another process.
     dt, rtol, atol, integrator, precision, kernel
-        As for `simulate`, where they are not swept. Default: "rk4" with half of each member's `max_stable_dt`. Where
-        a tolerance is swept beside dt, None marks a setting that a member does not use.
+        As for `simulate`, where they are not swept. Default: "rk4" with half of each member's
+        `max_stable_dt`. Where a tolerance is swept beside dt, None marks a setting that a member
+        does not use.
     every : int or float, optional
         Frames, as for `simulate`.
     store : path-like, optional
-        Folder of a zarr store, written as results come. Repeat an interrupted call: it computes the missing members.
+        Folder of a zarr store, written as results come. Repeat an interrupted call: it computes the
+        missing members.
     executor : concurrent.futures.Executor or dask.distributed.Client, optional
         Executor that runs the members. Default: threads of this process.
     threads : int, optional
-        Threads of this process; default: one per processor. With an executor: threads of each task; default: 1.
+        Threads of this process; default: one per processor. With an executor: threads of each task;
+        default: 1.
     progress : bool, default True
         Show a bar with members done, their rate and the time left, in a terminal or notebook.
 
     Returns
     -------
     xarray.Dataset
-        One dimension per swept name, with coordinates that have units. Beside the metrics: "status" (0 pending, 1 done,
-        2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step", "unstable_time" [s] and "message". Of a member that
-        diverged or failed, metrics are NaN ("stable" False). After a contact "error" is NaN too, and the message says
-        why. ``ds.clothsim`` plots, and has the provenance.
+        One dimension per swept name, with coordinates that have units. Beside the metrics: "status"
+        (0 pending, 1 done, 2 unstable, 3 failed), "max_stable_dt" [s], "unstable_step",
+        "unstable_time" [s] and "message". Of a member that diverged or failed, metrics are NaN
+        ("stable" False). After a contact "error" is NaN too, and the message says why.
+        ``ds.clothsim`` plots, and has the provenance.
 
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above, a member cannot be made, or the store is of another sweep (with the differences) or
-        damaged.
+        If an argument is not as above, a member cannot be made, or the store is of another sweep
+        (with the differences) or damaged.
     KeyboardInterrupt
         On Ctrl-C; the store then has all finished members.
 
@@ -127,7 +147,8 @@ def sweep(
     Examples
     --------
     >>> scene = cs.scenes.hanging(shape=(4, 4))
-    >>> result = cs.sweep(scene, {"stiffness": [1e3, 1e5], "dt": [1e-3, 1e-1]}, duration=0.2, progress=False)
+    >>> over = {"stiffness": [1e3, 1e5], "dt": [1e-3, 1e-1]}
+    >>> result = cs.sweep(scene, over, duration=0.2, progress=False)
     >>> result.stable.values.tolist()
     [[True, False], [True, False]]
     >>> result.stiffness.attrs["units"], result.sizes["dt"]
@@ -157,7 +178,12 @@ def sweep(
     try:
         kept = Store(check.path("store", store), about) if store is not None else None
         results = Results(grid, chosen, about, kept)
-        _run(workers, tasks(make, grid, chosen, options, results.pending, workers, made), results, progress)
+        _run(
+            workers,
+            tasks(make, grid, chosen, options, results.pending, workers, made),
+            results,
+            progress,
+        )
     finally:
         workers.close()
         if kept is not None:
@@ -165,7 +191,10 @@ def sweep(
     failed = results["status"] == FAILED
     if failed.any():
         first = results["message"][failed][0]
-        warn_caller(f"{int(failed.sum())} of {failed.size} members failed; the first: {first}", RuntimeWarning)
+        warn_caller(
+            f"{int(failed.sum())} of {failed.size} members failed; the first: {first}",
+            RuntimeWarning,
+        )
     return results.dataset()
 
 
@@ -174,12 +203,17 @@ def _check_grid(grid: Grid, options: SweepOptions) -> None:
     default = SweepOptions()
     for name in grid.names:
         if name in RUN and (given := getattr(options, name)) != getattr(default, name):
-            raise ValueError(f"{name} must be left out where over has it, got {name} = {given!r} beside its swept values")
+            raise ValueError(
+                f"{name} must be left out where over has it, got {name} = {given!r} beside "
+                "its swept values"
+            )
 
 
 def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bool) -> None:
     members = results.grid.size
-    bar = ProgressBar(progress, total=members, initial=members - len(results.pending), unit="member", desc="sweep")
+    bar = ProgressBar(
+        progress, total=members, initial=members - len(results.pending), unit="member", desc="sweep"
+    )
 
     def record(records: Sequence[MemberRecord]) -> None:
         results.record(records)
@@ -199,7 +233,9 @@ def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bo
             kept = "were done; give a store to keep them"
             if results.store is not None:
                 kept = f"are in {results.store.path}; repeat the sweep to compute the rest"
-            raise KeyboardInterrupt(f"{int((status != PENDING).sum())} of {status.size} members {kept}") from None
+            raise KeyboardInterrupt(
+                f"{int((status != PENDING).sum())} of {status.size} members {kept}"
+            ) from None
         if error is not None:
             raise error
 
@@ -212,8 +248,13 @@ def checked_members(make: Maker, grid: Grid) -> dict[int, Member]:
     chosen = np.arange(grid.size)
     if grid.size > _CHECKED:
         most = _CHECKED // len(grid.axes)
-        steps = [math.prod(grid.shape[k + 1 :]) for k in range(len(grid.shape))]  # between members along each axis
-        along = [step * np.linspace(0, n - 1, min(n, most)).astype(int) for step, n in zip(steps, grid.shape, strict=True)]
+        steps = [
+            math.prod(grid.shape[k + 1 :]) for k in range(len(grid.shape))
+        ]  # between members along each axis
+        along = [
+            step * np.linspace(0, n - 1, min(n, most)).astype(int)
+            for step, n in zip(steps, grid.shape, strict=True)
+        ]
         chosen = np.unique(np.concatenate([[0], *along]))
     made = {index: _made(make, grid, index) for index in chosen.tolist()}
     for member in made.values():
@@ -255,15 +296,29 @@ def tasks(
 ) -> Iterator[Task]:
     """The pending members in tasks of at most a batch, each of one shape and method.
 
-    With a metric that needs references, tasks have members of equal physics instead, because they share a reference.
+    With a metric that needs references, tasks have members of equal physics instead, because they
+    share a reference.
     """
     compared = "error" in metrics
-    most = LARGEST_BATCH if compared else max(1, min(LARGEST_BATCH, len(pending) // (_TASKS * workers.count)))
-    apart = [name for name in grid.names if (name not in NUMERICS if compared else name in ("shape", "scene", *RUN))]
+    most = (
+        LARGEST_BATCH
+        if compared
+        else max(1, min(LARGEST_BATCH, len(pending) // (_TASKS * workers.count)))
+    )
+    apart = [
+        name
+        for name in grid.names
+        if (name not in NUMERICS if compared else name in ("shape", "scene", *RUN))
+    ]
 
     def kind(index: int) -> str:
         values = grid.values(index)
-        return repr([values[name].cloth.shape if name == "scene" and not compared else values[name] for name in apart])
+        return repr(
+            [
+                values[name].cloth.shape if name == "scene" and not compared else values[name]
+                for name in apart
+            ]
+        )
 
     every = options.every if any(metrics.values()) else None  # what has a name needs no frames
     chosen = pending.tolist()
@@ -271,7 +326,9 @@ def tasks(
         indices = list(group)
         for first in range(0, len(indices), most):
             part = indices[first : first + most]
-            members = [made.pop(index) if index in made else _made(make, grid, index) for index in part]
+            members = [
+                made.pop(index) if index in made else _made(make, grid, index) for index in part
+            ]
             yield Task(members, metrics, every, workers.threads_of(len(pending)))
 
 
@@ -283,7 +340,9 @@ class Stopped(Exception):
 
 
 def run_task(task: Task, pause: Callable[[], None] | None = None) -> list[MemberRecord]:
-    """Run the members of a task. If `pause`, called from time to time, raises Stopped, the finished members come back."""
+    """Run the members of a task. If `pause`, called from time to time, raises Stopped, the finished
+    members come back.
+    """
     records: list[MemberRecord] = []
     before = PAUSE.set(pause)
     try:
@@ -300,12 +359,17 @@ def _records(task: Task) -> Iterator[MemberRecord]:
     for member in task.members:
         # with error control, or where it may diverge
         alone = member.index if member.dt is None or member.dt > member.max_stable_dt else None
-        batches.setdefault((member.scene.cloth.shape, id(member.settings), member.dt, alone), []).append(member)
+        batches.setdefault(
+            (member.scene.cloth.shape, id(member.settings), member.dt, alone), []
+        ).append(member)
     for members in batches.values():
         try:
             runs, errors = _runs(members, task)
         except (ValueError, TypeError) as error:
-            yield from [MemberRecord(one.index, FAILED, message=f"{type(error).__name__}: {error}") for one in members]
+            yield from [
+                MemberRecord(one.index, FAILED, message=f"{type(error).__name__}: {error}")
+                for one in members
+            ]
             continue
         for k, (member, run) in enumerate(zip(members, runs, strict=True)):
             yield _record(member, run, errors.get(k), task)
@@ -316,19 +380,36 @@ def _runs(members: Sequence[Member], task: Task) -> tuple[Sequence[Run], Mapping
     settings, dt = members[0].settings, members[0].dt
     if dt is None:  # with error control
         try:
-            return [simulate(members[0].scene, **settings, every=task.every, threads=task.threads)], {}
+            return [
+                simulate(members[0].scene, **settings, every=task.every, threads=task.threads)
+            ], {}
         except (UnstableError, ContactError) as error:
             return [error.run], {0: error}
-    options = Options(settings["integrator"], settings["precision"], task.threads, settings["kernel"])
+    options = Options(
+        settings["integrator"], settings["precision"], task.threads, settings["kernel"]
+    )
     # The results have each member's limit, so nothing warns of it.
     scenes = [one.scene for one in members]
-    return run_batch(Job(scenes, True, settings["duration"], options, frames=Frames(task.every), dt=dt, own_step=True))
+    return run_batch(
+        Job(
+            scenes,
+            True,
+            settings["duration"],
+            options,
+            frames=Frames(task.every),
+            dt=dt,
+            own_step=True,
+        )
+    )
 
 
 def _record(member: Member, run: Run, error: Failure | None, task: Task) -> MemberRecord:
     record = MemberRecord(member.index, DONE, max_stable_dt=member.max_stable_dt)
     if error is not None:
-        record.status, record.message = UNSTABLE, str(dataclasses.replace(error, member=None))  # as of the run alone
+        record.status, record.message = (
+            UNSTABLE,
+            str(dataclasses.replace(error, member=None)),
+        )  # as of the run alone
         record.unstable_step, record.unstable_time = error.step, error.time
         return record
     if member.dt is None:
@@ -340,7 +421,9 @@ def _record(member: Member, run: Run, error: Failure | None, task: Task) -> Memb
     for name, function in task.metrics.items():
         try:
             if function is None:
-                record.values.update(zip(METRICS[name].variables, METRICS[name].compute(run, reference)))
+                record.values.update(
+                    zip(METRICS[name].variables, METRICS[name].compute(run, reference))
+                )
             else:
                 record.values |= measured(name, function, run)
         except Stopped:
@@ -386,8 +469,8 @@ class Workers:
     def run_all(self, tasks: Iterator[Task], record: Callable[[list[MemberRecord]], None]) -> None:
         """Execute all tasks, and call `record` in this thread with the results of each.
 
-        If Ctrl-C or a broken pool ends this early, waiting tasks are cancelled and finished tasks are recorded before the
-        error is raised.
+        If Ctrl-C or a broken pool ends this early, waiting tasks are cancelled and finished tasks
+        are recorded before the error is raised.
         """
         from concurrent.futures import FIRST_COMPLETED, wait
 
@@ -406,7 +489,8 @@ class Workers:
             with Interrupts():
                 self._stop.set()
                 for future in [future for future in waiting if not future.cancel()]:
-                    # Threads of this process give up within a tenth of a second; others' are not waited for.
+                    # Threads of this process give up within a tenth of a second; others' are not
+                    # waited for.
                     if (self.own or future.done()) and future.exception() is None:
                         record(future.result())
                 raise

@@ -17,8 +17,11 @@ from ..base.progress import ProgressBar
 from .legend import Pixels
 from .picture import Drawing, Style, file_path
 
-WEBP_METHOD = 2  # effort, 0 to 6; at 4 a film of 181 pictures is 2 % smaller and takes 1.5 times as long, at 6 15 times
-PALETTE_WIDTH = 640  # pixels of a picture's width that a GIF's palette is made from; as many as the default width
+# Effort, 0 to 6; at 4 a film of 181 pictures is 2 % smaller and takes 1.5 times as long, at 6 15
+# times.
+WEBP_METHOD = 2
+# Pixels of a picture's width that a GIF's palette is made from; as many as the default width.
+PALETTE_WIDTH = 640
 GIF_FPS = 50.0  # frames/s; browsers slow down a GIF whose frames are shorter than 0.02 s
 FORMATS = (".gif", ".webp", ".mp4")
 
@@ -26,7 +29,9 @@ FORMATS = (".gif", ".webp", ".mp4")
 class Film:
     """The pictures of a film, drawn on demand. Equal consecutive pictures are drawn once."""
 
-    def __init__(self, drawing: Drawing, shown: Sequence[int], fps: float, advance: Callable[[int], object]) -> None:
+    def __init__(
+        self, drawing: Drawing, shown: Sequence[int], fps: float, advance: Callable[[int], object]
+    ) -> None:
         self.drawing, self.shown, self.fps, self._advance = drawing, shown, fps, advance
         self._counted, self._frame, self._pixels = 0, -1, np.empty((0, 0, 3), np.uint8)
 
@@ -47,11 +52,20 @@ class Film:
         return [int(d) for d in np.diff(ends)]
 
 
-def animate(run: Any, path: str | Path, fps: float = 30.0, speed: float = 1.0, progress: bool = False, **style: Any) -> Path:
+def animate(
+    run: Any,
+    path: str | Path,
+    fps: float = 30.0,
+    speed: float = 1.0,
+    progress: bool = False,
+    **style: Any,
+) -> Path:
     """`Run.animate`; with `progress`, a bar counts pictures."""
     path = film_path("path", path)
     suffix = path.suffix.lower()
-    fps = check.number("fps", fps, minimum=0, exclusive=True, maximum=GIF_FPS if suffix == ".gif" else 240)
+    fps = check.number(
+        "fps", fps, minimum=0, exclusive=True, maximum=GIF_FPS if suffix == ".gif" else 240
+    )
     speed = check.number("speed", speed, minimum=1e-9)
     if len(run.t) < 3:
         raise ValueError(
@@ -63,7 +77,10 @@ def animate(run: Any, path: str | Path, fps: float = 30.0, speed: float = 1.0, p
         drawing.width -= drawing.width % 2
     shown = shown_frames(run.t, fps, speed)
     write = {".gif": _write_gif, ".webp": _write_webp, ".mp4": _write_mp4}[suffix]
-    with ProgressBar(progress, total=len(shown), unit="picture", desc="film") as bar, files.replacing(path) as part:
+    with (
+        ProgressBar(progress, total=len(shown), unit="picture", desc="film") as bar,
+        files.replacing(path) as part,
+    ):
         write(part, Film(drawing, shown, fps, bar.advance))
     return path
 
@@ -86,7 +103,9 @@ def shown_frames(t: Floats, fps: float, speed: float) -> list[int]:
 
 
 class _Reel:
-    """A film after its first picture, as the image of many frames from which Pillow takes one after the other."""
+    """A film after its first picture, as the image of many frames from which Pillow takes one after
+    the other.
+    """
 
     def __init__(self, image: Any, film: Film) -> None:
         self._image, self._film, self.n_frames = image, film, len(film) - 1
@@ -102,13 +121,23 @@ class _Reel:
 def _write_webp(path: Path, film: Film) -> None:
     image = needed("PIL.Image", "a film", "plot")
     first = image.fromarray(film[0])
-    options = {"save_all": True, "append_images": [_Reel(image, film)], "duration": film.durations(1), "loop": 0}
+    options = {
+        "save_all": True,
+        "append_images": [_Reel(image, film)],
+        "duration": film.durations(1),
+        "loop": 0,
+    }
     first.save(path, format="WEBP", quality=85, method=WEBP_METHOD, **options)
 
 
 def _write_gif(part: Path, film: Film) -> None:
-    """One palette for all pictures, since palettes of their own flicker. Of a picture, the changed rectangle is written."""
-    image, gif, chops = (needed(f"PIL.{name}", "a film", "plot") for name in ("Image", "GifImagePlugin", "ImageChops"))
+    """One palette for all pictures, since palettes of their own flicker. Of a picture, the changed
+    rectangle is written.
+    """
+    image, gif, chops = (
+        needed(f"PIL.{name}", "a film", "plot")
+        for name in ("Image", "GifImagePlugin", "ImageChops")
+    )
     palette = _common_palette(image, film)
     last = None
     with part.open("wb") as file:
@@ -117,7 +146,11 @@ def _write_gif(part: Path, film: Film) -> None:
             if last is None:
                 file.writelines(gif.getheader(frame.copy(), info={"loop": 0})[0])
             # A picture that equals the last one still takes its time.
-            box = frame.getbbox() if last is None else chops.difference(frame, last).getbbox() or (0, 0, 1, 1)
+            box = (
+                frame.getbbox()
+                if last is None
+                else chops.difference(frame, last).getbbox() or (0, 0, 1, 1)
+            )
             whole = (0, 0, *frame.size) if last is None else box
             file.writelines(gif.getdata(frame.crop(whole), whole[:2], duration=duration))
             last = frame
@@ -142,14 +175,18 @@ def _ffmpeg() -> str:
         found: str = needed("imageio_ffmpeg", "an MP4 film", "film").get_ffmpeg_exe()
         return found
     raise RuntimeError(
-        "an MP4 film needs ffmpeg, which is neither on the PATH nor in the package imageio-ffmpeg: install the program "
-        "(Debian, Ubuntu: apt-get install ffmpeg) or run pip install 'clothsim[film]', or write .webp or .gif instead"
+        "an MP4 film needs ffmpeg, which is neither on the PATH nor in the package "
+        "imageio-ffmpeg: install the program (Debian, Ubuntu: apt-get install ffmpeg) or run pip "
+        "install 'clothsim[film]', or write .webp or .gif instead"
     )
 
 
 def _write_mp4(path: Path, film: Film) -> None:
     height, width, _ = film[0].shape
-    source = f"-y -loglevel error -f rawvideo -pix_fmt rgb24 -s {width}x{height + height % 2} -r {film.fps!r} -i -"
+    source = (
+        f"-y -loglevel error -f rawvideo -pix_fmt rgb24 -s {width}x{height + height % 2} -r "
+        f"{film.fps!r} -i -"
+    )
     target = "-an -vcodec libx264 -pix_fmt yuv420p -crf 18 -movflags +faststart"
     command = [_ffmpeg(), *source.split(), *target.split(), str(path.absolute())]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as ffmpeg:

@@ -13,7 +13,8 @@ from ..base import Floats, check
 from ..typing import Numbers
 
 DISTANCE = 2.0  # of the eye in perspective, in longer sides of the view; as a lens of 70 mm sees
-# Longer sides of the cloth up to which a sphere is framed; at half, one that flies towards it comes from nowhere.
+# Longer sides of the cloth up to which a sphere is framed; at half, one that flies towards it comes
+# from nowhere.
 NEAR = 2.0
 MARGIN = 0.05  # around what a view in perspective shows, as a part of half its longer side
 DIRECTIONS = {
@@ -25,7 +26,7 @@ DIRECTIONS = {
     "top": (0.0, 1.0, 0.0),
     "below": (0.0, -1.0, 0.0),
 }
-"""Named views: from the scene towards the eye. A cloth with the default pins swings across "front"."""
+"""Named views: from the scene towards the eye. A cloth with default pins swings across "front"."""
 
 
 @dataclass(frozen=True, init=False)
@@ -35,14 +36,15 @@ class Camera:
     Parameters
     ----------
     direction : sequence of 3 floats
-        Vector from the scene to the eye, of any length but zero. In the picture y is up; in a view along y, -z is up.
+        Vector from the scene to the eye, of any length but zero. In the picture y is up; in a view
+        along y, -z is up.
     target : sequence of 3 floats
         The point in the middle of the picture [m].
     width, height : float
         Size of the part of the plane through `target` that the picture shows [m], > 0.
     distance : float, optional
-        Distance of the eye from `target` [m], > 0. Default: an orthographic view, in which equal lengths look
-        equal.
+        Distance of the eye from `target` [m], > 0. Default: an orthographic view, in which equal
+        lengths look equal.
 
     Raises
     ------
@@ -64,11 +66,22 @@ class Camera:
     distance: float | None
 
     def __init__(
-        self, direction: Numbers, target: Numbers, width: float, height: float, distance: float | None = None
+        self,
+        direction: Numbers,
+        target: Numbers,
+        width: float,
+        height: float,
+        distance: float | None = None,
     ) -> None:
         lengths = {"width": width, "height": height, "distance": distance}
-        made = {name: check.vector(name, value) for name, value in (("direction", direction), ("target", target))}
-        made |= {n: v if v is None else check.number(n, v, minimum=0, exclusive=True) for n, v in lengths.items()}
+        made = {
+            name: check.vector(name, value)
+            for name, value in (("direction", direction), ("target", target))
+        }
+        made |= {
+            n: v if v is None else check.number(n, v, minimum=0, exclusive=True)
+            for n, v in lengths.items()
+        }
         if not any(made["direction"]):
             raise ValueError(f"direction must not be the zero vector, got {direction!r}")
         self.__dict__.update(made)
@@ -126,7 +139,8 @@ def direction_of(value: Any) -> tuple[float, float, float]:
             return x, y, z
     names = ", ".join(map(repr, DIRECTIONS))
     raise ValueError(
-        f"camera must be a Camera, a direction of 3 numbers that are not all 0, or one of {names}, got {check.shown(value)}"
+        "camera must be a Camera, a direction of 3 numbers that are not all 0, or one of "
+        f"{names}, got {check.shown(value)}"
     )
 
 
@@ -141,7 +155,8 @@ def nearest(plane: Any, place: npt.ArrayLike, t: float = 0.0) -> Floats:
 
 
 def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[Floats]:
-    """What a picture frames, along `axes`, shape (3, n): the mass points, and the outline of each sphere near them.
+    """What a picture frames, along `axes`, shape (3, n): the mass points, and the outline of each
+    sphere near them.
 
     A wide sphere has no outline: where the cloth touches it, the mass points are framed.
     """
@@ -149,11 +164,16 @@ def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[F
     low, high = np.full((3, 1), np.inf), np.full((3, 1), -np.inf)
     for frame in x:
         seen = np.einsum("pk,ak->ap", frame.reshape(-1, 3), axes)
-        low, high = np.fmin(low, seen.min(axis=1, keepdims=True)), np.fmax(high, seen.max(axis=1, keepdims=True))
+        low, high = (
+            np.fmin(low, seen.min(axis=1, keepdims=True)),
+            np.fmax(high, seen.max(axis=1, keepdims=True)),
+        )
         yield seen
     side = max(scene.cloth.size)
     for sphere in scene.spheres:
-        centers = np.einsum("pk,ak->ap", np.atleast_2d(sphere.center_at(np.asarray(t, float))), axes)
+        centers = np.einsum(
+            "pk,ak->ap", np.atleast_2d(sphere.center_at(np.asarray(t, float))), axes
+        )
         away = centers - np.clip(centers, low - NEAR * side, high + NEAR * side)
         near = (np.abs(away) <= sphere.radius).all(axis=0)
         if near.any() and not is_wide(sphere, scene):
@@ -162,13 +182,13 @@ def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[F
 
 
 def extremes(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> tuple[Floats, Floats]:
-    """Lowest and highest coordinates along `axes` of the cloth and of the spheres near it at all times."""
+    """Lowest and highest coordinates along `axes` of cloth and spheres near it at all times."""
     low, high = zip(*((part.min(axis=1), part.max(axis=1)) for part in _points(scene, x, t, axes)))
     return np.min(low, axis=0), np.max(high, axis=0)
 
 
 def eye_of(camera: Camera, scene: Any) -> Floats:
-    """Position of the eye [m]; for an orthographic view, the position that a perspective view would have."""
+    """Position of the eye [m]; for an orthographic view, that of a perspective view."""
     usual = DISTANCE * max(camera.width, camera.height, *scene.cloth.size)
     return np.asarray(camera.target + (camera.distance or usual) * camera.axes()[2])
 
@@ -192,6 +212,10 @@ def camera_for(value: Any, scene: Any, x: Floats, t: npt.ArrayLike) -> Camera:
     camera = Camera.around(direction, np.stack([low, high]) @ axes)
     distance, middle = DISTANCE * max(camera.width, camera.height), axes @ camera.target
     parts = (part - middle[:, None] for part in _points(scene, x, t, axes))
-    sides = np.max([np.abs(seen[:2] * distance / (distance - seen[2])).max(axis=1) for seen in parts], axis=0)
+    sides = np.max(
+        [np.abs(seen[:2] * distance / (distance - seen[2])).max(axis=1) for seen in parts], axis=0
+    )
     width, height = 2 * (sides + MARGIN * (sides.max() or 1.0))
-    return replace(camera, width=float(max(width, height)), height=float(height), distance=float(distance))
+    return replace(
+        camera, width=float(max(width, height)), height=float(height), distance=float(distance)
+    )

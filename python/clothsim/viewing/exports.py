@@ -20,23 +20,29 @@ from ..run.trajectory import interpolated
 from .picture import file_path
 
 # Suffix -> module of `formats`.
-FORMATS = {".usdc": "usd", ".usda": "usd", ".glb": "gltf"} | dict.fromkeys((".obj", ".ply", ".pvd", ".pc2"), "meshes")
+FORMATS = {".usdc": "usd", ".usda": "usd", ".glb": "gltf"} | dict.fromkeys(
+    (".obj", ".ply", ".pvd", ".pc2"), "meshes"
+)
 MOST_FPS = 1e5  # frames/s
-SAME_TIME = 1e-9  # part of the time between two stored frames; a frame closer to a stored one is that one
-# Interpolation errors, in grid spacings. A tenth shows as a dent where the cloth lies on a sphere; a whole spacing moves a
-# mass point to where its neighbour belongs.
+# Part of the time between two stored frames; a frame closer to a stored one is that one.
+SAME_TIME = 1e-9
+# Interpolation errors, in grid spacings. A tenth shows as a dent where the cloth lies on a sphere;
+# a whole spacing moves a mass point to where its neighbour belongs.
 VISIBLE, USELESS = 0.1, 1.0
 
 
 def checked(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType]:
-    """The file of an export of a run of `scene`, and the module that writes it; `name` names `path` in messages."""
+    """The file of an export of a run of `scene`, and the module that writes it; `name` names `path`
+    in messages.
+    """
     path = file_path(name, path)
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise ValueError(f"{name} must end in one of {', '.join(FORMATS)}, got {str(path)!r}")
     if min(scene.cloth.shape) < 2:
         raise ValueError(
-            f"{name} {str(path)!r} needs a surface, a cloth of at least 2 x 2 mass points, got shape {scene.cloth.shape}"
+            f"{name} {str(path)!r} needs a surface, a cloth of at least 2 x 2 mass points, "
+            f"got shape {scene.cloth.shape}"
         )
     if FORMATS[suffix] == "usd":
         needed("pxr", f"export to {suffix}", "export")
@@ -44,15 +50,30 @@ def checked(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType
 
 
 def export(
-    run: Any, path: str | os.PathLike[str], fps: float | None = None, z_up: bool = False, progress: bool = False
+    run: Any,
+    path: str | os.PathLike[str],
+    fps: float | None = None,
+    z_up: bool = False,
+    progress: bool = False,
 ) -> list[Path]:
-    """`Run.export`: the files, moved to their places once all are complete. With `progress`, a bar counts frames."""
+    """`Run.export`: the files, moved to their places once all are complete. With `progress`, a bar
+    counts frames.
+    """
     path, module = checked(run.scene, path)
-    fps = None if fps is None else check.number("fps", fps, minimum=0, exclusive=True, maximum=MOST_FPS)
+    fps = (
+        None
+        if fps is None
+        else check.number("fps", fps, minimum=0, exclusive=True, maximum=MOST_FPS)
+    )
     if check.boolean("z_up", z_up) and path.suffix.lower() == ".glb":
-        raise ValueError("z_up must be False for .glb, where y is always up: importers turn it, Blender's too")
+        raise ValueError(
+            "z_up must be False for .glb, where y is always up: importers turn it, Blender's too"
+        )
     clip = Clip(run, fps, z_up)
-    with ProgressBar(progress, total=len(clip), unit="frame", desc="export") as bar, files.folder_beside(path) as folder:
+    with (
+        ProgressBar(progress, total=len(clip), unit="frame", desc="export") as bar,
+        files.folder_beside(path) as folder,
+    ):
         clip.advance = bar.advance
         return files.put(module.write(clip, folder / path.name), path.parent)
 
@@ -70,33 +91,46 @@ class Frame(NamedTuple):
 class Clip:
     """A run as frames of a surface, in the axes of the file; `z_up` writes (x, y, z) as (x, -z, y).
 
-    `fps` is the number of frames per second, or None for the stored frames at their own times; the attribute then has their
-    rate, or None if they are not evenly spaced. `advance` is called after each frame. `times` [s] begin at 0. `uv`, shape
-    (points, 2), are texture coordinates: from above, with x to the right, a picture is upright and not mirrored.
+    `fps` is the number of frames per second, or None for the stored frames at their own times; the
+    attribute then has their rate, or None if they are not evenly spaced. `advance` is called after
+    each frame. `times` [s] begin at 0. `uv`, shape (points, 2), are texture coordinates: from
+    above, with x to the right, a picture is upright and not mirrored.
     """
 
     def __init__(self, run: Any, fps: float | None, z_up: bool) -> None:
         self.scene, self.z_up, self._run = run.scene, z_up, run
         self.spheres, self.triangles = tuple(run.scene.spheres), triangles(run.scene.cloth.shape)
         rows, columns = run.scene.cloth.shape
-        self.uv = np.stack(np.meshgrid(np.linspace(0, 1, columns), np.linspace(1, 0, rows)), -1).reshape(-1, 2)
+        self.uv = np.stack(
+            np.meshgrid(np.linspace(0, 1, columns), np.linspace(1, 0, rows)), -1
+        ).reshape(-1, 2)
         self.advance: Callable[[], Any] = lambda: None
         duration = run.t[-1] - run.t[0]
         if fps is None:
             self.times = np.asarray(run.t - run.t[0])
             steps = np.diff(self.times)
-            self.fps = float(f"{len(steps) / duration:.12g}") if np.ptp(steps) <= 1e-6 * steps.max() else None
+            self.fps = (
+                float(f"{len(steps) / duration:.12g}")
+                if np.ptp(steps) <= 1e-6 * steps.max()
+                else None
+            )
         else:
             self.fps = fps
             self.times = np.arange(int(duration * fps * (1 + SAME_TIME)) + 1) / fps
             if len(self.times) < 2:
                 raise ValueError(
-                    f"fps must be at least {1 / duration:.6g} for a run of {duration:g} s, got {fps:g}; "
-                    "fps=None writes the stored frames"
+                    f"fps must be at least {1 / duration:.6g} for a run of {duration:g} s, got "
+                    f"{fps:g}; fps=None writes the stored frames"
                 )
-        self._gaps = np.clip(np.searchsorted(run.t, self.times + run.t[0], "right") - 1, 0, len(run.t) - 2)
-        parts = (self.times + run.t[0] - run.t[self._gaps]) / (run.t[self._gaps + 1] - run.t[self._gaps])
-        self._stored = np.where(np.abs(parts - parts.round()) < SAME_TIME, self._gaps + parts.round().astype(int), -1)
+        self._gaps = np.clip(
+            np.searchsorted(run.t, self.times + run.t[0], "right") - 1, 0, len(run.t) - 2
+        )
+        parts = (self.times + run.t[0] - run.t[self._gaps]) / (
+            run.t[self._gaps + 1] - run.t[self._gaps]
+        )
+        self._stored = np.where(
+            np.abs(parts - parts.round()) < SAME_TIME, self._gaps + parts.round().astype(int), -1
+        )
         if fps is not None and (self._stored < 0).any():
             _check_interpolation(run, fps)
 
@@ -129,42 +163,65 @@ class Clip:
     def depth(self, k: int, places: Floats) -> Floats:
         """Depth of places from the centre of sphere or plane `k` below its surface [m]."""
         radius = self.spheres[k].radius
-        return -(places @ self.normal(k)) if np.isinf(radius) else radius - np.linalg.norm(places, axis=-1)
+        return (
+            -(places @ self.normal(k))
+            if np.isinf(radius)
+            else radius - np.linalg.norm(places, axis=-1)
+        )
 
     def _turned(self, vectors: Floats) -> Floats:
-        return np.stack([vectors[..., 0], -vectors[..., 2], vectors[..., 1]], -1) if self.z_up else vectors
+        return (
+            np.stack([vectors[..., 0], -vectors[..., 2], vectors[..., 1]], -1)
+            if self.z_up
+            else vectors
+        )
 
     def normals(self, positions: Floats) -> Floats:
-        """Unit normals of the mass points: the area-weighted mean of their triangles' normals, or y where it is 0."""
+        """Unit normals of the mass points: the area-weighted mean of their triangles' normals, or y
+        where it is 0.
+        """
         a, b, c = (positions[self.triangles[:, k]] for k in range(3))
         weights, corners = np.repeat(np.cross(b - a, c - a), 3, axis=0), self.triangles.ravel()
-        normals = np.stack([np.bincount(corners, weights[:, k], len(positions)) for k in range(3)], -1)
+        normals = np.stack(
+            [np.bincount(corners, weights[:, k], len(positions)) for k in range(3)], -1
+        )
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
         return np.where(length > 0, normals / np.where(length > 0, length, 1.0), [0.0, 1.0, 0.0])
 
 
 def between(run: Any, before: int, after: int, t: float) -> tuple[Floats, Floats]:
-    """Positions and velocities at the time `t` [s] between two stored frames; see `interpolated`."""
+    """Positions and velocities at a time `t` [s] between two stored frames; see `interpolated`."""
     states = [(run.x[k], run.v[k]) for k in (before, after)]
-    return interpolated(t, [run.scene], float(run.t[before]), float(run.t[after] - run.t[before]), *states)
+    return interpolated(
+        t, [run.scene], float(run.t[before]), float(run.t[after] - run.t[before]), *states
+    )
 
 
 def _check_interpolation(run: Any, fps: float) -> None:
     """Give a warning or an error if stored frames are too far apart for the requested frames.
 
-    Each inner stored frame is interpolated from its two neighbours, which are about twice as far apart as stored frames. The
-    error between stored frames is therefore a sixteenth of that where the motion is smooth, and half of it at a bounce.
+    Each inner stored frame is interpolated from its two neighbours, which are about twice as far
+    apart as stored frames. The error between stored frames is therefore a sixteenth of that where
+    the motion is smooth, and half of it at a bounce.
     """
-    cure = f"simulate with every={1 / fps:.6g} to store the frames exported, or export with fps=None"
+    cure = (
+        f"simulate with every={1 / fps:.6g} to store the frames exported, or export with fps=None"
+    )
     if len(run.t) < 3:
         raise ValueError(
             f"run must store frames between its first and last state to be exported at {fps:g} "
             f"frames a second, got {len(run.t)} frames; {cure}"
         )
-    away = (between(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k] for k in range(1, len(run.t) - 1))
-    error, spacing = max(float(np.linalg.norm(one, axis=-1).max()) for one in away), min(run.scene.cloth.spacing)
+    away = (
+        between(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k] for k in range(1, len(run.t) - 1)
+    )
+    error, spacing = (
+        max(float(np.linalg.norm(one, axis=-1).max()) for one in away),
+        min(run.scene.cloth.spacing),
+    )
     found = (
-        f"a stored frame interpolated from its neighbours is wrong by {error:.3g} m, with a grid spacing of {spacing:.3g} m"
+        f"a stored frame interpolated from its neighbours is wrong by {error:.3g} m, with a "
+        f"grid spacing of {spacing:.3g} m"
     )
     if error > USELESS * spacing:
         raise ValueError(f"stored frames of run are too far apart to interpolate: {found}; {cure}")

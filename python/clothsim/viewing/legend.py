@@ -1,4 +1,6 @@
-"""What the colours and lengths of a picture mean: values of mass points, colour scales, and the label below a picture."""
+"""What the colours and lengths of a picture mean: values of mass points, colour scales, and the
+label below a picture.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,20 @@ from ..base.extras import needed
 
 Pixels = npt.NDArray[np.uint8]
 
-# Stops at equal distances, dark to light or light to dark: lightness alone orders them. The pages have the same.
+# Stops at equal distances, dark to light or light to dark: lightness alone orders them. The pages
+# have the same.
 VIRIDIS = ("440154", "472c7a", "3b518b", "2c718e", "21908d", "27ad81", "5cc863", "aadc32", "fde725")
 HEAT = ("b8bfcc", "d3b0aa", "de998a", "db7d6a", "d0604f", "bd4338", "a22a2a", "821520", "5f0515")
-# Part of all values that a scale holds. At half, folds are lost above it; pins stretch the last hundredth five times as far.
+# Part of all values that a scale holds. At half, folds are lost above it; pins stretch the last
+# hundredth five times as far.
 TOP_PART = 0.99
 LEAST_DEPTH = 1e-3  # m, at the end of the scale where nothing is inside
 UNKNOWN = np.array([0.5, 0.5, 0.5])  # a value that is not finite
-TITLES = {"stretch": ("stretch", "%", 100.0), "speed": ("speed", "m/s", 1.0), "depth": ("depth", "mm", 1000.0)}
+TITLES = {
+    "stretch": ("stretch", "%", 100.0),
+    "speed": ("speed", "m/s", 1.0),
+    "depth": ("depth", "mm", 1000.0),
+}
 NAMES = ("faces", *TITLES)
 
 
@@ -39,7 +47,9 @@ class Scale:
 
     def rgb(self) -> Floats:
         """Colours of the stops as RGB in [0, 1]."""
-        return np.array([[int(stop[k : k + 2], 16) for k in (0, 2, 4)] for stop in self.stops]) / 255
+        return (
+            np.array([[int(stop[k : k + 2], 16) for k in (0, 2, 4)] for stop in self.stops]) / 255
+        )
 
     def colors(self, values: Floats) -> Floats:
         """The colours of values, shape (..., 3), 0 to 1."""
@@ -50,7 +60,9 @@ class Scale:
 
 
 def values_of(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats | None:
-    """The value at each mass point of states of shape (frames, rows, columns, 3), or None where points have none."""
+    """The value at each mass point of states of shape (frames, rows, columns, 3), or None where
+    points have none.
+    """
     if isinstance(color, str):
         check.choice("color", color, NAMES)
         if color == "stretch":
@@ -69,7 +81,9 @@ def values_of(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats | N
 
 
 def scale_of(color: Any, values: Floats, limits: Any) -> Scale:
-    """The scale of all `values`, which begins at 0 for the named ones, or lies between `limits` in SI units."""
+    """The scale of all `values`, which begins at 0 for the named ones, or lies between `limits` in
+    SI units.
+    """
     known = values[np.isfinite(values)]
     title, unit, factor = TITLES[color] if isinstance(color, str) else ("", "", 1.0)
     named = (title, unit, factor)
@@ -119,12 +133,22 @@ def length_in_words(length: float) -> str:
     return f"{length:g} m"
 
 
-def labelled(pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | None, note: str = "") -> Pixels:
-    """The picture above a strip that shows the time [s], a length, and the colour scale; a note has a line above it."""
-    image, pen, fonts = (needed(f"PIL.{name}", "label=True", "plot") for name in ("Image", "ImageDraw", "ImageFont"))
+def labelled(
+    pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | None, note: str = ""
+) -> Pixels:
+    """The picture above a strip that shows the time [s], a length, and the colour scale; a note has
+    a line above it.
+    """
+    image, pen, fonts = (
+        needed(f"PIL.{name}", "label=True", "plot") for name in ("Image", "ImageDraw", "ImageFont")
+    )
     width = pixels.shape[1]
     cell = width / LEAST_WIDTH
-    base, edge, font = (13 if note else 0) * cell + 12 * cell, 5 * cell, fonts.load_default(10 * cell)
+    base, edge, font = (
+        (13 if note else 0) * cell + 12 * cell,
+        5 * cell,
+        fonts.load_default(10 * cell),
+    )
     strip = image.new("RGB", (width, round(base + 5 * cell)), "white")
     draw = pen.Draw(strip)
     if note:
@@ -133,7 +157,11 @@ def labelled(pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | N
     length = nice_length(0.17 * width / pixels_per_metre)
     left, right = 0.26 * width, 0.26 * width + length * pixels_per_metre
     line = max(1, round(0.8 * cell))
-    for x0, x1, high in ((left, right, line), (left, left + line, 4 * cell), (right - line, right, 4 * cell)):
+    for x0, x1, high in (
+        (left, right, line),
+        (left, left + line, 4 * cell),
+        (right - line, right, 4 * cell),
+    ):
         draw.rectangle((round(x0), round(base - high), round(x1) - 1, round(base) - 1), INK)
     draw.text((right + 2.5 * cell, base), length_in_words(length), INK, font, anchor="ls")
     if scale is not None:
@@ -144,6 +172,10 @@ def labelled(pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | N
         left = round(right - 0.13 * width)
         bar = scale.colors(np.linspace(scale.low, scale.high, right - left))
         bar = np.broadcast_to(bar, (round(7 * cell), *bar.shape))
-        strip.paste(image.fromarray(np.round(255 * bar).astype(np.uint8)), (left, round(base) - len(bar)))
-        draw.text((left - 2.5 * cell, base), f"{scale.title} {low}".lstrip(), INK, font, anchor="rs")
+        strip.paste(
+            image.fromarray(np.round(255 * bar).astype(np.uint8)), (left, round(base) - len(bar))
+        )
+        draw.text(
+            (left - 2.5 * cell, base), f"{scale.title} {low}".lstrip(), INK, font, anchor="rs"
+        )
     return np.concatenate([pixels, np.asarray(strip)])

@@ -1,6 +1,7 @@
 """Notebook output of a run or a scene: its lines and a picture, or the page itself.
 
-Lines and picture are HTML without a script: JupyterLab and nbviewer show both, also where a notebook is not trusted.
+Lines and picture are HTML without a script: JupyterLab and nbviewer show both, also where a
+notebook is not trusted.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ WIDTH = 400  # pixels; beside the lines of a run in a notebook
 
 
 def bundle(text: str, picture: Picture) -> dict[str, Any]:
-    """MIME types -> data: HTML of text and picture, and the picture alone (for nbconvert to PDF)."""
+    """MIME types -> data: HTML of text and picture, and the picture (for nbconvert to PDF)."""
     png = b64encode(picture._repr_png_()).decode("ascii")
     html = (
-        f'<div><pre style="display: inline-block; vertical-align: top; margin-right: 2em">{escape(text)}</pre>'
-        f'<img style="vertical-align: top" width="{picture.pixels.shape[1]}" alt="cloth and spheres" '
+        '<div><pre style="display: inline-block; vertical-align: top; margin-right: '
+        f'2em">{escape(text)}</pre>'
+        f'<img style="vertical-align: top" width="{picture.pixels.shape[1]}" alt="cloth and '
+        'spheres" '
         f'src="data:image/png;base64,{png}"></div>'
     )
     return {"text/html": html, "image/png": png}
@@ -37,7 +40,8 @@ def runs_html(runs: Mapping[str, Run]) -> str:
     """Labels and pictures of the last frames, side by side."""
     cells = (bundle(label, run.picture(width=WIDTH))["text/html"] for label, run in runs.items())
     box = '<div style="display: inline-block; vertical-align: top"'
-    return f"<div>{''.join(one.replace('inline-block', 'block').replace('<div', box) for one in cells)}</div>"
+    boxes = (one.replace("inline-block", "block").replace("<div", box) for one in cells)
+    return f"<div>{''.join(boxes)}</div>"
 
 
 def scene_bundle(scene: Scene) -> dict[str, Any]:
@@ -46,14 +50,15 @@ def scene_bundle(scene: Scene) -> dict[str, Any]:
 
 
 class Frame:
-    """A page inside a notebook: an iframe that holds all of it and may run scripts, nothing else."""
+    """A page in a notebook: an iframe that holds all of it and may run scripts, nothing else."""
 
     def __init__(self, page: str, text: str, height: int) -> None:
         self.page, self.text, self.height = page, text, height
 
     def _repr_html_(self) -> str:
         return (
-            f'<iframe sandbox="allow-scripts allow-downloads" srcdoc="{escape(self.page, quote=True)}" title="clothsim" '
+            '<iframe sandbox="allow-scripts allow-downloads" '
+            f'srcdoc="{escape(self.page, quote=True)}" title="clothsim" '
             f'style="width: 100%; height: {self.height}px; border: 0"></iframe>'
         )
 

@@ -1,7 +1,8 @@
 """One self-contained page that plays runs: `Run.to_html`, `compare`.
 
-The page uses WebGL directly. A snapshot of k3d shows only one scene, without curves and without cloth inside a sphere in
-red. Everything is inside the file, and its content security policy forbids requests. `pack` says how frames are stored.
+The page uses WebGL directly. A snapshot of k3d shows only one scene, without curves and without
+cloth inside a sphere in red. Everything is inside the file, and its content security policy forbids
+requests. `pack` says how frames are stored.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
 from .plots import COLORS, curves
 
-# Times the narrowest view of the runs of a page. A cloth that was thrown off is wider; at twice it makes others small, at
-# half two scenes of different size do not both fit.
+# Times the narrowest view of the runs of a page. A cloth that was thrown off is wider; at twice it
+# makes others small, at half two scenes of different size do not both fit.
 WIDER = 2.5
 MOST_RUNS = 8  # a browser keeps 16 canvases of WebGL alive, and eight panels fill a screen
 FLAT = 1e6  # radius of the sphere that stands for a plane, in longer sides of the cloth
@@ -45,7 +46,10 @@ SHORTEST = 4.0  # s; a run that is over sooner is shown slowed down
 SPEEDS = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4)
 VIEWS = ("corner", "front", "right", "top")
 TURNED_BY = "On a focused cloth shift and arrows turn, plus and minus enlarge, 0 goes back."
-HELP = "Drag turns, wheel or pinch enlarges, a click shows the values of a mass point, space plays, arrows step."
+HELP = (
+    "Drag turns, wheel or pinch enlarges, a click shows the values of a mass point, space "
+    "plays, arrows step."
+)
 SHADING = {
     "front": raster.CLOTH_FRONT.tolist(),
     "back": raster.CLOTH_BACK.tolist(),
@@ -72,10 +76,11 @@ class Comparison:
         self._distances = _differences(self.runs) if difference else []
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
-        """Write one self-contained page that plays the runs side by side, with one slider and their curves below.
+        """Write one self-contained page that plays the runs side by side, with one slider and their
+        curves below.
 
-        docs/look.md shows its controls. `title` is the heading, by default the labels. Rounding and errors are those of
-        `Run.to_html`.
+        docs/look.md shows its controls. `title` is the heading, by default the labels. Rounding and
+        errors are those of `Run.to_html`.
         """
         path = file_path("path", path)
         title = " and ".join(self.runs) if title is None else check.instance("title", title, str)
@@ -83,11 +88,15 @@ class Comparison:
 
     def show(self, height: int = 600) -> Frame:
         """The page for a notebook cell; `height` is 300 to 4000 pixels."""
-        title, height = " and ".join(self.runs), check.integer("height", height, minimum=300, maximum=4000)
+        title, height = (
+            " and ".join(self.runs),
+            check.integer("height", height, minimum=300, maximum=4000),
+        )
         return Frame(self._page(title), f"<{title}, to be played in a notebook>", height)
 
     def picture(self, t: float | None = None, **style: Any) -> Picture:
-        """The runs side by side, in one view: the stored frames nearest to the time `t` [s], by default the last ones.
+        """The runs side by side, in one view: the stored frames nearest to the time `t` [s], by
+        default the last ones.
 
         A run that is shorter shows its last frame. `style` are further arguments of `Run.picture`.
         """
@@ -96,7 +105,10 @@ class Comparison:
         times = (None if t is None else min(t, float(run.t[-1])) for run in self.runs.values())
         shown = [run.picture(t=one, **style).pixels for run, one in zip(self.runs.values(), times)]
         height = max(map(len, shown))  # the label of a run "as printed" has a further line
-        padded = [np.pad(one, ((0, height - len(one)), (0, 0), (0, 0)), constant_values=255) for one in shown]
+        padded = [
+            np.pad(one, ((0, height - len(one)), (0, 0), (0, 0)), constant_values=255)
+            for one in shown
+        ]
         return Picture(np.concatenate(padded, axis=1))
 
     def _page(self, title: str) -> str:
@@ -117,13 +129,15 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
     runs : mapping of str to Run
         Label -> run, 1 to 8 of them. Scenes and stored times may differ.
     difference : bool, default False
-        Whether the page also shows the distance \|x - x_first\| to the first run, as a colour and as a curve of its root
-        mean square. It requires cloths of one shape, and that the first run has stored all times of the others.
+        Whether the page also shows the distance \|x - x_first\| to the first run, as a colour and
+        as a curve of its root mean square. It requires cloths of one shape, and that the first run
+        has stored all times of the others.
 
     Returns
     -------
     Comparison
-        Its ``to_html(path)`` writes the page, ``picture(t=)`` draws the runs, ``show()`` plays them in a notebook.
+        Its ``to_html(path)`` writes the page, ``picture(t=)`` draws the runs, ``show()`` plays them
+        in a notebook.
 
     See Also
     --------
@@ -131,7 +145,8 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
 
     Examples
     --------
-    >>> runs = {name: cs.simulate(cs.scenes.paper_static(name), 0.1, dt=1e-3, every=5) for name in ("reflect", "ray")}
+    >>> scenes = {name: cs.scenes.paper_static(name) for name in ("reflect", "ray")}
+    >>> runs = {name: cs.simulate(scenes[name], 0.1, dt=1e-3, every=5) for name in scenes}
     >>> cs.compare(runs)
     <Comparison of 'reflect', 'ray'>
     """
@@ -151,13 +166,15 @@ def _differences(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
     """The differences of the further runs to the first, at all their times."""
     (first, base), *others = runs.items()
     if not others:
-        raise ValueError(f"difference must be False unless there are two runs at least, got {first!r} alone")
+        raise ValueError(
+            f"difference must be False unless there are two runs at least, got {first!r} alone"
+        )
     found = [difference_of(base, run) for _, run in others]
     for (label, run), one in zip(others, found, strict=True):
         if len(one["t"]) < len(run):
             raise ValueError(
-                f"difference=True needs times of {label!r} that {first!r} has stored too, got {len(one['t'])} of "
-                f"{len(run)}: give fps= or times= to simulate"
+                f"difference=True needs times of {label!r} that {first!r} has stored too, got "
+                f"{len(one['t'])} of {len(run)}: give fps= or times= to simulate"
             )
     return found
 
@@ -165,7 +182,11 @@ def _differences(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
 def _title_of(scene: Scene) -> str:
     """The name of a ready scene, or what the scene has."""
     responses = ", ".join(dict.fromkeys(sphere.response for sphere in scene.spheres))
-    made = {f"{f.__name__}, {responses}": f(responses) for f in (paper_static, paper_moving) if responses in RESPONSES}
+    made = {
+        f"{f.__name__}, {responses}": f(responses)
+        for f in (paper_static, paper_moving)
+        if responses in RESPONSES
+    }
     made |= {f.__name__: f() for f in (paper_swing, hanging, oscillator)}
     rows, columns = scene.cloth.shape
     other = f"Cloth of {rows} x {columns} points" + (f", response {responses}" if responses else "")
@@ -173,20 +194,31 @@ def _title_of(scene: Scene) -> str:
 
 
 def alone(run: Run, title: str | None = None) -> Comparison:
-    """A comparison with one run, labelled with the title of its page, for `Run.to_html` and `Run.show`."""
-    return Comparison({_title_of(run.scene) if title is None else check.instance("title", title, str): run})
+    """A comparison of one run, labelled with its page's title, for `Run.to_html` and `Run.show`."""
+    return Comparison(
+        {_title_of(run.scene) if title is None else check.instance("title", title, str): run}
+    )
 
 
-def page_body(title: str, runs: Mapping[str, Run], distances: Sequence[Mapping[str, Any]] = (), more: str = "") -> str:
-    """The body of a page that plays runs, with `more` below its controls; `distances` are those of `_differences`."""
+def page_body(
+    title: str, runs: Mapping[str, Run], distances: Sequence[Mapping[str, Any]] = (), more: str = ""
+) -> str:
+    """The body of a page that plays runs, with `more` below its controls; `distances` are those of
+    `_differences`.
+    """
     cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
     meta, data = _contents(runs, cameras, distances)
-    posters = [poster(r.scene, r.x[-1], float(r.t[-1]), camera) for r, camera in zip(runs.values(), cameras, strict=True)]
+    posters = [
+        poster(r.scene, r.x[-1], float(r.t[-1]), camera)
+        for r, camera in zip(runs.values(), cameras, strict=True)
+    ]
     panels = "".join(
-        f'<figure class="run"><figcaption><span id="key-{k}"></span> <b>{escape(label) if len(runs) > 1 else ""}</b> '
+        f'<figure class="run"><figcaption><span id="key-{k}"></span> '
+        f"<b>{escape(label) if len(runs) > 1 else ''}</b> "
         f'<span id="says-{k}"></span>'
         f'</figcaption><div class="stage">{posters[k]}<canvas id="canvas-{k}" '
-        f'tabindex="0" role="application" aria-label="Cloth and spheres of {escape(label or title)}. {TURNED_BY}">'
+        'tabindex="0" role="application" aria-label="Cloth and spheres of '
+        f'{escape(label or title)}. {TURNED_BY}">'
         "</canvas></div></figure>"
         for k, label in enumerate(runs)
     )
@@ -205,7 +237,15 @@ def page_text(title: str, body: str, after: str = "") -> str:
     """The text of a self-contained page that makes no request; `after` follows its scripts."""
     code = "\n".join(map(web_file, ("draw.js", "orbit.js", "charts.js", "page.js")))
     shading, style = json_text(SHADING), web_file("page.css")
-    return filled("frame.html", title=escape(title), style=style, body=body, shading=shading, code=code, after=after)
+    return filled(
+        "frame.html",
+        title=escape(title),
+        style=style,
+        body=body,
+        shading=shading,
+        code=code,
+        after=after,
+    )
 
 
 def web_file(name: str) -> str:
@@ -222,7 +262,9 @@ def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
     duration = max(float(run.t[-1] - run.t[0]) for run in runs.values())
     usual = max(s for s in SPEEDS if s <= max(min(1.0, duration / SHORTEST), SPEEDS[0]))
     speeds = "".join(
-        f'<option value="{s}"{" selected" if s == usual else ""}>{s if s >= 1 else f"1/{round(1 / s)}"} x</option>'
+        "<option "
+        f'value="{s}"{" selected" if s == usual else ""}>{s if s >= 1 else f"1/{round(1 / s)}"} '
+        "x</option>"
         for s in SPEEDS
     )
     texts = {"depth": "depth below a sphere", "difference": f"difference to {next(iter(runs))}"}
@@ -240,14 +282,16 @@ def _sparse(runs: Mapping[str, Run]) -> str:
     if not short:
         return ""
     return (
-        f'<p id="few">Only the marked times are stored of {escape(", ".join(short))}, so nothing between them is shown: '
+        f'<p id="few">Only the marked times are stored of {escape(", ".join(short))}, so '
+        "nothing between them is shown: "
         "give fps=30 to simulate for a film.</p>\n"
     )
 
 
 def _views() -> str:
     buttons = "".join(
-        f'<button type="button" data-direction="{json.dumps(DIRECTIONS[name])}">{name}</button>' for name in VIEWS
+        f'<button type="button" data-direction="{json.dumps(DIRECTIONS[name])}">{name}</button>'
+        for name in VIEWS
     )
     return f'<span class="views">view {buttons}</span>'
 
@@ -263,7 +307,9 @@ def _contents(
 ) -> tuple[dict[str, Any], str]:
     """Settings of the page, and its script elements with the frames."""
     values = {"stretch": [point_stretch(run.scene, run.x) for run in runs.values()]}
-    values["speed"] = [np.array([np.linalg.norm(v, axis=-1).ravel() for v in run.v]) for run in runs.values()]
+    values["speed"] = [
+        np.array([np.linalg.norm(v, axis=-1).ravel() for v in run.v]) for run in runs.values()
+    ]
     lines = [curves(run) for run in runs.values()]
     if distances:
         away = [one["distance"].reshape(len(one["t"]), -1) for one in distances]
@@ -272,7 +318,9 @@ def _contents(
             line["difference"] = one["rms"]
     ends = {"max": 1.0, "top": TOP_PART}
     tops = {
-        name: {end: max(float(np.quantile(one, part)) for one in each) for end, part in ends.items()}
+        name: {
+            end: max(float(np.quantile(one, part)) for one in each) for end, part in ends.items()
+        }
         for name, each in values.items()
     }
     if 0 < max(len(run.scene.spheres) for run in runs.values()) <= MOST_SPHERES:
@@ -280,11 +328,15 @@ def _contents(
         tops["depth"] = {"max": deepest or 1e-3}
     entries, data = [], ""
     for k, (label, run) in enumerate(runs.items()):
-        packed = pack(run.x, [each[k] for each in values.values()], [tops[name]["max"] for name in values])
+        packed = pack(
+            run.x, [each[k] for each in values.values()], [tops[name]["max"] for name in values]
+        )
         base64 = b64encode(packed.data).decode("ascii")
         data += f'<script type="application/octet-stream" id="data-{k}">{base64}</script>\n'
         cloth = run.scene.cloth
-        spheres = [as_ball(s, run.t if s.motion else run.t[:1], run.x[0], cloth) for s in run.scene.spheres]
+        spheres = [
+            as_ball(s, run.t if s.motion else run.t[:1], run.x[0], cloth) for s in run.scene.spheres
+        ]
         entries.append(
             {
                 "label": label,
@@ -301,29 +353,47 @@ def _contents(
                 "curves": {name: _rounded(values, 6) for name, values in lines[k].items()},
             }
         )
-    return {"tops": tops, "names": list(values), "camera": _camera(runs, cameras), "runs": entries}, data
+    return {
+        "tops": tops,
+        "names": list(values),
+        "camera": _camera(runs, cameras),
+        "runs": entries,
+    }, data
 
 
 def common_view(views: list[Camera]) -> Camera:
-    """A view that contains all of `views`, except far wider ones, beside which the others would be small."""
+    """A view of all of `views`, except far wider ones, beside which the others would be small."""
     views = [view for view in views if view.width <= WIDER * min(one.width for one in views)]
     target = np.mean([view.target for view in views], axis=0)
     far = [2 * float(np.linalg.norm(view.target - target)) for view in views]
-    width, height = (max(getattr(v, side) + d for v, d in zip(views, far)) for side in ("width", "height"))
-    return Camera(DIRECTIONS["corner"], target, width, height, max(v.distance or 0.0 for v in views))
+    width, height = (
+        max(getattr(v, side) + d for v, d in zip(views, far)) for side in ("width", "height")
+    )
+    return Camera(
+        DIRECTIONS["corner"], target, width, height, max(v.distance or 0.0 for v in views)
+    )
 
 
 def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
     """The view of the page, and a distance from its target that holds all runs."""
     view = common_view(views)
     far = 1.05 * max(reach(run.scene, run.x, run.t, np.array(view.target)) for run in runs.values())
-    return {"direction": view.direction, "target": view.target, "reach": far, "width": view.width, "height": view.height}
+    return {
+        "direction": view.direction,
+        "target": view.target,
+        "reach": far,
+        "width": view.width,
+        "height": view.height,
+    }
 
 
 def poster(scene: Scene, x: np.ndarray, t: float, camera: Camera) -> str:
     """A state as a picture, for readers without scripts, WebGL or WebGPU."""
     png = picture(scene, x, t, camera=camera, width=POSTER_WIDTH)._repr_png_()
-    return f'<img alt="Cloth and spheres at t = {t:g} s" src="data:image/png;base64,{b64encode(png).decode("ascii")}">'
+    return (
+        f'<img alt="Cloth and spheres at t = {t:g} s" '
+        f'src="data:image/png;base64,{b64encode(png).decode("ascii")}">'
+    )
 
 
 def _rounded(values: Any, digits: int) -> list[float | None]:
@@ -352,12 +422,14 @@ class Packed(NamedTuple):
 
 
 def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
-    """Positions, shape (frames, rows, columns, 3), in 16 bits, and values, shape (frames, points), in 8 bits, deflated.
+    """Positions, shape (frames, rows, columns, 3), in 16 bits, and values, shape (frames, points),
+    in 8 bits, deflated.
 
-    Positions of a run are integers q, 0 to 65535, between its lowest and highest coordinate on each axis: x = low + step q.
-    Second differences in time, q[k] - 2 q[k-1] + q[k-2], are small where a cloth moves smoothly. Their low bytes and high
-    bytes are stored apart, which makes nearly all high bytes 0 and lets deflate remove them. A value is stored as the
-    square root of value / top, in 255 levels: a scale that ends far below the top still has many colours.
+    Positions of a run are integers q, 0 to 65535, between its lowest and highest coordinate on each
+    axis: x = low + step q. Second differences in time, q[k] - 2 q[k-1] + q[k-2], are small where a
+    cloth moves smoothly. Their low bytes and high bytes are stored apart, which makes nearly all
+    high bytes 0 and lets deflate remove them. A value is stored as the square root of value / top,
+    in 255 levels: a scale that ends far below the top still has many colours.
     """
     frames = len(x)
     flat = x.reshape(frames, -1, 3)
@@ -384,10 +456,16 @@ def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
 
 
 def as_ball(sphere: Sphere | Plane, t: Floats, x: Floats, cloth: Cloth) -> dict[str, Any]:
-    """A sphere of the page: radius and centres. A plane becomes a sphere so large that it looks flat below the cloth's
-    start."""
+    """A sphere of the page: radius and centres. A plane becomes a sphere so large that it looks
+    flat below the cloth's start.
+    """
     radius, centers = sphere.radius, sphere.center_at(t)
     if isinstance(sphere, Plane):
         radius = FLAT * max(cloth.size)
-        centers = centers + nearest(sphere, x.mean(axis=(0, 1))) - sphere.center_at(0.0) - radius * sphere.unit_normal
+        centers = (
+            centers
+            + nearest(sphere, x.mean(axis=(0, 1)))
+            - sphere.center_at(0.0)
+            - radius * sphere.unit_normal
+        )
     return {"radius": radius, "centers": [_rounded(c, 15) for c in centers]}

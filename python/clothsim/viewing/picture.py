@@ -42,7 +42,8 @@ class Style(NamedTuple):
 
 
 class Drawing:
-    """Pictures of the states x, v at times t, arrays of shape (frames, rows, columns, 3) and (frames,); `v` may be None.
+    """Pictures of the states x, v at times t, arrays of shape (frames, rows, columns, 3) and
+    (frames,); `v` may be None.
 
     All share one view, one ground and one colour scale.
     """
@@ -52,21 +53,26 @@ class Drawing:
         self.width = check.integer("width", style.width, minimum=16, maximum=WIDEST)
         self.label = check.boolean("label", style.label)
         if self.label and self.width < LEAST_WIDTH:
-            raise ValueError(f"width must be at least {LEAST_WIDTH} with label=True, got {style.width}")
+            raise ValueError(
+                f"width must be at least {LEAST_WIDTH} with label=True, got {style.width}"
+            )
         self.shadow = check.boolean("ground", style.ground)
         self.planes = _ground(scene, x, t) if self.shadow else []
         self.camera: Camera = camera_for(style.camera, scene, x, t)
         height = self.width * self.camera.height / self.camera.width
         if not height <= WIDEST:
             raise ValueError(
-                f"camera must be at most {WIDEST / self.width:.3g} times as tall as wide with width={self.width}, which are "
-                f"{WIDEST} pixels, got height {self.camera.height:g} m and width {self.camera.width:g} m"
+                f"camera must be at most {WIDEST / self.width:.3g} times as tall as wide with "
+                f"width={self.width}, which are {WIDEST} pixels, got height "
+                f"{self.camera.height:g} m and width {self.camera.width:g} m"
             )
         self.values = values_of(style.color, scene, x, v)
         self.by_depth = isinstance(style.color, str) and style.color == "depth"
         shown = deepest(scene.spheres, x, t)["triangles"] if self.by_depth else self.values
         if shown is None and style.limits is not None:
-            raise ValueError(f'limits must be None with color="faces", got {check.shown(style.limits)}')
+            raise ValueError(
+                f'limits must be None with color="faces", got {check.shown(style.limits)}'
+            )
         self.scale = None if shown is None else scale_of(style.color, shown, style.limits)
 
     def pixels(self, k: int) -> Pixels:
@@ -82,15 +88,25 @@ class Drawing:
         balls += [Ball(point, size, PIN, solid=False) for point in x[cloth.pinned]]
         shade = DARK_SPHERE if self.by_depth else GROUND
         walls = [
-            Plane(nearest(s, self.camera.target, t), PLANE_REACH * self.camera.width, s.unit_normal, shade, solid=True)
+            Plane(
+                nearest(s, self.camera.target, t),
+                PLANE_REACH * self.camera.width,
+                s.unit_normal,
+                shade,
+                solid=True,
+            )
             for s in self.scene.spheres
             if np.isinf(s.radius)
         ]
-        colors = None if self.scale is None or self.values is None else self.scale.colors(self.values[k])
+        colors = (
+            None if self.scale is None or self.values is None else self.scale.colors(self.values[k])
+        )
         if min(cloth.shape) < 2:  # a single row has no surface: its mass points are shown
             shades = np.broadcast_to(CLOTH_FRONT, x.shape) if colors is None else colors
             free = ~cloth.pinned
-            balls += [Ball(point, size, shade, solid=False) for point, shade in zip(x[free], shades[free])]
+            balls += [
+                Ball(point, size, shade, solid=False) for point, shade in zip(x[free], shades[free])
+            ]
         drawn = render(
             x,
             balls,
@@ -114,7 +130,12 @@ def _ground(scene: Any, x: Floats, t: Floats) -> list[Plane]:
         return []
     low, high = extremes(scene, x, t, np.eye(3))
     size = float(np.linalg.norm(high - low))
-    return [Plane(((low[0] + high[0]) / 2, low[1] - GROUND_GAP * size, (low[2] + high[2]) / 2), GROUND_REACH * size)]
+    return [
+        Plane(
+            ((low[0] + high[0]) / 2, low[1] - GROUND_GAP * size, (low[2] + high[2]) / 2),
+            GROUND_REACH * size,
+        )
+    ]
 
 
 class Picture:
@@ -156,7 +177,10 @@ class Picture:
         else:
             image = needed("PIL.Image", f"a picture as {path.suffix or 'no format'!r}", "plot")
             if path.suffix.lower() not in image.registered_extensions():
-                raise ValueError(f"path must end in .png or in another suffix that Pillow knows, got {str(path)!r}")
+                raise ValueError(
+                    "path must end in .png or in another suffix that Pillow knows, got "
+                    f"{str(path)!r}"
+                )
             with files.replacing(path) as part:
                 image.fromarray(self.pixels).save(part)
         return path
@@ -169,7 +193,10 @@ class Picture:
             (b"IDAT", b"".join(_compressed(self.pixels.reshape(height, 3 * width)))),
             (b"IEND", b""),
         )
-        packed = (struct.pack(">I", len(d)) + kind + d + struct.pack(">I", zlib.crc32(kind + d)) for kind, d in chunks)
+        packed = (
+            struct.pack(">I", len(d)) + kind + d + struct.pack(">I", zlib.crc32(kind + d))
+            for kind, d in chunks
+        )
         return b"\x89PNG\r\n\x1a\n" + b"".join(packed)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
@@ -182,7 +209,9 @@ class Picture:
 
 
 def _compressed(rows: Pixels) -> Iterator[bytes]:
-    """The stream of rows by the filter Sub, which packs pictures of a cloth 3 % better than a choice for each row."""
+    """The stream of rows by the filter Sub, which packs pictures of a cloth 3 % better than a
+    choice for each row.
+    """
     packer = zlib.compressobj(6)
     band = max(1, BAND // rows.shape[1])
     for first in range(0, len(rows), band):
@@ -216,9 +245,9 @@ def picture(
 ) -> Picture:
     """Draw a cloth and its spheres, with shadows and a ground. Cloth inside a sphere is red.
 
-    The initially upper face of the cloth is blue, the lower one sand-coloured; spheres are grey. Where cloth lies under the
-    surface of a sphere by more than 1e-5 of the picture's width, the surface is red, and stronger with depth up to 10 mm.
-    Dark dots are pins.
+    The initially upper face of the cloth is blue, the lower one sand-coloured; spheres are grey.
+    Where cloth lies under the surface of a sphere by more than 1e-5 of the picture's width, the
+    surface is red, and stronger with depth up to 10 mm. Dark dots are pins.
 
     Parameters
     ----------
@@ -227,31 +256,35 @@ def picture(
     x : array_like, optional
         Positions [m], shape (rows, columns, 3). Default: the scene's initial positions.
     t : float, optional
-        Time [s], which determines the places of moving spheres. Required where a sphere moves and `x` is given; else 0.
+        Time [s], which determines the places of moving spheres. Required where a sphere moves and
+        `x` is given; else 0.
     v : array_like, optional
         Velocities [m/s], shape (rows, columns, 3), for ``color="speed"``.
     camera : Camera, str or sequence of 3 floats, optional
         A view, or the direction from the scene to the eye: a vector, or one of "corner", "front",
-        "back", "left", "right", "top" and "below". A direction gives a view in perspective of the whole cloth, and of each
-        sphere near it that is narrower than the cloth; a wider one is ground or wall. Default: "corner". A `Camera` without
-        a distance is orthographic: lengths can be compared.
+        "back", "left", "right", "top" and "below". A direction gives a view in perspective of the
+        whole cloth, and of each sphere near it that is narrower than the cloth; a wider one is
+        ground or wall. Default: "corner". A `Camera` without a distance is orthographic: lengths
+        can be compared.
     width : int, default 640
         Pixels along the picture, 16 to 8192; its height follows from the view.
     path : path-like, optional
         File to write as well; see `Picture.save`.
     color : str or array_like, default "faces"
-        Colours of the cloth: "faces", "stretch", "speed" or "depth", or a number for each mass point. "stretch" is
-        l/L - 1 of the most stretched spring at a point, "depth" that of each place of the cloth below a sphere's surface.
-        An array has shape (rows, columns).
+        Colours of the cloth: "faces", "stretch", "speed" or "depth", or a number for each mass
+        point. "stretch" is l/L - 1 of the most stretched spring at a point, "depth" that of each
+        place of the cloth below a sphere's surface. An array has shape (rows, columns).
     limits : (float, float), optional
-        Ends of the colour scale, in SI units. Default: 0 and the 99th percentile; for "depth", 0 and the
-        greatest depth; for an array, its least and greatest number.
+        Ends of the colour scale, in SI units. Default: 0 and the 99th percentile; for "depth", 0
+        and the greatest depth; for an array, its least and greatest number.
     label : bool, default False
-        Add a strip below the picture: the time, a length, and the colour scale (Pillow, extra "plot"). ``>`` at the end of
-        the scale means that some values are greater. A line above the scale says "as printed" if a sphere has that
-        response. In perspective the length holds in the plane through the view's target. Requires `width` >= 320.
+        Add a strip below the picture: the time, a length, and the colour scale (Pillow, extra
+        "plot"). ``>`` at the end of the scale means that some values are greater. A line above the
+        scale says "as printed" if a sphere has that response. In perspective the length holds in
+        the plane through the view's target. Requires `width` >= 320.
     ground : bool, default True
-        Soft shadows, and a ground below all that the view frames if no sphere is as wide as the cloth.
+        Soft shadows, and a ground below all that the view frames if no sphere is as wide as the
+        cloth.
 
     Returns
     -------
@@ -280,15 +313,23 @@ def picture(
     return _drawn(Drawing(scene, x[None], v, np.array([t]), style), 0, path)
 
 
-def picture_of_run(run: Any, frame: int | None, t: float | None, path: str | Path | None, **style: Any) -> Picture:
-    """`Run.picture`. One camera and one colour scale hold all frames, so that pictures of a run can be compared."""
+def picture_of_run(
+    run: Any, frame: int | None, t: float | None, path: str | Path | None, **style: Any
+) -> Picture:
+    """`Run.picture`. One camera and one colour scale hold all frames, so that pictures of a run can
+    be compared.
+    """
     count = len(run.t)
     if t is not None:
         if frame is not None:
             raise ValueError(f"frame must be None with t, got frame = {frame!r} and t = {t!r}")
         t = check.number("t", t, minimum=float(run.t[0]), maximum=float(run.t[-1]))
         frame = int(np.abs(run.t - t).argmin())
-    k = count - 1 if frame is None else check.integer("frame", frame, minimum=-count, maximum=count - 1) % count
+    k = (
+        count - 1
+        if frame is None
+        else check.integer("frame", frame, minimum=-count, maximum=count - 1) % count
+    )
     path = None if path is None else file_path("path", path)
     return _drawn(Drawing(run.scene, run.x, run.v, run.t, Style(**style)), k, path)
 

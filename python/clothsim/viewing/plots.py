@@ -1,6 +1,8 @@
-"""Plots by matplotlib: curves of a run, and pictures of Datasets of `sweep`, `stability_map` and `work_precision`.
+"""Plots by matplotlib: curves of a run, and pictures of Datasets of `sweep`, `stability_map` and
+`work_precision`.
 
-Each function for a Dataset draws on the matplotlib axes `ax`, or on those of a new figure, and returns the axes.
+Each function for a Dataset draws on the matplotlib axes `ax`, or on those of a new figure, and
+returns the axes.
 """
 
 from __future__ import annotations
@@ -26,8 +28,9 @@ from .picture import file_path
 if TYPE_CHECKING:
     from ..accuracy.fit import Fit
 
-# Okabe and Ito's palette: readers with any colour vision tell these colours apart. The least Lab distance of two of them
-# is 16 in simulations of the three deficiencies, and grey would have 9 to pink and green.
+# Okabe and Ito's palette: readers with any colour vision tell these colours apart. The least Lab
+# distance of two of them is 16 in simulations of the three deficiencies, and grey would have 9 to
+# pink and green.
 BLACK, BLUE, GREEN, RED, YELLOW = "#000000", "#0072B2", "#009E73", "#D55E00", "#F0E442"
 COLORS = (BLUE, RED, GREEN, BLACK, "#CC79A7", "#E69F00", "#56B4E9", YELLOW)
 GREY, LIGHT_GREY = "0.5", "0.85"
@@ -39,25 +42,46 @@ DASHES = ("-", "--", ":", "-.", (0, (7, 2, 1, 2, 1, 2)))
 DPI = 120
 """Pixels per inch of a picture file."""
 
-_DASHES = {("dt", "double"): "-", ("dt", "single"): ":", ("rtol", "double"): "-.", ("rtol", "single"): (0, (7, 2, 1, 2))}
+_DASHES = {
+    ("dt", "double"): "-",
+    ("dt", "single"): ":",
+    ("rtol", "double"): "-.",
+    ("rtol", "single"): (0, (7, 2, 1, 2)),
+}
 _HOLLOW = {"mfc": "white", "ls": "none", "zorder": 3}
 
-# A mass point touches a sphere if it is closer than the contact radius and this part of the spacing. Half of it misses
-# points that bounce while they rest, twice of it counts points that only pass.
+# A mass point touches a sphere if it is closer than the contact radius and this part of the
+# spacing. Half of it misses points that bounce while they rest, twice of it counts points that only
+# pass.
 TOUCH = 1 / 32
 
 
 def style(k: int) -> dict[str, Any]:
-    """Colour, marker and dash of the line number `k` of a figure; lines of one colour differ in marker and dash."""
-    return {"color": COLORS[k % len(COLORS)], "marker": MARKERS[k % len(MARKERS)], "ls": DASHES[k % len(DASHES)], "ms": 4}
+    """Colour, marker and dash of the line number `k` of a figure; lines of one colour differ in
+    marker and dash.
+    """
+    return {
+        "color": COLORS[k % len(COLORS)],
+        "marker": MARKERS[k % len(MARKERS)],
+        "ls": DASHES[k % len(DASHES)],
+        "ms": 4,
+    }
 
 
-def shown_axes(ax: Any = None, columns: int = 1, width: float = 6.4, height: float = 4.6, **options: Any) -> list[Any]:
-    """The axes that a caller gave, `columns` of them, or the axes of a new figure that pyplot shows."""
+def shown_axes(
+    ax: Any = None, columns: int = 1, width: float = 6.4, height: float = 4.6, **options: Any
+) -> list[Any]:
+    """The `columns` axes that a caller gave, or those of a new figure that pyplot shows."""
     given = [] if ax is None else list(np.ravel(ax))
     if not given:
         pyplot = needed("matplotlib.pyplot", "plot", "plot")
-        given = list(np.ravel(pyplot.subplots(1, columns, figsize=(width, height), layout="constrained", **options)[1]))
+        given = list(
+            np.ravel(
+                pyplot.subplots(
+                    1, columns, figsize=(width, height), layout="constrained", **options
+                )[1]
+            )
+        )
         for one in given:
             tidy(one)
     if len(given) != columns or not all(hasattr(one, "plot") for one in given):
@@ -65,26 +89,55 @@ def shown_axes(ax: Any = None, columns: int = 1, width: float = 6.4, height: flo
     return given
 
 
-# From an end of a line [points] to its label, and which side of the text is there; the first that is free is taken.
-PLACES = [(7, 0), (7, -9), (7, 9), (0, -12), (0, 12), (-7, -9), (-7, 9), (-7, 0), (12, -20), (12, 20), (-12, -20), (-12, 20)]
+# From an end of a line [points] to its label, and which side of the text is there; the first that
+# is free is taken.
+PLACES = [
+    (7, 0),
+    (7, -9),
+    (7, 9),
+    (0, -12),
+    (0, 12),
+    (-7, -9),
+    (-7, 9),
+    (-7, 0),
+    (12, -20),
+    (12, 20),
+    (-12, -20),
+    (-12, 20),
+]
 
 
 def label_lines(axes: Any) -> None:
-    """Label each line at one of its points, if possible an end, without overlap with other lines or labels."""
+    """Label each line at a point, if possible an end, without overlap with lines or labels."""
     axes.figure.draw_without_rendering()  # lays out the axes
-    paths = [line.get_transform().transform(line.get_xydata()) for line in axes.lines if len(line.get_xydata())]
-    ink = np.concatenate([np.linspace(a, b, 60) for path in paths for a, b in zip(path, [*path[1:], path[-1]])])
+    paths = [
+        line.get_transform().transform(line.get_xydata())
+        for line in axes.lines
+        if len(line.get_xydata())
+    ]
+    ink = np.concatenate(
+        [np.linspace(a, b, 60) for path in paths for a, b in zip(path, [*path[1:], path[-1]])]
+    )
     taken = np.empty((0, 2, 2))  # lower left and upper right corners of labels [pixels]
     for line in axes.lines:
         points = line.get_xydata()[np.isfinite(line.get_xydata()).all(axis=1)]
         if line.get_label().startswith("_") or not len(points):
             continue
-        look = {"textcoords": "offset points", "fontsize": "small", "color": line.get_color(), "va": "center"}
+        look = {
+            "textcoords": "offset points",
+            "fontsize": "small",
+            "color": line.get_color(),
+            "va": "center",
+        }
         text = axes.annotate(line.get_label(), points[-1], PLACES[0], annotation_clip=False, **look)
         size, pixels = text.get_window_extent().size, axes.transData.transform(points)
         from_ends = sorted(range(len(points)), key=lambda k: min(k + 0.5, len(points) - 1 - k))
         for k, (dx, dy) in product(from_ends, PLACES):
-            low = pixels[k] + np.multiply((dx, dy), axes.figure.dpi / 72) - size * (0.5 - 0.5 * np.sign(dx), 0.5)
+            low = (
+                pixels[k]
+                + np.multiply((dx, dy), axes.figure.dpi / 72)
+                - size * (0.5 - 0.5 * np.sign(dx), 0.5)
+            )
             crossed = ((ink > low - 2) & (ink < low + size + 2)).all(axis=1).any()
             crossed |= ((taken[:, 0] < low + size) & (taken[:, 1] > low)).all(axis=1).any()
             if not crossed and axes.bbox.count_contains([low, low + size]) == 2:
@@ -112,14 +165,17 @@ def touching(scene: Scene, x: Floats, t: float) -> int:
 def curves(run: Any) -> dict[str, Floats]:
     """Each curve, shape (frames,).
 
-    "kinetic", "elastic", "gravity", "force" and "total" [J]; "stretch" of the most stretched spring, l/L - 1;
-    "points" and "triangles", the deepest of each below the true radius of any sphere [m]; "contacts",
-    the number of mass points that touch a sphere. Without a sphere the last three are missing.
+    "kinetic", "elastic", "gravity", "force" and "total" [J]; "stretch" of the most stretched
+    spring, l/L - 1; "points" and "triangles", the deepest of each below the true radius of any
+    sphere [m]; "contacts", the number of mass points that touch a sphere. Without a sphere the last
+    three are missing.
     """
     found: dict[str, Floats] = {**run.energy(), "stretch": run.stretch()["largest"]}
     if run.scene.spheres:
         found |= run.penetration()
-        found["contacts"] = np.array([touching(run.scene, x, float(t)) for x, t in zip(run.x, run.t)], float)
+        found["contacts"] = np.array(
+            [touching(run.scene, x, float(t)) for x, t in zip(run.x, run.t)], float
+        )
     return found
 
 
@@ -147,7 +203,10 @@ def plot_run(run: Any, path: str | Path | None = None) -> Any:
     path = None if path is None else file_path("path", path)
     formats = base().canvas.get_supported_filetypes()
     if path is not None and path.suffix.lower()[1:] not in formats:
-        raise ValueError(f"path must end in one of {', '.join(f'.{name}' for name in formats)}, got {str(path)!r}")
+        raise ValueError(
+            f"path must end in one of {', '.join(f'.{name}' for name in formats)}, got "
+            f"{str(path)!r}"
+        )
 
     class Plot(base):  # type: ignore[misc, valid-type]
         """A figure that a notebook shows without a choice of a backend."""
@@ -172,7 +231,13 @@ def plot_run(run: Any, path: str | Path | None = None) -> Any:
         if not any((found[name] < 0).any() for name in names):
             axis.set_ylim(bottom=0)
         if len(names) > 1:
-            axis.legend(fontsize="small", frameon=False, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+            axis.legend(
+                fontsize="small",
+                frameon=False,
+                loc="upper left",
+                bbox_to_anchor=(1.01, 1.0),
+                borderaxespad=0.0,
+            )
     axes[-1, 0].set_xlabel("time [s]")
     drawn.align_ylabels()
     if path is not None:
@@ -189,14 +254,23 @@ HOLLOW = {**_HOLLOW, "ms": 4, "mec": GREY, "label": UNSURE}
 
 
 def plot(dataset: Any, kind: str | None = None, **options: Any) -> Any:
-    """Draw a sweep: `convergence`, `stability`, `heatmap` or the plot that suits it best. Other Datasets have one plot."""
+    """Draw a sweep: `convergence`, `stability`, `heatmap` or the plot that suits it best. Other
+    Datasets have one plot.
+    """
     if "solver" in dataset.dims or "predicted" in dataset:
         if kind is not None:
             raise ValueError(f"kind must be None for a Dataset that is of no sweep, got {kind!r}")
         return (draw_work_precision if "solver" in dataset.dims else draw_map)(dataset, **options)
     if "status" not in dataset:
-        raise ValueError("dataset must be of sweep, stability_map or work_precision, got one without their variables")
-    draw: dict[str, Callable[..., Any]] = {"convergence": convergence, "stability": stability, "heatmap": heatmap}
+        raise ValueError(
+            "dataset must be of sweep, stability_map or work_precision, got one without "
+            "their variables"
+        )
+    draw: dict[str, Callable[..., Any]] = {
+        "convergence": convergence,
+        "stability": stability,
+        "heatmap": heatmap,
+    }
     return draw[check.choice("kind", kind or suggested(dataset), KINDS)](dataset, **options)
 
 
@@ -204,7 +278,11 @@ def suggested(dataset: Any) -> str:
     """The plot that suits this sweep best."""
     if "error" in dataset and _steered_by(dataset):
         return "convergence"
-    by_outcome = "dt" in dataset.dims and len(_long(dataset)) > 1 and not {*TELLING[:3]} & {*dataset.data_vars}
+    by_outcome = (
+        "dt" in dataset.dims
+        and len(_long(dataset)) > 1
+        and not {*TELLING[:3]} & {*dataset.data_vars}
+    )
     return "stability" if by_outcome else "heatmap"
 
 
@@ -214,10 +292,12 @@ def _steered_by(dataset: Any) -> str | None:
 
 
 def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
-    """Error over dt, rtol or atol, a line for each value of the dimension `along` (the convergence fan).
+    """Error over dt, rtol or atol, a line for each value of the dimension `along` (the convergence
+    fan).
 
-    Select a value of each further dimension first. Crosses at the top mark steps that diverged. The dotted line over dt is
-    the slope of order 4. Hollow circles are errors below the error bound of the reference.
+    Select a value of each further dimension first. Crosses at the top mark steps that diverged. The
+    dotted line over dt is the slope of order 4. Hollow circles are errors below the error bound of
+    the reference.
     """
     by = _steered_by(dataset) or "dt"
     _require(dataset, "error", by)
@@ -225,7 +305,11 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     dataset = _reduced(dataset, by, along)
     (ax,) = shown_axes(ax)
     x = dataset[by].values
-    lines = [dataset] if along is None else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
+    lines = (
+        [dataset]
+        if along is None
+        else [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
+    )
     crosses = np.zeros(len(x))  # per place; they are put below each other
     for k, line in enumerate(lines):
         look = look_of(str(line[along].values)) if along == "integrator" else style(k)
@@ -235,13 +319,21 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
         ax.loglog(x[unsure], error[unsure], **{**look, **_HOLLOW})
         diverged = line["status"].values == UNSTABLE
         height = 0.97 - 0.03 * crosses[diverged]
-        ax.plot(x[diverged], height, "x", ms=5, color=look["color"], transform=ax.get_xaxis_transform())
+        ax.plot(
+            x[diverged], height, "x", ms=5, color=look["color"], transform=ax.get_xaxis_transform()
+        )
         crosses += diverged
-    scaled = dataset["error"].transpose(..., "dt").values / x**4 if by == "dt" and len(x) > 1 else np.zeros(0)
+    scaled = (
+        dataset["error"].transpose(..., "dt").values / x**4
+        if by == "dt" and len(x) > 1
+        else np.zeros(0)
+    )
     if (scaled > 0).any():
         limits = ax.get_ylim()
         # Through the middle of the points, which neither rounding nor a runaway moves.
-        ax.plot(x, np.median(scaled[scaled > 0]) * x**4, ":", color=BLACK, label="order 4", zorder=1)
+        ax.plot(
+            x, np.median(scaled[scaled > 0]) * x**4, ":", color=BLACK, label="order 4", zorder=1
+        )
         ax.set_ylim(limits)
     if _unsure(dataset).any():
         ax.plot([], [], "o", **HOLLOW)
@@ -249,14 +341,22 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     if ax.get_legend_handles_labels()[0]:
         title = None if along is None else _title(dataset[along])
         # Beside the axes: inside, some line would always be under it.
-        ax.legend(title=title, fontsize="small", loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+        ax.legend(
+            title=title,
+            fontsize="small",
+            loc="upper left",
+            bbox_to_anchor=(1.01, 1.0),
+            borderaxespad=0.0,
+        )
     return ax
 
 
 def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
-    """Which members ran to their end, over the dimension `y` and dt, with the guaranteed stable time step as a line.
+    """Which members ran to their end, over the dimension `y` and dt, with the guaranteed stable
+    time step as a line.
 
-    Select a value of each further dimension first. Members below the line do not diverge, except from extreme states.
+    Select a value of each further dimension first. Members below the line do not diverge, except
+    from extreme states.
     """
     _require(dataset, "status", "dt")
     y = _other(dataset, y, [d for d in _long(dataset) if d != "dt"])
@@ -264,12 +364,30 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
         raise ValueError("y must be a dimension beside dt, this sweep has none")
     dataset = _reduced(dataset, "dt", y)
     (ax,) = shown_axes(ax)
-    colors = needed("matplotlib.colors", "plot", "plot").ListedColormap([LIGHT_GREY, BLUE, RED, YELLOW])
-    _mesh(dataset["status"], y, "dt", ax, cmap=colors, vmin=-0.5, vmax=3.5, edgecolors="w", linewidth=0.5)
+    colors = needed("matplotlib.colors", "plot", "plot").ListedColormap(
+        [LIGHT_GREY, BLUE, RED, YELLOW]
+    )
+    _mesh(
+        dataset["status"],
+        y,
+        "dt",
+        ax,
+        cmap=colors,
+        vmin=-0.5,
+        vmax=3.5,
+        edgecolors="w",
+        linewidth=0.5,
+    )
     limit = dataset["max_stable_dt"].max("dt")  # NaN where a member has none
     known = np.isfinite(limit.values)
     limits = ax.get_ylim()
-    ax.plot(_places(dataset[y])[known], limit.values[known], ".-", color=BLACK, label="guaranteed stable dt")
+    ax.plot(
+        _places(dataset[y])[known],
+        limit.values[known],
+        ".-",
+        color=BLACK,
+        label="guaranteed stable dt",
+    )
     ax.set_ylim(limits)
     for code in np.unique(dataset["status"]):
         ax.plot([], [], "s", color=colors(int(code)), label=STATUS[int(code)])
@@ -277,14 +395,23 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
     return ax
 
 
-def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
-    """A metric over the dimensions `x` and `y`: by default the first known of error, sag, penetration and stretch.
+def heatmap(
+    dataset: Any,
+    variable: str | None = None,
+    x: str | None = None,
+    y: str | None = None,
+    ax: Any = None,
+) -> Any:
+    """A metric over the dimensions `x` and `y`: by default the first known of error, sag,
+    penetration and stretch.
 
-    For a sweep with one dimension, a line. Select a value of each further dimension first. Members that diverged are crossed
-    out. An error below the error bound of the reference is a hollow circle. The colour scale is logarithmic if values
-    span more than two decades.
+    For a sweep with one dimension, a line. Select a value of each further dimension first. Members
+    that diverged are crossed out. An error below the error bound of the reference is a hollow
+    circle. The colour scale is logarithmic if values span more than two decades.
     """
-    variable = check.choice("variable", variable or _telling_metric(dataset), list(dataset.data_vars))
+    variable = check.choice(
+        "variable", variable or _telling_metric(dataset), list(dataset.data_vars)
+    )
     free = [d for d in _long(dataset) if d not in (x, y)]
     x = x or (free.pop(0) if free else None)
     y = y or (free.pop(0) if free else None)
@@ -318,15 +445,21 @@ def heatmap(dataset: Any, variable: str | None = None, x: str | None = None, y: 
         rows, columns = np.nonzero(which.transpose(y, x).values)
         ax.plot(_places(data[x])[columns], _places(data[y])[rows], marker, **look)
     if unsure.any():
-        ax.legend(fontsize="small", loc="upper right", bbox_to_anchor=(1.0, -0.12), borderaxespad=0.0)
+        ax.legend(
+            fontsize="small", loc="upper right", bbox_to_anchor=(1.0, -0.12), borderaxespad=0.0
+        )
     return ax
 
 
 def _mesh(values: Any, x: str, y: str, ax: Any, **options: Any) -> Any:
     """A cell for each member, on axes whose numbers are at their values."""
     ax.grid(False)
-    scales = {f"{which}scale": "log" for which, d in (("x", x), ("y", y)) if _logarithmic(values[d])}
-    mesh = values.plot.pcolormesh(x=x, y=y, ax=ax, add_colorbar=False, add_labels=False, **scales, **options)
+    scales = {
+        f"{which}scale": "log" for which, d in (("x", x), ("y", y)) if _logarithmic(values[d])
+    }
+    mesh = values.plot.pcolormesh(
+        x=x, y=y, ax=ax, add_colorbar=False, add_labels=False, **scales, **options
+    )
     _scale(ax, "x", values[x])
     _scale(ax, "y", values[y])
     return mesh
@@ -354,9 +487,13 @@ def _reduced(dataset: Any, *kept: str | None) -> Any:
 
 def _require(dataset: Any, variable: str, dimension: str) -> None:
     if variable not in dataset:
-        raise ValueError(f"this plot needs the metric {variable!r}; there are {list(dataset.data_vars)}")
+        raise ValueError(
+            f"this plot needs the metric {variable!r}; there are {list(dataset.data_vars)}"
+        )
     if dimension not in dataset.dims:
-        raise ValueError(f"this plot needs a sweep over {dimension!r}, got {_grid_dimensions(dataset)}")
+        raise ValueError(
+            f"this plot needs a sweep over {dimension!r}, got {_grid_dimensions(dataset)}"
+        )
 
 
 def _other(dataset: Any, chosen: str | None, others: list[str]) -> str | None:
@@ -376,7 +513,11 @@ def _other(dataset: Any, chosen: str | None, others: list[str]) -> str | None:
 
 def _telling_metric(dataset: Any) -> str:
     dims = dataset["status"].dims
-    names = [str(n) for n, v in dataset.data_vars.items() if n not in RESERVED and v.dtype.kind == "f" and v.dims == dims]
+    names = [
+        str(n)
+        for n, v in dataset.data_vars.items()
+        if n not in RESERVED and v.dtype.kind == "f" and v.dims == dims
+    ]
     known = [name for name in names if np.isfinite(dataset[name]).any()]
     return next((name for name in (*TELLING, *names) if name in known), "status")
 
@@ -392,12 +533,18 @@ def _logarithmic(coordinate: Any) -> bool:
 
 def _places(coordinate: Any) -> np.ndarray:
     """Positions of values on an axis: numbers at their value, labels one after the other."""
-    return coordinate.values.astype(float) if _numeric(coordinate) else np.arange(float(coordinate.size))
+    return (
+        coordinate.values.astype(float)
+        if _numeric(coordinate)
+        else np.arange(float(coordinate.size))
+    )
 
 
 def _scale(ax: Any, which: str, coordinate: Any) -> None:
     if not _numeric(coordinate):
-        getattr(ax, f"set_{which}ticks")(np.arange(coordinate.size), [str(v) for v in coordinate.values])
+        getattr(ax, f"set_{which}ticks")(
+            np.arange(coordinate.size), [str(v) for v in coordinate.values]
+        )
     elif _logarithmic(coordinate):
         getattr(ax, f"set_{which}scale")("log")
     getattr(ax, f"set_{which}label")(_title(coordinate))
@@ -414,17 +561,18 @@ def _tick(value: Any) -> str:
 
 
 def look_of(method: str, others: Sequence[str] = ()) -> dict[str, Any]:
-    """Colour and marker of a method, the same in every plot; methods of others follow those of this package."""
+    """Colour and marker of a method, the same in every plot; others' methods follow our own."""
     names = [*METHODS, *others, method]
     return {**style(names.index(method)), "ls": "-", "lw": 1.2}
 
 
 def draw_work_precision(data: Any, ax: Any = None) -> Any:
-    """Draw error against wall time, and against force evaluations, on two matplotlib axes, given or new.
+    """Draw error against wall time, and against force evaluations, on two matplotlib axes, given or
+    new.
 
-    With one given axes, draw only against wall time. Each method has the same colour and marker in every plot. Methods at
-    tolerances are dash-dotted, "single" has more dots, other libraries are dashed. Points below the error
-    of the reference are hollow.
+    With one given axes, draw only against wall time. Each method has the same colour and marker in
+    every plot. Methods at tolerances are dash-dotted, "single" has more dots, other libraries are
+    dashed. Points below the error of the reference are hollow.
     """
     panels = shown_axes(ax, 1 if np.size(ax) == 1 and ax is not None else 2, 13.0, 6.4, sharey=True)
     precisions = set(data["precision"].values[data["library"].values == OWN])
@@ -447,7 +595,10 @@ def draw_work_precision(data: Any, ax: Any = None) -> Any:
     times, errors = (data[name].values[front][order] for name in ("wall_time", "rms_error"))
     wide = {"color": BLACK, "lw": 5, "alpha": 0.15, "marker": "o", "ms": 11, "zorder": 0}
     panels[0].plot(times, errors, drawstyle="steps-post", **wide)
-    texts = (f"wall time per simulated second [s/s]{'; grey: front' if front.any() else ''}", "force evaluations")
+    texts = (
+        f"wall time per simulated second [s/s]{'; grey: front' if front.any() else ''}",
+        "force evaluations",
+    )
     for panel, text in zip(panels, texts):
         panel.set(xscale="log", yscale="log", xlabel=text)
         if floor > 0:
@@ -468,17 +619,38 @@ def draw_convergence(found: Convergence, ax: Any = None) -> Any:
     (axes,) = shown_axes(ax)
     look = look_of(found.integrator)
     good = np.isfinite(found.rms) & (found.rms > 0)
-    axes.loglog(found.dt[good], found.rms[good], label=f"{found.integrator}, {found.precision}", **look)
+    axes.loglog(
+        found.dt[good], found.rms[good], label=f"{found.integrator}, {found.precision}", **look
+    )
     outside = good & ~found.fitted
     axes.loglog(found.dt[outside], found.rms[outside], label="not fitted", **{**look, **_HOLLOW})
     if found.fitted.sum() > 1:
-        dt, middle = found.dt[found.fitted], np.log(found.rms[found.fitted] / found.dt[found.fitted] ** found.order).mean()
-        axes.loglog(dt, np.exp(middle) * dt**found.order, color=BLACK, ls="--", label=f"order {found.order:.2f}", zorder=1)
-    axes.loglog(found.dt, found.floor, color=BLACK, ls=":", label="floor of the comparison", zorder=1)
+        dt, middle = (
+            found.dt[found.fitted],
+            np.log(found.rms[found.fitted] / found.dt[found.fitted] ** found.order).mean(),
+        )
+        axes.loglog(
+            dt,
+            np.exp(middle) * dt**found.order,
+            color=BLACK,
+            ls="--",
+            label=f"order {found.order:.2f}",
+            zorder=1,
+        )
+    axes.loglog(
+        found.dt, found.floor, color=BLACK, ls=":", label="floor of the comparison", zorder=1
+    )
     unstable = found.dt[np.isinf(found.rms)]
     if unstable.size:
         top = axes.get_xaxis_transform()
-        axes.plot(unstable, np.full(unstable.size, 0.97), "x", color=look["color"], transform=top, label="unstable")
+        axes.plot(
+            unstable,
+            np.full(unstable.size, 0.97),
+            "x",
+            color=look["color"],
+            transform=top,
+            label="unstable",
+        )
     axes.set(xlabel="time step dt [s]", ylabel=f"rms error after {found.reference.t[-1]:g} s [m]")
     axes.legend(fontsize="small", frameon=False)
     return axes
@@ -491,22 +663,31 @@ def draw_fit(found: Fit, ax: Any = None) -> Any:
     residuals = found.residuals.reshape(data.shape)
     spread = np.nan_to_num(np.nanmax(data, axis=0) - np.nanmin(data, axis=0))
     for n, k in enumerate(np.argsort(-spread.max(axis=1), kind="stable")[:3]):
-        c, place = int(spread[k].argmax()), tuple(map(int, np.unravel_index(k, found.positions.shape[1:-1])))
+        c, place = (
+            int(spread[k].argmax()),
+            tuple(map(int, np.unravel_index(k, found.positions.shape[1:-1]))),
+        )
         label = f"{'xyz'[c]} of point {place if len(place) > 1 else f'number {k}'}"
         curves.plot(found.times, data[:, k, c], "o", ms=4, color=COLORS[n], label=label)
         curves.plot(found.times, data[:, k, c] - residuals[:, k, c], "-", color=COLORS[n])
     curves.set(xlabel="time [s]", ylabel="position [m]", title="measured (dots) and fitted")
     curves.legend(fontsize="small")
-    off.plot(found.times, residuals.reshape(len(found.times), -1) * 1e3, ".", ms=3, color=BLUE, alpha=0.5)
+    off.plot(
+        found.times, residuals.reshape(len(found.times), -1) * 1e3, ".", ms=3, color=BLUE, alpha=0.5
+    )
     for side in (-1, 1):
         off.axhline(side * 2e3 * found.report["sigma"], color=GREY, ls="--")
-    off.set(xlabel="time [s]", ylabel="measured less fitted [mm]", title="residuals; dashed: 2 sigma")
+    off.set(
+        xlabel="time [s]", ylabel="measured less fitted [mm]", title="residuals; dashed: 2 sigma"
+    )
     names, deviation = [*found.values], np.sqrt(np.diag(found.covariance))
     correlation = found.covariance / np.outer(deviation, deviation)
     matrix.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1)
     for i, j in np.argwhere(np.isfinite(correlation)):
         color = "white" if abs(correlation[i, j]) > 0.6 else BLACK
-        matrix.text(j, i, f"{correlation[i, j]:.2f}", ha="center", va="center", fontsize=8, color=color)
+        matrix.text(
+            j, i, f"{correlation[i, j]:.2f}", ha="center", va="center", fontsize=8, color=color
+        )
     labels = [name if np.isfinite(found.values[name]) else f"{name} (unknown)" for name in names]
     matrix.set_xticks(range(len(names)), labels, rotation=30, ha="right")
     matrix.set_yticks(range(len(names)), labels)
@@ -516,21 +697,42 @@ def draw_fit(found: Fit, ax: Any = None) -> Any:
 
 
 def draw_map(data: Any, ax: Any = None) -> Any:
-    """Draw stable and unstable runs, with lines of the predicted limit and the guarantee, and return the axes."""
+    """Draw stable and unstable runs, with lines of the predicted limit and the guarantee, and
+    return the axes.
+    """
     (axes,) = shown_axes(ax, width=7, height=5)
-    stable, predicted = (data[name].transpose("stiffness", "dt").values for name in ("stable", "predicted"))
+    stable, predicted = (
+        data[name].transpose("stiffness", "dt").values for name in ("stable", "predicted")
+    )
     k, dt = np.meshgrid(data["stiffness"], data["dt"], indexing="ij")
-    for mask, color, marker, label in ((stable, BLUE, "o", "stable"), (~stable, RED, "x", "unstable")):
+    for mask, color, marker, label in (
+        (stable, BLUE, "o", "stable"),
+        (~stable, RED, "x", "unstable"),
+    ):
         axes.plot(k[mask], dt[mask], marker, color=color, markersize=5, label=label, clip_on=False)
     rising = data.sortby("stiffness")
-    for name, dash, label in (("limit", "-", "predicted at the start"), ("guarantee", "--", "guaranteed")):
+    for name, dash, label in (
+        ("limit", "-", "predicted at the start"),
+        ("guarantee", "--", "guaranteed"),
+    ):
         if np.isfinite(rising[name]).any():
             axes.plot(rising["stiffness"], rising[name], dash, color=BLACK, label=label)
     title = "{integrator}, {precision}: {steps} steps".format_map(data.attrs)
-    axes.set(xscale="log", yscale="log", xlabel="stiffness K [N/m]", ylabel="time step dt [s]", title=title)
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="stiffness K [N/m]",
+        ylabel="time step dt [s]",
+        title=title,
+    )
     if (~stable & predicted).any():
-        note = "Crosses below the predicted limit: it is that of the initial state, and the cloth moves on to others"
-        axes.text(0.5, 1.0, note, transform=axes.transAxes, ha="center", va="bottom", fontsize="small")
+        note = (
+            "Crosses below the predicted limit: it is that of the initial state, and the cloth "
+            "moves on to others"
+        )
+        axes.text(
+            0.5, 1.0, note, transform=axes.transAxes, ha="center", va="bottom", fontsize="small"
+        )
         axes.set_title(title, pad=20)
     axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)
     return axes

@@ -1,4 +1,4 @@
-"""Colours of pictures, and how a cloth and its spheres lie in them. The core draws (cpp/picture)."""
+"""Colours of pictures, and how cloth and spheres lie in them. The core draws (cpp/picture)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from .. import _core
 from ..base import Floats
 from .camera import Camera
 
-# Colours that stay apart under each of the three colour vision deficiencies (tests/view measure it).
+# Colours that stay apart under each of the three colour vision deficiencies (tests/view measure
+# it).
 BACKGROUND = np.array([1.0, 1.0, 1.0])
 CLOTH_FRONT = np.array([0.27, 0.47, 0.72])
 CLOTH_BACK = np.array([0.87, 0.73, 0.45])
 SPHERE = np.array([0.80, 0.81, 0.83])
-DARK_SPHERE = np.array([0.42, 0.44, 0.48])  # beside a cloth coloured by depth, which is pale outside
+DARK_SPHERE = np.array(
+    [0.42, 0.44, 0.48]
+)  # beside a cloth coloured by depth, which is pale outside
 PIN = np.array([0.15, 0.15, 0.15])
 PENETRATION = np.array([0.86, 0.08, 0.10])
 FULL_RED_DEPTH = 0.010  # m; cloth this deep under the sphere's surface is painted fully red
@@ -40,7 +43,9 @@ class Ball(NamedTuple):
 
 
 class Plane(NamedTuple):
-    """A plane through `point`, seen from the side of its `normal`; it fades out up to `radius` [m] from the point."""
+    """A plane through `point`, seen from the side of its `normal`; it fades out up to `radius` [m]
+    from the point.
+    """
 
     point: npt.ArrayLike
     radius: float
@@ -61,20 +66,32 @@ def render(
     shadow: bool = False,
     threads: int = 1,
 ) -> npt.NDArray[np.uint8]:
-    """Draw the cloth with mass points at `positions` [m], shape (rows, columns, 3), balls and planes.
+    """Draw the cloth with mass points at `positions` [m], shape (rows, columns, 3), balls and
+    planes.
 
     The picture has shape (height, width, 3); its height follows from the camera. `colors` of the
-    mass points, shape (rows, columns, 3), are 0 to 1; without them each face has its own. `depth`, a `legend.Scale`, colours
-    each place of the cloth by its depth in a solid. With `shadow`, the light from the side casts shadows.
+    mass points, shape (rows, columns, 3), are 0 to 1; without them each face has its own. `depth`,
+    a `legend.Scale`, colours each place of the cloth by its depth in a solid. With `shadow`, the
+    light from the side casts shadows.
     """
     height = max(1, round(width * camera.height / camera.width))
     axes, scale = camera.axes(), SAMPLES * width / camera.width
     points = np.ascontiguousarray(positions, float)
     view = _core.View(
-        width=width, height=height, axes=axes, target=camera.target, scale=scale, distance=camera.distance or 0.0
+        width=width,
+        height=height,
+        axes=axes,
+        target=camera.target,
+        scale=scale,
+        distance=camera.distance or 0.0,
     )
     shading = _core.Shading(
-        colors={"background": BACKGROUND, "front": CLOTH_FRONT, "back": CLOTH_BACK, "penetration": PENETRATION},
+        colors={
+            "background": BACKGROUND,
+            "front": CLOTH_FRONT,
+            "back": CLOTH_BACK,
+            "penetration": PENETRATION,
+        },
         full_red_depth=FULL_RED_DEPTH,
         least_red=LEAST_RED,
         key=KEY / np.linalg.norm(KEY),
@@ -93,12 +110,17 @@ def render(
         normals=_normals(points),
         colors=None if colors is None else np.ascontiguousarray(colors, float),
         balls=[[*np.asarray(b.center), b.radius, *b.color, b.solid] for b in balls],
-        planes=[[*np.asarray(p.point), *np.asarray(p.normal), p.radius, *p.color, p.solid] for p in planes],
+        planes=[
+            [*np.asarray(p.point), *np.asarray(p.normal), p.radius, *p.color, p.solid]
+            for p in planes
+        ],
         threads=threads,
     )
 
 
-def _on_screen(points: Floats, camera: Camera, axes: Floats, scale: float, width: int, height: int) -> Floats:
+def _on_screen(
+    points: Floats, camera: Camera, axes: Floats, scale: float, width: int, height: int
+) -> Floats:
     """Samples to the right and down, and nearness; see Sheet in cpp/picture/frame.hpp."""
     seen = np.einsum("rck,ak->rca", points - camera.target, axes)
     nearness = seen[..., 2]
@@ -106,7 +128,9 @@ def _on_screen(points: Floats, camera: Camera, axes: Floats, scale: float, width
         ahead = camera.distance - nearness
         nearness = 1 / np.where(ahead > 0, ahead, np.nan)
         seen *= (camera.distance * nearness)[..., None]
-    return np.stack([width / 2 + scale * seen[..., 0], height / 2 - scale * seen[..., 1], nearness], -1)
+    return np.stack(
+        [width / 2 + scale * seen[..., 0], height / 2 - scale * seen[..., 1], nearness], -1
+    )
 
 
 def _normals(points: Floats) -> Floats:

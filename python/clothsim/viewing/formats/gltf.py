@@ -1,7 +1,7 @@
 """Binary glTF 2.0: every frame a morph target, played by an animation of their weights.
 
-Importers play morph targets: Blender as shape keys, three.js and Babylon.js as they are. One mesh per frame would need
-animated visibility of nodes, a glTF extension that few programs read.
+Importers play morph targets: Blender as shape keys, three.js and Babylon.js as they are. One mesh
+per frame would need animated visibility of nodes, a glTF extension that few programs read.
 """
 
 from __future__ import annotations
@@ -22,14 +22,17 @@ from .meshes import surface
 FLOAT, UNSIGNED = 5126, 5125
 VERTICES, INDICES = 34962, 34963
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
-# Radians by which the normals of the first frame are off. With the normals of the triangles, as on a flat sheet, Blender
-# shades flat in all frames. Its limit is 4.5e-4. At twice, no change is visible either.
+# Radians by which the normals of the first frame are off. With the normals of the triangles, as on
+# a flat sheet, Blender shades flat in all frames. Its limit is 4.5e-4. At twice, no change is
+# visible either.
 TILT = 2e-3
 
 
 def linear(color: npt.NDArray[np.float64]) -> tuple[float, float, float]:
     """An sRGB colour in linear light, as materials have it."""
-    red, green, blue = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4).tolist()
+    red, green, blue = np.where(
+        color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4
+    ).tolist()
     return red, green, blue
 
 
@@ -54,7 +57,11 @@ class _File:
             {
                 "name": name,
                 "doubleSided": name == "cloth",
-                "pbrMetallicRoughness": {"baseColorFactor": [*color, 1.0], "metallicFactor": 0.0, "roughnessFactor": rough},
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": [*color, 1.0],
+                    "metallicFactor": 0.0,
+                    "roughnessFactor": rough,
+                },
             }
             for name, (color, rough) in MATERIALS.items()
         ]
@@ -72,37 +79,63 @@ class _File:
         self.json[name].append(entry)
         return len(self.json[name]) - 1
 
-    def accessor(self, values: npt.NDArray[Any], target: int | None = None, bounds: bool = False) -> int:
-        """Add an accessor of float32 values, or of uint32 if `values` are integers; return its number."""
+    def accessor(
+        self, values: npt.NDArray[Any], target: int | None = None, bounds: bool = False
+    ) -> int:
+        """Add an accessor of float32, or of uint32 if `values` are integers; return its number."""
         whole = values.dtype.kind == "i"
         data = np.ascontiguousarray(values, "<u4" if whole else "<f4")
         view = {"buffer": 0, "byteOffset": self._length, "byteLength": data.nbytes}
         self._parts.append(data.tobytes())
         self._length += data.nbytes
         entry: dict[str, Any] = {
-            "bufferView": self.add("bufferViews", view | ({} if target is None else {"target": target})),
+            "bufferView": self.add(
+                "bufferViews", view | ({} if target is None else {"target": target})
+            ),
             "componentType": UNSIGNED if whole else FLOAT,
             "count": len(data),
             "type": KINDS[1 if data.ndim == 1 else data.shape[1]],
         }
         if bounds:
-            entry |= {"min": np.atleast_1d(data.min(axis=0)).tolist(), "max": np.atleast_1d(data.max(axis=0)).tolist()}
+            entry |= {
+                "min": np.atleast_1d(data.min(axis=0)).tolist(),
+                "max": np.atleast_1d(data.max(axis=0)).tolist(),
+            }
         return self.add("accessors", entry)
 
-    def mesh(self, name: str, positions: Any, normals: Any, corners: Any, uv: Any = None, targets: Any = None) -> int:
-        attributes = {"POSITION": self.accessor(positions, VERTICES, True), "NORMAL": self.accessor(normals, VERTICES)}
+    def mesh(
+        self,
+        name: str,
+        positions: Any,
+        normals: Any,
+        corners: Any,
+        uv: Any = None,
+        targets: Any = None,
+    ) -> int:
+        attributes = {
+            "POSITION": self.accessor(positions, VERTICES, True),
+            "NORMAL": self.accessor(normals, VERTICES),
+        }
         if uv is not None:
             attributes["TEXCOORD_0"] = self.accessor(uv, VERTICES)
         indices = self.accessor(corners.ravel(), INDICES)
-        primitive = {"attributes": attributes, "indices": indices, "material": list(MATERIALS).index(name)}
+        primitive = {
+            "attributes": attributes,
+            "indices": indices,
+            "material": list(MATERIALS).index(name),
+        }
         if targets is None:
             return self.add("meshes", {"name": name, "primitives": [primitive]})
         primitive["targets"] = targets
-        return self.add("meshes", {"name": name, "primitives": [primitive], "weights": [0.0] * len(targets)})
+        return self.add(
+            "meshes", {"name": name, "primitives": [primitive], "weights": [0.0] * len(targets)}
+        )
 
     def animate(self, node: int, path: str, times: int, values: npt.NDArray[Any]) -> None:
         animation = self.json["animations"][0]
-        animation["samplers"].append({"input": times, "output": self.accessor(values), "interpolation": "LINEAR"})
+        animation["samplers"].append(
+            {"input": times, "output": self.accessor(values), "interpolation": "LINEAR"}
+        )
         sampler = len(animation["samplers"]) - 1
         animation["channels"].append({"sampler": sampler, "target": {"node": node, "path": path}})
 
@@ -140,7 +173,9 @@ def _sphere(file: _File, clip: Clip, times: int, k: int) -> int:
     vertices, corners, normals, _ = surface(clip, k)
     mesh = file.mesh("sphere", vertices, normals, corners)
     centers = np.array([clip.centers(n)[k] for n in range(len(clip))])
-    node = file.add("nodes", {"name": f"sphere_{k}", "mesh": mesh, "translation": centers[0].tolist()})
+    node = file.add(
+        "nodes", {"name": f"sphere_{k}", "mesh": mesh, "translation": centers[0].tolist()}
+    )
     if np.ptp(centers, axis=0).any():
         file.animate(node, "translation", times, centers)
     return node

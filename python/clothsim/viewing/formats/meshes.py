@@ -1,4 +1,6 @@
-"""Files of meshes: .obj (text), .ply (binary) and VTK's .pvd with .vtp, one file a frame; .pc2, positions of all frames."""
+"""Files of meshes: .obj (text), .ply (binary) and VTK's .pvd with .vtp, one file a frame; .pc2,
+positions of all frames.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,10 @@ import numpy.typing as npt
 from ...base import Floats
 from ..exports import Clip, Frame
 
-AROUND, FROM_POLE_TO_POLE = 48, 24  # cells of a sphere; off the true one by at most 0.5 % of the radius
+AROUND, FROM_POLE_TO_POLE = (
+    48,
+    24,
+)  # cells of a sphere; off the true one by at most 0.5 % of the radius
 PLANE_REACH = 3.0  # half the side of a plane's square, in longer sides of the cloth
 VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64"}
 
@@ -33,20 +38,32 @@ class Body(NamedTuple):
 
 @cache
 def unit_ball() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
-    """Vertices, which are also the normals, triangles whose normals point outwards, and longitude and latitude, 0 to 1."""
-    v, u = np.meshgrid(np.linspace(0, 1, FROM_POLE_TO_POLE + 1), np.linspace(0, 1, AROUND + 1), indexing="ij")
+    """Vertices, which are also the normals, triangles whose normals point outwards, and longitude
+    and latitude, 0 to 1.
+    """
+    v, u = np.meshgrid(
+        np.linspace(0, 1, FROM_POLE_TO_POLE + 1), np.linspace(0, 1, AROUND + 1), indexing="ij"
+    )
     polar, around = np.pi * v, 2 * np.pi * u
-    vertices = np.stack([np.sin(polar) * np.sin(around), np.cos(polar), np.sin(polar) * np.cos(around)], -1)
+    vertices = np.stack(
+        [np.sin(polar) * np.sin(around), np.cos(polar), np.sin(polar) * np.cos(around)], -1
+    )
     r, c = np.divmod(np.arange(FROM_POLE_TO_POLE * AROUND), AROUND)
     corner = r * (AROUND + 1) + c
     below, right = corner + AROUND + 1, corner + 1
     upper = np.stack([corner, below, right], -1)[r > 0]  # at a pole a cell is one triangle
     lower = np.stack([right, below, below + 1], -1)[r < FROM_POLE_TO_POLE - 1]
-    return vertices.reshape(-1, 3), np.concatenate([upper, lower]), np.stack([u, 1 - v], -1).reshape(-1, 2)
+    return (
+        vertices.reshape(-1, 3),
+        np.concatenate([upper, lower]),
+        np.stack([u, 1 - v], -1).reshape(-1, 2),
+    )
 
 
 def surface(clip: Clip, k: int) -> tuple[Floats, npt.NDArray[np.int64], Floats, Floats]:
-    """Vertices from its centre, triangles, normals and texture coordinates of a sphere, or of a square of a plane."""
+    """Vertices from its centre, triangles, normals and texture coordinates of a sphere, or of a
+    square of a plane.
+    """
     if not np.isinf(clip.spheres[k].radius):
         vertices, corners, uv = unit_ball()
         return clip.spheres[k].radius * vertices, corners, vertices, uv
@@ -54,7 +71,9 @@ def surface(clip: Clip, k: int) -> tuple[Floats, npt.NDArray[np.int64], Floats, 
     along = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     along *= PLANE_REACH * max(clip.scene.cloth.size) / np.linalg.norm(along)
     sides = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    vertices = start - (start @ normal) * normal + sides @ np.stack([along, np.cross(normal, along)])
+    vertices = (
+        start - (start @ normal) * normal + sides @ np.stack([along, np.cross(normal, along)])
+    )
     return vertices, np.array([[0, 1, 2], [0, 2, 3]]), np.tile(normal, (4, 1)), (sides + 1) / 2
 
 
@@ -68,7 +87,9 @@ def bodies(clip: Clip, frame: Frame) -> list[Body]:
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
-    """Files numbered from 1: .obj, one for each frame, with the bodies as its objects; else one for each frame and body."""
+    """Files numbered from 1: .obj, one for each frame, with the bodies as its objects; else one for
+    each frame and body.
+    """
     suffix = path.suffix.lower()
     if suffix == ".pc2":
         return _write_pc2(clip, path)
@@ -77,11 +98,22 @@ def write(clip: Clip, path: Path) -> list[Path]:
         meshes = bodies(clip, frame)
         for part, body in enumerate(meshes[:1] if suffix == ".obj" else meshes):
             name = f"{path.stem}_{body.name}" if part else path.stem
-            files.append(path.with_name(f"{name}_{frame.number + 1:04d}{'.vtp' if suffix == '.pvd' else path.suffix}"))
-            files[-1].write_bytes(
-                _obj(meshes) if suffix == ".obj" else _ply(body) if suffix == ".ply" else _vtp(clip, frame, body)
+            files.append(
+                path.with_name(
+                    f"{name}_{frame.number + 1:04d}{'.vtp' if suffix == '.pvd' else path.suffix}"
+                )
             )
-            entries.append(f'<DataSet timestep="{frame.time!r}" part="{part}" file={quoteattr(files[-1].name)}/>\n')
+            files[-1].write_bytes(
+                _obj(meshes)
+                if suffix == ".obj"
+                else _ply(body)
+                if suffix == ".ply"
+                else _vtp(clip, frame, body)
+            )
+            entries.append(
+                f'<DataSet timestep="{frame.time!r}" part="{part}" '
+                f"file={quoteattr(files[-1].name)}/>\n"
+            )
     if suffix != ".pvd":
         return files
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
@@ -92,7 +124,10 @@ def write(clip: Clip, path: Path) -> list[Path]:
 def _write_pc2(clip: Clip, path: Path) -> list[Path]:
     """The cache, and the mesh that it moves."""
     if clip.fps is None:
-        raise ValueError("fps must be a number for .pc2, which holds frames at equal distances: those of the run are not")
+        raise ValueError(
+            "fps must be a number for .pc2, which holds frames at equal distances: those of "
+            "the run are not"
+        )
     with path.open("wb") as file:
         # Signature, version, points, first frame, frames a sample, samples.
         file.write(struct.pack("<12siiffi", b"POINTCACHE2\0", 1, len(clip.uv), 0.0, 1.0, len(clip)))
@@ -125,34 +160,52 @@ def _ply(body: Body) -> bytes:
     vertices = np.hstack([body.positions, body.normals, body.uv]).astype("<f4")
     faces = np.empty(len(body.corners), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, body.corners
-    names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz", "s", "t"))
-    head = f"ply\nformat binary_little_endian 1.0\ncomment clothsim, metres\nelement vertex {len(vertices)}\n{names}"
+    names = "".join(
+        f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz", "s", "t")
+    )
+    head = (
+        "ply\nformat binary_little_endian 1.0\ncomment clothsim, metres\nelement vertex "
+        f"{len(vertices)}\n{names}"
+    )
     head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     return head.encode() + vertices.tobytes() + faces.tobytes()
 
 
 def _vtp(clip: Clip, frame: Frame, body: Body) -> bytes:
-    """XML PolyData; mass points have velocities, and depths below the nearest sphere's true radius [m]."""
+    """XML PolyData; mass points have velocities, and depths below the nearest sphere's true radius
+    [m].
+    """
 
     def array(name: str, values: npt.NDArray[np.generic]) -> str:
         """Binary data follow their length, both as base64."""
         text = b64encode(struct.pack("<Q", values.nbytes) + values.tobytes()).decode()
-        kind, components = VTK_TYPES[values.dtype.str[1:]], values.shape[1] if values.ndim == 2 else 1
-        head = f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="binary">'
+        kind, components = (
+            VTK_TYPES[values.dtype.str[1:]],
+            values.shape[1] if values.ndim == 2 else 1,
+        )
+        head = (
+            f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" '
+            'format="binary">'
+        )
         return f"{head}{text}</DataArray>\n"
 
     data = {"Normals": body.normals, "TCoords": body.uv}
     if body.name == "cloth":
-        distances = (clip.depth(k, body.positions - center) for k, center in enumerate(frame.centers))
+        distances = (
+            clip.depth(k, body.positions - center) for k, center in enumerate(frame.centers)
+        )
         depth = np.max([np.zeros(len(body.positions)), *distances], axis=0)
         data |= {"velocity": frame.velocities, "depth": depth}
     point_data = "".join(array(name, values.astype("<f4")) for name, values in data.items())
     polys = array("connectivity", body.corners.ravel().astype("<i8"))
     polys += array("offsets", np.arange(3, 3 * len(body.corners) + 3, 3, dtype="<i8"))
     return (
-        '<?xml version="1.0"?>\n<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-        f'<PolyData>\n<Piece NumberOfPoints="{len(body.positions)}" NumberOfPolys="{len(body.corners)}">\n'
+        '<?xml version="1.0"?>\n<VTKFile type="PolyData" version="1.0" '
+        'byte_order="LittleEndian" header_type="UInt64">\n'
+        f'<PolyData>\n<Piece NumberOfPoints="{len(body.positions)}" '
+        f'NumberOfPolys="{len(body.corners)}">\n'
         f'<PointData Normals="Normals" TCoords="TCoords">\n{point_data}</PointData>\n'
-        f"<Points>\n{array('Points', body.positions.astype('<f8'))}</Points>\n<Polys>\n{polys}</Polys>\n"
+        f"<Points>\n{array('Points', body.positions.astype('<f8'))}</Points>\n"
+        f"<Polys>\n{polys}</Polys>\n"
         "</Piece>\n</PolyData>\n</VTKFile>\n"
     ).encode()

@@ -69,21 +69,26 @@ def _cloth(stage: Any, clip: Clip) -> Any:
 
     mesh = _mesh(stage, "cloth", clip.triangles, "cloth")
     mesh.CreateDoubleSidedAttr(True)
-    coordinates = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
+    coordinates = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
+    )
     coordinates.Set(Vt.Vec2fArray.FromNumpy(clip.uv.astype(np.float32)))
     return mesh
 
 
 def _sphere(stage: Any, clip: Clip, k: int) -> Any:
-    """The translation of a sphere's mesh, at the sphere's place in the first frame. Importers tessellate UsdGeom.Sphere
-    coarsely, each in its own way."""
+    """The translation of a sphere's mesh, at the sphere's place in the first frame. Importers
+    tessellate UsdGeom.Sphere coarsely, each in its own way.
+    """
     from pxr import Gf, Vt
 
     vertices, corners, normals, _ = surface(clip, k)
     mesh = _mesh(stage, f"sphere_{k}", corners, "sphere")
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(vertices.astype(np.float32)))
     mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals.astype(np.float32)))
-    mesh.CreateExtentAttr([Gf.Vec3f(*end.tolist()) for end in (vertices.min(axis=0), vertices.max(axis=0))])
+    mesh.CreateExtentAttr(
+        [Gf.Vec3f(*end.tolist()) for end in (vertices.min(axis=0), vertices.max(axis=0))]
+    )
     move = mesh.AddTranslateOp()
     move.Set(Gf.Vec3d(*clip.centers(0)[k].tolist()))
     return move
