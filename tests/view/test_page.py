@@ -136,6 +136,36 @@ def test_red_on_the_page_is_the_circle_in_which_a_plane_cuts_the_sphere(tmp_path
         )
 
 
+SIDES = [(sign, axis) for axis in range(3) for sign in (1, -1)]
+CORNER = (1.0, 0.6, 1.3)
+BELOW = (0.3, -1.0, 0.5)
+
+
+def test_planes_around_a_cloth_and_a_ball_before_the_eye_hide_nothing_of_it(tmp_path, opened):
+    cloth = cs.Cloth((8, 8), pins=())
+    middle, normals = np.array([0.5, 0.0, 0.5]), [sign * np.eye(3)[axis] for sign, axis in SIDES]
+    planes = [cs.Plane(middle - 0.8 * normal, normal) for normal in normals]
+    ball = cs.Sphere(middle + 6.0 * np.array(CORNER) / np.linalg.norm(CORNER), 0.3)
+    x = np.stack(2 * [cloth.rest_positions])
+    t = np.array([0.0, 1.0])
+    runs = {
+        f"{k}": Run(cs.Scene(cloth, obstacles), t, x, np.zeros_like(x), {})
+        for k, obstacles in enumerate([(), ball, *planes])
+    }
+    page = opened(cs.compare(runs).to_html(tmp_path / "sides.html"))
+    page.ready()
+    for eye in (CORNER, BELOW):
+        turn = "(eye) => { page.camera.reset(eye); page.redraw(); }"
+        page.tab.evaluate(turn, list(eye))
+        bare, before, *behind = (pixels(page, k).astype(int) for k in range(8))
+        seen = np.ptp(bare, axis=-1) > 25
+        assert seen.mean() > 0.1
+        assert np.array_equal(before, bare)
+        for normal, shown in zip(normals, behind, strict=True):
+            assert np.array_equal(shown[seen], bare[seen]), (eye, normal)
+            assert (shown != bare).any() == (normal @ eye > 0), (eye, normal)
+
+
 @pytest.mark.slow
 def test_without_scripts_or_webgl_the_picture_stays(alone, opened, tmp_path):
     still = opened(alone, java_script_enabled=False)

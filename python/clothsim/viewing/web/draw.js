@@ -94,8 +94,10 @@ void main() {
   // Rounding of places and depths, and of the cloth's corners to parts of a pixel, lets no sphere through cloth that lies on it [m].
   float slack = rounding + pixel / 16.0 * sqrt(max(1.0 - root * root, 0.0));
   vec3 q = vec3(at, f.z > 0.0 ? -2.0 * c / (f.z + root) : (root - f.z) / (2.0 * k));
-  // Ground reaches further than the depths do.
-  gl_FragDepth = clamp(0.5 + 0.5 * (q.z + b.x - slack / max(root, 0.05)) * scale.z, 0.0, 0.999999);
+  float depth = 0.5 + 0.5 * (q.z + b.x - slack / max(root, 0.05)) * scale.z;
+  // What is behind the eye is not seen, such as the near side of a wall that is seen from its back.
+  if (depth < 0.0) discard;
+  gl_FragDepth = min(depth, 0.999999);  // ground reaches further than the depths do
   vec3 shown = shade(l.rgb, normalize(2.0 * k * q + f.xyz) * axes, eye);
   float behind = texelFetch(cloth, ivec2(gl_FragCoord.xy), 0).r;
   if (l.a > 0.0 && behind < 1.0) {
