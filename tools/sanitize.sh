@@ -14,7 +14,7 @@ kind=${1:?address or thread}
 shift
 PYTHON=$(command -v "${PYTHON:-python3}")
 PATH="$(dirname "$PYTHON"):$PATH"
-[ $# -gt 0 ] || set -- tests/core tests/engine tests/run
+[ $# -gt 0 ] || set -- tests/core tests/engine tests/run tests/view/test_pictures.py tests/base/test_odd_values.py
 folder=$PWD/build/sanitize/$kind
 
 mkdir -p "$folder/bin"

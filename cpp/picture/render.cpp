@@ -39,8 +39,8 @@ double light_on(const Shading& shading, const Triple& normal, double to_eye, dou
 // Colour of a cloth at that depth below a surface, of a picture coloured by depth.
 Triple depth_color(const Shading& shading, double depth) {
     const double last = double(shading.depth_colors.size() - 1), low = shading.depth_range[0];
-    const double place =
-        last * std::clamp((depth - low) / (shading.depth_range[1] - low), 0.0, 1.0);
+    const double part_of_range = (depth - low) / (shading.depth_range[1] - low);
+    const double place = last * std::min(std::max(0.0, part_of_range), 1.0);
     const std::size_t k = std::size_t(std::min(place, last - 1));
     const double part = place - double(k);
     return (1 - part) * shading.depth_colors[k] + part * shading.depth_colors[k + 1];
@@ -93,13 +93,17 @@ Disc seeds() {
 }
 const Disc disc = seeds();
 
+// Extents of a sheet that has a shadow map, whose heights are float32 [m].
+constexpr double least_extent = 1e-30, largest_extent = 1e30;
+
 // Metres by which the map is above `height` at the seeds of a disc. Its border is beside the sheet.
+// A place that is NaN counts as 0, since `max` returns its first argument then.
 CLOTHSIM_VERSIONS void look_up(const float* __restrict map, const Disc& disc, float x, float y,
                                float radius, float height, int count, float* __restrict above) {
     const float last = map_size - 1;
     for (int k = 0; k < count; ++k) {
-        const float column = std::min(std::max(x + radius * disc.x[std::size_t(k)], 0.0f), last);
-        const float row = std::min(std::max(y + radius * disc.y[std::size_t(k)], 0.0f), last);
+        const float column = std::min(std::max(0.0f, x + radius * disc.x[std::size_t(k)]), last);
+        const float row = std::min(std::max(0.0f, y + radius * disc.y[std::size_t(k)]), last);
         above[k] = map[int(row) * map_size + int(column)] - height;
     }
 }
@@ -107,7 +111,7 @@ CLOTHSIM_VERSIONS void look_up(const float* __restrict map, const Disc& disc, fl
 // Soft shadows: which part of the light is visible from a point.
 class Shadow {
 public:
-    // Of nothing where the shading has no shadows.
+    // Of nothing where the shading has no shadows, or the sheet no extent.
     Shadow(const Picture& picture, Poll& poll) : picture_(picture) {
         if (!picture.shading.shadow || !picture.sheet.triangles()) return;
         const Triple up = picture.shading.key, aside{up[1], -up[0], 0};
@@ -126,7 +130,10 @@ public:
             low[i % 3] = std::min(low[i % 3], screen[i]);
             high[i % 3] = std::max(high[i % 3], screen[i]);
         }
-        view_.scale = (map_size - 2) / std::max({high[0] - low[0], high[1] - low[1], 1e-300});
+        const double extent = std::max(high[0] - low[0], high[1] - low[1]);
+        const bool usual = extent >= least_extent && extent <= largest_extent;
+        if (!usual || !(std::max(high[2], -low[2]) <= largest_extent)) return;
+        view_.scale = (map_size - 2) / extent;
         view_.target = view_.to_world({(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, 0.0});
         highest_ = float(high[2]);
         for (std::size_t i = 0; i < screen.size(); i += 3) {
@@ -171,7 +178,7 @@ private:
         const float reach = edge * (highest_ - height) + least;
         constexpr float middle = map_size / 2.0f;
         const float away = std::max(std::abs(x - middle), std::abs(y - middle));
-        if (highest_ <= height + slack || away - reach > middle) return 1;
+        if (highest_ <= height + slack || !(away - reach <= middle)) return 1;
         float above[taps], sum = 0, between = 0, covered = 0;
         look_up(heights_.data(), disc, x, y, reach, height, taps_of_search, above);
         for (int k = 0; k < taps_of_search; ++k)
@@ -302,7 +309,7 @@ private:
         const Facet& facet = nearest_.facets[std::size_t(nearest_.facet[sample])];
         const Triple point = blend(weights(facet, column, row), picture_.sheet.points, facet);
         const double under = below(body, point) - view_.slack();
-        if (under <= 0) return color;
+        if (!(under > 0)) return color;
         if (!shading_.depth_colors.empty()) return depth_color(shading_, under);
         const double red = shading_.least_red +
             (1 - shading_.least_red) * std::min(under / shading_.full_red_depth, 1.0);
@@ -325,7 +332,7 @@ private:
             const double facing = dot(normal, ray.to_eye);
             const double nearness =
                 view_.nearness(ray, way + view_.slack() / std::max(facing, least_facing));
-            if (nearness <= nearest_.nearness[i]) return;
+            if (!(nearness > nearest_.nearness[i])) return;
             if (std::isnan(lit)) lit = shadow_.lit(ball.center + ball.radius * normal, &ball);
             const Triple color = light_on(shading_, normal, facing, lit) * ball.color;
             // Cloth in the far half of the ball is not what the eye sees.
@@ -343,7 +350,7 @@ private:
         const double height = dot(plane.point - view_.target, plane.normal) - view_.slack();
         // Of the eye.
         const double above = view_.perspective() ? n[2] * view_.distance - height : n[2];
-        if (above <= 0) return;
+        if (!(above > 0)) return;
         const double length = view_.perspective() ? view_.distance : 1.0;
         const double middle = view_.perspective() ? n[2] / above : height / above;
         const double by_x = -n[0] / (length * above), by_y = -n[1] / (length * above);
@@ -355,8 +362,8 @@ private:
             each_sample(x, y, [&](std::size_t i, int column, int row) {
                 const double right = metre * (column + 0.5 - left), up = metre * (top - row - 0.5);
                 const double nearness = middle + by_x * right + by_y * up;
-                if (nearness <= nearest_.nearness[i] || (view_.perspective() && nearness <= 0))
-                    return;
+                if (!(nearness > nearest_.nearness[i])) return;
+                if (view_.perspective() && nearness <= 0) return;
                 if (std::isnan(lit)) {
                     const double away = view_.perspective() ? 1 / nearness : length;
                     const Triple point = view_.target +
@@ -384,7 +391,7 @@ private:
             });
             for (std::size_t k = 0; k < 3; ++k)
                 pixels[3 * (std::size_t(y) * std::size_t(view_.width) + std::size_t(x)) + k] =
-                    std::uint8_t(std::lrint(std::clamp(factor * sum[k], 0.0f, 255.0f)));
+                    std::uint8_t(std::lrint(std::min(std::max(0.0f, factor * sum[k]), 255.0f)));
         });
     }
 

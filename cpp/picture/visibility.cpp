@@ -36,8 +36,9 @@ CLOTHSIM_VERSIONS void cover(const Facet& facet, double number, int column, doub
 }  // namespace
 
 Box clipped(double left, double top, double right, double bottom, const Box& within) {
+    // A side that is NaN becomes the far one, so that the box is empty.
     const auto place = [](double value, int low, int high) {
-        return int(std::clamp(value, double(low), double(high)));
+        return int(std::max(double(low), std::min(double(high), value)));
     };
     return {place(std::floor(left), within.left, within.right),
             place(std::floor(top), within.top, within.bottom),

@@ -354,3 +354,73 @@ def faults(function, argument, good):
                 yield odd, "is taken"
         if repr(odd) != before and argument != "out":
             yield odd, "is changed"
+
+
+def one_far(place, other=0.0):
+    x = X.copy()
+    x[1, 1] = place
+    x[0, 0] = other
+    return x
+
+
+# Finite states without extent, or with one that squares, or float32, cannot hold.
+DEGENERATE = {
+    "one place": np.zeros_like(X),
+    "one place far away": np.full_like(X, 1e9 / 3),
+    "a line": X * (1, 0, 0),
+    "two places": np.where(np.arange(3)[:, None] < 1, 0.0, 1.0) * np.ones_like(X),
+    "subnormal": X * 1e-320,
+    "tiny": X * 1e-44,
+    "float32 overflows": one_far(1e40),
+    "squares overflow": one_far(1e160),
+    "differences overflow": one_far(1.7e308, -1.7e308),
+}
+OF_STATES = {
+    **{function: given for function, given in CALLS.items() if "x" in given},
+    cs.max_stable_dt: {**STATE, "scene": SCENE},
+    **{
+        partial(cs.picture, color=color): {"scene": SCENE, "x": X, "v": V, "width": 32}
+        for color in ("stretch", "speed", "depth")
+    },
+    partial(cs.picture, camera=cs.Camera((1, 1, 1), (0, 0, 0), 1.0, 1.0, 2.0)): {
+        "scene": SCENE,
+        "x": X,
+        "width": 32,
+    },
+}
+
+
+@pytest.mark.parametrize("state", DEGENERATE)
+@pytest.mark.parametrize(
+    ("function", "given"), OF_STATES.items(), ids=lambda one: name_of(one) if callable(one) else ""
+)
+def test_a_degenerate_finite_state_has_an_answer_or_a_named_error(function, given, state):
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            function(**{**given, "x": DEGENERATE[state]})
+    except ValueError as error:
+        assert re.match(r"x must .*got", str(error), re.DOTALL)
+    except (cs.UnstableError, cs.ContactError):
+        pass
+
+
+@pytest.mark.parametrize("state", DEGENERATE)
+def test_a_scene_and_a_run_of_a_degenerate_state_show_themselves_or_say_why(state, tmp_path):
+    scene = SCENE.replace(position=DEGENERATE[state])
+    run = cs.Run(scene, np.arange(3.0), np.stack(3 * [DEGENERATE[state]]), np.stack(3 * [V]), {})
+    shows = [
+        scene._repr_mimebundle_,
+        run._repr_mimebundle_,
+        run.plot,
+        lambda: run.to_html(tmp_path / "run.html"),
+        lambda: run.animate(tmp_path / "run.gif", width=32),
+        *(partial(run.export, tmp_path / f"run.{end}") for end in ("glb", "obj", "pvd", "pc2")),
+    ]
+    for show in shows:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                show()
+        except ValueError as error:
+            assert re.match(r"x must .*got", str(error), re.DOTALL)

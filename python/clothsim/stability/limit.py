@@ -161,8 +161,14 @@ def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
     scale = np.where(cloth.pinned, 0.0, cloth.mass_per_point**-0.5).reshape(-1, 1)
     x, v = x.reshape(-1, 3), v.reshape(-1, 3)
     i, j = table["i"], table["j"]
-    d, w = x[j] - x[i], v[j] - v[i]
-    length = np.linalg.norm(d, axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        d, w = x[j] - x[i], v[j] - v[i]
+        length = np.linalg.norm(d, axis=1)
+    if not np.isfinite(length).all():
+        raise ValueError(
+            "x must have springs whose length has a finite square, got ends up to "
+            f"{np.abs(x).max():.3g} m from the origin"
+        )
     there = length > 0
     near = np.flatnonzero(there & (length < _NOISE * table["rest_length"]))
     if len(near):

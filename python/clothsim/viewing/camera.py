@@ -17,6 +17,10 @@ DISTANCE = 2.0  # of the eye in perspective, in longer sides of the view; as a l
 # from nowhere.
 NEAR = 2.0
 MARGIN = 0.05  # around what a view in perspective shows, as a part of half its longer side
+# Half the longer side of the narrowest view, in longer sides of the cloth: a cloth without extent
+# is seen as a place.
+NARROWEST = 0.02
+FARTHEST = 1e100  # m from the origin, of what is framed; squares of longer lengths overflow
 DIRECTIONS = {
     "corner": (1.0, 0.6, 1.3),
     "front": (0.0, 0.0, 1.0),
@@ -209,13 +213,22 @@ def camera_for(value: Any, scene: Any, x: Floats, t: npt.ArrayLike) -> Camera:
     direction = direction_of("corner" if value is None else value)
     axes = Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
     low, high = extremes(scene, x, t, axes)
+    farthest = max(np.abs(low).max(), np.abs(high).max())
+    if not farthest <= FARTHEST:
+        raise ValueError(
+            f"x must be places at most {FARTHEST:g} m from the origin to be drawn, got one "
+            f"{farthest:g} m away"
+        )
     camera = Camera.around(direction, np.stack([low, high]) @ axes)
     distance, middle = DISTANCE * max(camera.width, camera.height), axes @ camera.target
     parts = (part - middle[:, None] for part in _points(scene, x, t, axes))
     sides = np.max(
         [np.abs(seen[:2] * distance / (distance - seen[2])).max(axis=1) for seen in parts], axis=0
     )
-    width, height = 2 * (sides + MARGIN * (sides.max() or 1.0))
+    # In a view of one place only, its sides would be rounding.
+    if sides.max() < NARROWEST * max(scene.cloth.size):
+        sides = np.full(2, NARROWEST * max(scene.cloth.size))
+    width, height = 2 * (sides + MARGIN * sides.max())
     return replace(
         camera, width=float(max(width, height)), height=float(height), distance=float(distance)
     )

@@ -26,6 +26,7 @@ FORMATS = {".usdc": "usd", ".usda": "usd", ".glb": "gltf"} | dict.fromkeys(
 MOST_FPS = 1e5  # frames/s
 # Part of the time between two stored frames; a frame closer to a stored one is that one.
 SAME_TIME = 1e-9
+FARTHEST = 1e38  # m from the origin; files have float32
 # Interpolation errors, in grid spacings. A tenth shows as a dent where the cloth lies on a sphere;
 # a whole spacing moves a mass point to where its neighbour belongs.
 VISIBLE, USELESS = 0.1, 1.0
@@ -105,6 +106,12 @@ class Clip:
             np.meshgrid(np.linspace(0, 1, columns), np.linspace(1, 0, rows)), -1
         ).reshape(-1, 2)
         self.advance: Callable[[], Any] = lambda: None
+        farthest = max(float(run.x.max()), -float(run.x.min()))
+        if farthest > FARTHEST:
+            raise ValueError(
+                f"x must be places at most {FARTHEST:g} m from the origin to be exported, got one "
+                f"{farthest:.3g} m away"
+            )
         duration = run.t[-1] - run.t[0]
         if fps is None:
             self.times = np.asarray(run.t - run.t[0])
