@@ -102,6 +102,7 @@ def test_colours_are_distinct_for_any_colour_vision():
     assert (
         min(distance(a, b) for a, b in combinations((inside, outside, raster.DARK_SPHERE), 2)) > 20
     )
+    assert min(distance(outside, grey) for grey in (raster.SPHERE, raster.GROUND)) > 20
 
 
 @pytest.mark.parametrize("name", [*camera.DIRECTIONS, (0.2, -1.0, 0.4)], ids=str)

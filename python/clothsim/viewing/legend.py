@@ -19,7 +19,7 @@ Pixels = npt.NDArray[np.uint8]
 # Stops at equal distances, dark to light or light to dark: lightness alone orders them. The pages
 # have the same.
 VIRIDIS = ("440154", "472c7a", "3b518b", "2c718e", "21908d", "27ad81", "5cc863", "aadc32", "fde725")
-HEAT = ("b8bfcc", "d3b0aa", "de998a", "db7d6a", "d0604f", "bd4338", "a22a2a", "821520", "5f0515")
+HEAT = ("ddc377", "dfa95c", "df8545", "d75d33", "c73a27", "b02521", "99181f", "7c0e1b", "5f0515")
 # Part of all values that a scale holds. At half, folds are lost above it; pins stretch the last
 # hundredth five times as far.
 TOP_PART = 0.99

@@ -18,9 +18,8 @@ BACKGROUND = np.array([1.0, 1.0, 1.0])
 CLOTH_FRONT = np.array([0.27, 0.47, 0.72])
 CLOTH_BACK = np.array([0.87, 0.73, 0.45])
 SPHERE = np.array([0.80, 0.81, 0.83])
-DARK_SPHERE = np.array(
-    [0.42, 0.44, 0.48]
-)  # beside a cloth coloured by depth, which is pale outside
+# A sphere beside a cloth coloured by depth, which is pale outside.
+DARK_SPHERE = np.array([0.42, 0.44, 0.48])
 PIN = np.array([0.15, 0.15, 0.15])
 PENETRATION = np.array([0.86, 0.08, 0.10])
 FULL_RED_DEPTH = 0.010  # m; cloth this deep under the sphere's surface is painted fully red

@@ -121,7 +121,7 @@ function formOf(center, radius, { start: { target, reach } }) {
 
 class Drawing {
   constructor(canvas, run, camera) {
-    const gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
+    const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("This page needs WebGL 2, which this browser does not offer.");
     Object.assign(this, { canvas, gl, run, camera });
     const [rows, columns] = run.shape, points = rows * columns;
