@@ -307,6 +307,70 @@ def test_controls_change_the_scene_and_the_file_has_it(live):
     assert cs.load_scene(download.value.path()) == scene
 
 
+def saved(page):
+    """The scene that the page saves."""
+    with page.tab.expect_download() as download:
+        page.tab.evaluate("document.getElementById('save-scene').click()")
+    return cs.load_scene(download.value.path())
+
+
+MOVED = cs.Keyframes([0.0, 1.0], [(0.0, -0.6, 0.0), (0.0, -0.5, 0.0)])
+
+
+@pytest.mark.parametrize(
+    "planes",
+    [
+        [cs.Plane((0.0, -0.6, 0.0))],
+        [cs.Plane((0.0, -0.6, 0.0), (1.0, 3.0, 0.0), friction=0.3, response="ray")],
+        [
+            cs.Plane(motion=MOVED, response="reflect"),
+            cs.Plane((0, -1, 0), motion=cs.Linear((0, 1, 0))),
+        ],
+        [cs.Plane((0.0, -0.6, 0.0), restitution=0.5), ball(), ball(center=(3, 0, 0), offset=0.01)],
+    ],
+    ids=["floor", "slope", "moving", "among spheres"],
+)
+def test_a_scene_with_planes_is_saved_as_it_is(live, planes):
+    scene = cs.Scene(cs.Cloth((8, 8)), planes)
+    page = live(scene)
+    pause(page)
+    assert saved(page) == scene
+    page.tab.select_option("#method", label="1, as printed")
+    idle(page)
+    found = saved(page).spheres
+    assert [one.response for one in found] == ["reflect"] * len(planes)
+    assert [one.as_printed for one in found] == [isinstance(one, cs.Sphere) for one in planes]
+    assert page.said == [] and page.tab.is_hidden("#problem")
+
+
+def test_an_exception_in_a_handler_is_told_and_stays_told(live):
+    page = live(draped())
+    page.tab.evaluate("() => { window.live.live.spheres[0].center = null; }")
+    page.tab.evaluate("document.getElementById('save-scene').click()")
+    page.tab.wait_for_selector("#problem", state="visible")
+    page.tab.evaluate("tell('')")
+    assert page.tab.inner_text("#problem").startswith("This page has failed: ")
+    assert "null" in page.tab.inner_text("#problem")
+
+
+def test_a_method_has_the_restitution_of_python(live):
+    """A sphere without one of its own takes that of its response."""
+    scene = draped(response="ray")
+    page = live(scene)
+    pause(page)
+    for response, name in (("ray", "2 (ray)"), ("continuous", "continuous"), ("ray", "2 (ray)")):
+        changed = scene.replace(spheres=scene.spheres[0].replace(response=response))
+        page.tab.select_option("#method", label=name)
+        idle(page)
+        shown = float(page.tab.text_content("#restitution-says"))
+        assert shown == page.tab.evaluate("live.live.restitution(0)")
+        assert shown == changed.spheres[0].restitution
+        assert saved(page) == changed
+        (planes, _), _ = after(page, 500)
+        cpu = core_after(changed, 500).positions
+        assert np.abs(planes[:3].T.reshape(cpu.shape) - cpu).max() < 1e-4
+
+
 def test_free_cloth_has_the_bits_of_the_gather_kernel_with_the_coefficients_of_the_controls(
     live, same_bits
 ):

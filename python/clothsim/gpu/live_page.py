@@ -32,7 +32,7 @@ from ..methods.region import border_of_region
 from ..model.mesh import GROUP
 from ..model.scene import Scene, core_sphere
 from ..model.scene_files import text_of
-from ..model.sphere import lengths_of_offsets
+from ..model.sphere import RESPONSES, Sphere, lengths_of_offsets
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
@@ -62,6 +62,17 @@ METHODS = (
     ("continuous", "continuous", False),
 )
 HEIGHT = 700  # pixels of the page in a notebook
+# Arguments of spheres and planes that the page's controls change.
+CHANGED = (
+    "center",
+    "point",
+    "radius",
+    "restitution",
+    "friction",
+    "response",
+    "as_printed",
+    "offset",
+)
 
 
 def live_page(
@@ -160,15 +171,18 @@ def _stored(scene: Scene, dt: float) -> Run:
 
 
 def _toml(scene: Scene) -> str:
-    """The scene's file, with "@name" in place of the values that the page's controls change."""
+    """The scene's file, with "@name" in place of the values that the page's controls change.
+
+    The page leaves the line of a value out that the scene has none of.
+    """
     data = scene.to_dict()
     data["gravity"] = "@gravity"
     data["cloth"] |= {name: f"@{name}" for name in ("stiffness", "damping", "drag")}
-    for k, sphere in enumerate(data.get("spheres", ())):
-        names = ("center", "radius", "restitution", "friction", "response", "as_printed", "offset")
-        sphere |= {name: f"@spheres.{k}.{name}" for name in names}
-        if sphere.get("motion", {}).get("centers"):
-            sphere["motion"]["centers"] = f"@spheres.{k}.centers"
+    for k, (obstacle, values) in enumerate(zip(scene.spheres, data.get("spheres", ()))):
+        own = [name for name in CHANGED if name in obstacle.__match_args__]
+        values |= {name: f"@spheres.{k}.{name}" for name in own}
+        if values.get("motion", {}).get("centers"):
+            values["motion"]["centers"] = f"@spheres.{k}.centers"
     return text_of(data)
 
 
@@ -206,8 +220,12 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
         methods.append(
             method(
                 [
-                    SphereFeatures(response, as_printed, response != "continuous")
-                    for _ in scene.spheres
+                    SphereFeatures(
+                        response,
+                        as_printed and "as_printed" in obstacle.__match_args__,
+                        response != "continuous",
+                    )
+                    for obstacle in scene.spheres
                 ]
             )
         )
@@ -257,6 +275,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "longest": 2 * math.hypot(*cloth.spacing),
         "extent": core_plan(scene, Options()).runaway_speed(1.0, 0.0),
         "spheres": [_sphere(sphere, scene) for sphere in scene.spheres],
+        "restitutions": {response: Sphere(response=response).restitution for response in RESPONSES},
         "firstSpring": FIRST_SPRING,
         "firstWeight": FIRST_WEIGHT,
         "contactSize": CONTACT_SIZE,
@@ -279,7 +298,8 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
         "radius": sphere.radius if math.isfinite(sphere.radius) else None,  # None: a plane
         "normal": list(core.normal),
         "spread": core.spread,
-        "restitution": sphere.restitution,
+        # None: that of the response.
+        "restitution": sphere.to_dict().get("restitution"),
         "friction": sphere.friction,
         "side": side,
         "cells": sphere.offset == "cell",

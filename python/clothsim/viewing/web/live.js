@@ -54,6 +54,8 @@ class Live extends PageRun {
     const R = sphere.radius ?? Infinity, half = Math.min(sphere.side, (sphere.cells ? 2 : Infinity) * R) / 2;
     return sphere.side ? half * (half / (Math.hypot(half, R) + R)) : sphere.offset;
   }
+  // The restitution of a sphere: its own, else that of its response to contact.
+  restitution(s) { return this.spheres[s].restitution ?? this.data.restitutions[this.data.methods[this.method].responses[s]]; }
   // Spheres before the next steps and after each. A dragged sphere goes on straight to where the pointer is.
   path(steps) {
     const most = FASTEST_DRAG * steps * this.dt;
@@ -65,7 +67,7 @@ class Live extends PageRun {
     for (let n = 0; n <= steps; n++) path.push(this.spheres.map((sphere, s) => {
       const [center, velocity] = motionAt(sphere, this.origin + (this.steps + n) * this.dt), { by } = this.moved[s];
       return {
-        ...sphere, radius: sphere.radius ?? Infinity, offset: this.contactOffset(sphere, s), center: center.map((k, i) => k + by[i] + ways[s][i] * (n / steps)),
+        ...sphere, radius: sphere.radius ?? Infinity, restitution: this.restitution(s), offset: this.contactOffset(sphere, s), center: center.map((k, i) => k + by[i] + ways[s][i] * (n / steps)),
         velocity: velocity.map((k, i) => k + ways[s][i] / (steps * this.dt)),
       };
     }));
@@ -303,7 +305,7 @@ async function startLive() {
   const damp = (k) => { for (const f of families) live.damping[f] = damped ? k / damped * data.damping[f] : k; };
   const damped = Math.max(...Object.values(data.damping)), down = Math.hypot(...data.gravity);
   const pull = down ? data.gravity.map((k) => k / down) : [0, -1, 0];
-  const each = (name) => [0, 1, data.spheres[0]?.[name], (k) => k.toFixed(2), (k) => live.spheres.forEach((s) => { s[name] = k; })];
+  const each = (name, now) => [0, 1, now, (k) => k.toFixed(2), (k) => live.spheres.forEach((s) => { s[name] = k; })];
   const sliders = {  // place, least, most, value, how it is told, what it changes
     stiffness: ["usual", -4, 4, 0, times, stiffen("stiffness")],
     damping: ["usual", 0, 4 * (damped || data.usualDamping), damped, damps, damp],
@@ -312,8 +314,8 @@ async function startLive() {
     radius: ["usual", -1, 1, 0, times, (k) => live.spheres.forEach((s, n) => { s.radius = data.spheres[n].radius && data.spheres[n].radius * 2 ** k; })],
     ...Object.fromEntries(families.map((f) => [f, ["more", -4, 4, 0, times, stiffen(f)]])),
     drag: ["more", 0, 4 * (data.drag || data.usualDamping), data.drag, damps, (k) => { live.drag = k; }],
-    restitution: ["more", ...each("restitution")],
-    friction: ["more", ...each("friction")],
+    restitution: ["more", ...each("restitution", () => live.restitution(0))],
+    friction: ["more", ...each("friction", () => live.spheres[0].friction)],
   };
   for (const [id, [place, min, max, value, says, change]] of Object.entries(sliders)) {
     const label = document.createElement("label"), input = document.createElement("input"), output = document.createElement("output");
@@ -324,18 +326,21 @@ async function startLive() {
     $(place).append(label);
     const tellValue = () => { output.textContent = says(input.valueAsNumber); };
     input.addEventListener("input", () => { tellValue(); changed(() => change(input.valueAsNumber)); });
-    sliders[id] = () => { input.value = value; tellValue(); };
-    sliders[id]();
+    sliders[id] = () => { input.value = typeof value === "function" ? value() : value; tellValue(); };
+    if (!label.hidden) sliders[id]();
   }
   $("dt").parentElement.append($("above"));
-  $("method").addEventListener("change", () => changed(() => { live.method = $("method").selectedIndex; }));
+  $("method").addEventListener("change", () => changed(() => {
+    live.method = $("method").selectedIndex;
+    sliders.restitution();
+  }));
   const offsetOf = ({ side, cells, offset }) => data.offsets[$("offset").value] ?? { side, cells, offset };
   $("offset").addEventListener("change", () => changed(() => live.spheres.forEach((s, n) => Object.assign(s, offsetOf(data.spheres[n])))));
   for (const id of ["method", "offset"]) $(id).parentElement.hidden = !data.spheres.length;
   const reset = () => then(async () => {
-    for (const back of Object.values(sliders)) back();
-    for (const name of Object.keys(factors)) delete factors[name];
     live.defaults();
+    for (const [id, back] of Object.entries(sliders)) if (!$(id).parentElement.hidden) back();
+    for (const name of Object.keys(factors)) delete factors[name];
     [$("method").selectedIndex, $("offset").selectedIndex] = [data.method, 0];
     await live.reset();
     warn();
@@ -350,13 +355,14 @@ async function startLive() {
     const values = { gravity: live.gravity, stiffness: short(live.stiffness), damping: short(live.damping), drag: live.drag };
     live.spheres.forEach(({ center, radius, restitution, friction }, s) => {
       const by = (c) => c.map((k, i) => k + live.moved[s].by[i]), offset = $("offset").selectedIndex ? $("offset").value : data.spheres[s].named;
-      const sphere = { center: by(center), radius, restitution, friction, response: responses[s], as_printed: printed[s], offset };
+      const sphere = { center: by(center), point: by(center), radius, restitution, friction, response: responses[s], as_printed: printed[s], offset };
       for (const [name, value] of Object.entries(sphere)) values[`spheres.${s}.${name}`] = value;
       values[`spheres.${s}.centers`] = data.spheres[s].centers?.map(by);
     });
     const written = (value) => (typeof value !== "object" || Array.isArray(value) ? JSON.stringify(value)
       : `{ ${Object.entries(value).map(([key, one]) => `${key} = ${one}`).join(", ")} }`);
-    download("scene.toml", toml.replace(/"@([\w.]+)"/g, (_, name) => written(values[name])));
+    const line = (text, before, name, after) => ((values[name] ?? null) === null ? "" : before + written(values[name]) + after);
+    download("scene.toml", toml.replace(/^(.*)"@([\w.]+)"(.*\n)/gm, line));
   });
   // The page of stored runs, with the recording in place of the run that was baked into this page.
   $("save-run").addEventListener("click", () => then(async () => {

@@ -208,7 +208,18 @@ async function start() {
   addEventListener("hashchange", () => { page.pause(); page.show(asked()); });
   page.ready(asked());
 }
-function tell(problem) { Object.assign($("problem"), { hidden: !problem, textContent: problem }); }
+let failure = "";  // of a handler; it stays until the page is loaded again
+function tell(problem) {
+  const textContent = problem || failure;
+  Object.assign($("problem"), { hidden: !textContent, textContent });
+}
+function failed(error) {
+  if (!error) return;  // a notice of the browser about the layout is no exception
+  failure = `This page has failed: ${error.message ?? error}`;
+  tell("");
+}
+addEventListener("error", (event) => failed(event.error));
+addEventListener("unhandledrejection", (event) => failed(event.reason));
 
 document.documentElement.classList.toggle("framed", parent !== window);  // in a notebook all of it fits
 if (!$("live")) start().catch((error) => tell(error.message));
