@@ -49,13 +49,22 @@ def test_a_scene_shows_its_account_and_its_initial_state():
     assert f"\n{scene.explain()}".endswith(lines_of(data)[-1]) and "3,906" in lines_of(data)[1]
 
 
-def test_a_comparison_shows_its_labels_and_last_frames_or_draws_one_view(run):
+def test_a_comparison_shows_its_labels_and_last_frames_or_draws_one_view(run, tmp_path):
     other = cs.simulate(cs.scenes.paper_static("reflect"), 0.1, dt=1e-3)
     both = cs.compare({"ray": run, "<reflect>": other})
     left, right = np.split(np.asarray(both.picture(t=0.15, width=150)), 2, axis=1)
     assert left.shape == right.shape and not np.array_equal(left, right)
-    same = np.split(np.asarray(cs.compare({"a": run, "b": run}).picture(width=150)), 2, axis=1)
-    assert all(np.array_equal(one, run.picture(width=150)) for one in same)
+    alone = run.picture(width=150).pixels
+    joined = cs.compare({"a": run, "b": run}).picture(width=150, path=tmp_path / "both.png")
+    same = np.split(joined.pixels, 2, axis=1)
+    assert all(np.array_equal(one[-len(alone) :], alone) for one in same)
+    titles = [one[: -len(alone)] for one in same]  # their names
+    assert all((title < 100).any() for title in titles) and not np.array_equal(*titles)
+    assert (tmp_path / "both.png").read_bytes() == joined._repr_png_()
+    single = cs.compare({"a": run}).picture(path=tmp_path / "one.png", width=150)
+    assert np.array_equal(single, alone)
+    long = cs.compare({"a": run, 40 * "long": run}).picture(width=150)
+    assert long.pixels[: len(titles[0]), 150].min() > 200  # each title has its own place
     html = shown(both)["text/html"]
     assert set(re.findall(r"<\s*(\w+)", html)) == {"div", "pre", "img"}
     assert re.findall(r"<pre[^>]*>(.*?)</pre>", html) == ["ray", "&lt;reflect&gt;"]

@@ -133,6 +133,24 @@ def length_in_words(length: float) -> str:
     return f"{length:g} m"
 
 
+def titled(pixels: Pixels, title: str) -> Pixels:
+    """The picture below a strip that shows its title, or as much of it as there is room for."""
+    image, pen, fonts = (
+        needed(f"PIL.{name}", "a picture of several runs", "plot")
+        for name in ("Image", "ImageDraw", "ImageFont")
+    )
+    width = pixels.shape[1]
+    size = max(10.0, width / 32)
+    font = fonts.load_default(size)
+    shown, end = title, len(title)
+    while font.getlength(shown) > 0.96 * width:
+        end -= 1
+        shown = f"{title[:end]}..."
+    strip = image.new("RGB", (width, round(1.6 * size)), "white")
+    pen.Draw(strip).text((width / 2, 0.8 * size), shown, INK, font, anchor="mm")
+    return np.concatenate([np.asarray(strip), pixels])
+
+
 def labelled(
     pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | None, note: str = ""
 ) -> Pixels:

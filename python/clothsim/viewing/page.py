@@ -29,7 +29,7 @@ from ..run.result import Run
 from ..run.result import difference as difference_of
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for, nearest, reach
-from .legend import HEAT, TOP_PART, VIRIDIS, point_stretch
+from .legend import HEAT, TOP_PART, VIRIDIS, point_stretch, titled
 from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
 from .plots import COLORS, curves
@@ -94,12 +94,17 @@ class Comparison:
         )
         return Frame(self._page(title), f"<{title}, to be played in a notebook>", height)
 
-    def picture(self, t: float | None = None, **style: Any) -> Picture:
-        """The runs side by side, in one view: the stored frames nearest to the time `t` [s], by
-        default the last ones.
+    def picture(
+        self, t: float | None = None, path: str | Path | None = None, **style: Any
+    ) -> Picture:
+        """Draw the runs side by side, in one view: the stored frames nearest to the time `t` [s],
+        by default the last ones.
 
-        A run that is shorter shows its last frame. `style` are further arguments of `Run.picture`.
+        A run that is shorter shows its last frame. Of several runs, each has its label above
+        (Pillow, extra "plot"). `path` is a file to write as well, `style` are further arguments of
+        `Run.picture`.
         """
+        path = None if path is None else file_path("path", path)
         cameras = [camera_for(None, run.scene, run.x, run.t) for run in self.runs.values()]
         style = {"camera": common_view(cameras), **style}
         times = (None if t is None else min(t, float(run.t[-1])) for run in self.runs.values())
@@ -109,7 +114,12 @@ class Comparison:
             np.pad(one, ((0, height - len(one)), (0, 0), (0, 0)), constant_values=255)
             for one in shown
         ]
-        return Picture(np.concatenate(padded, axis=1))
+        if len(padded) > 1:
+            padded = [titled(one, label) for one, label in zip(padded, self.runs, strict=True)]
+        joined = Picture(np.concatenate(padded, axis=1))
+        if path is not None:
+            joined.save(path)
+        return joined
 
     def _page(self, title: str) -> str:
         return page_text(title, page_body(title, self.runs, self._distances))
