@@ -3,13 +3,14 @@ frames that it writes.
 """
 
 import struct
+import warnings
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.viewing.exports import Clip, export
+from clothsim.viewing.exports import FORMATS, Clip, export
 from clothsim.viewing.formats.gltf import linear
 from clothsim.viewing.raster import CLOTH_FRONT, SPHERE
 
@@ -379,3 +380,63 @@ def test_the_frames_of_the_run_are_exported_unless_told_otherwise(tmp_path, fps)
     clip = Clip(run, None, False)
     assert clip.fps == fps
     assert len(run.export(tmp_path / "a.ply")) == len(run) == len(clip)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("fps", [None, 30.0])
+def test_a_run_of_one_frame_is_exported(run, tmp_path, suffix, fps):
+    if FORMATS[suffix] == "usd":
+        pytest.importorskip("pxr", reason="needs usd-core, in the extra export")
+    one = run[4:5]
+    files = one.export(tmp_path / f"a{suffix}", fps=fps)
+    assert files and all(file.stat().st_size > 100 for file in files)
+    if suffix == ".glb":
+        file = pytest.importorskip("pygltflib").GLTF2().load(str(files[0]))
+        assert not file.animations and not file.meshes[0].primitives[0].targets
+        assert all(accessor.count for accessor in file.accessors)
+
+
+def times_of(path):
+    """Times [s] of the frames in a file."""
+    if path.suffix == ".pvd":
+        entries = ElementTree.parse(path).getroot().findall("Collection/DataSet")
+        return sorted({float(entry.get("timestep")) for entry in entries})
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(path))
+    codes = UsdGeom.Mesh(stage.GetPrimAtPath("/run/cloth")).GetPointsAttr().GetTimeSamples()
+    assert [stage.GetStartTimeCode(), stage.GetEndTimeCode()] == [codes[0], codes[-1]]
+    return np.array(codes) / stage.GetTimeCodesPerSecond()
+
+
+@pytest.mark.parametrize("suffix", ["pvd", "usda"])
+@pytest.mark.parametrize("start", [0.0, 5.0, 0.013])
+def test_frames_keep_the_times_of_the_run(run, tmp_path, suffix, start):
+    if suffix == "usda":
+        pytest.importorskip("pxr", reason="needs usd-core, in the extra export")
+    later = cs.simulate(run.scene.replace(spheres=()), 0.11, dt=1e-3, fps=30, t=start)
+    (path, *_) = later.export(tmp_path / f"a.{suffix}")
+    assert times_of(path) == pytest.approx(later.t, rel=1e-12)
+
+
+def test_a_usd_of_a_run_that_ends_in_a_part_of_a_frame_has_the_rate_of_the_run(run, tmp_path):
+    pytest.importorskip("pxr", reason="needs usd-core, in the extra export")
+    from pxr import Usd, UsdGeom
+
+    odd = cs.simulate(run.scene.replace(spheres=()), 0.11, dt=1e-3, fps=30)
+    stage = Usd.Stage.Open(str(odd.export(tmp_path / "a.usda")[0]))
+    codes = UsdGeom.Mesh(stage.GetPrimAtPath("/run/cloth")).GetPointsAttr().GetTimeSamples()
+    assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 30
+    assert codes == pytest.approx([0, 1, 2, 3, 3.3]) and codes[:4] == [0, 1, 2, 3]
+
+
+def test_an_xarray_of_a_run_goes_to_zarr_without_a_warning(run, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
+    data = run.to_xarray()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # xarray asks zarr for this in every store, and zarr warns of it.
+        warnings.filterwarnings("ignore", "Consolidated metadata")
+        data.to_zarr(tmp_path / "run.zarr")
+    assert xarray.open_zarr(tmp_path / "run.zarr").load().equals(data)

@@ -109,6 +109,7 @@ def test_a_plane_is_touched_and_exported_as_a_square_on_it_below_the_cloth(z_up)
     clip = Clip(run, None, z_up)
     for k in (0, len(clip) - 1):
         _, square = bodies(clip, clip[k])
+        assert square.name == "plane_0"
         places = square.positions[:, [0, 2, 1]] * [1, 1, -1] if z_up else square.positions
         assert np.abs(WALL.height(places, run.t[k])).max() < 1e-12
         a, b, c = places[square.corners[0]]

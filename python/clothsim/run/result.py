@@ -354,7 +354,11 @@ class Run:
                 "position": (dimensions, self.x, {"units": "m"}),
                 "velocity": (dimensions, self.v, {"units": "m/s"}),
             },
-            {"time": ("time", self.t, {"units": "s"}), "component": ["x", "y", "z"]},
+            # zarr has no specification for NumPy's texts of one length, and warns of them.
+            {
+                "time": ("time", self.t, {"units": "s"}),
+                "component": np.array(["x", "y", "z"], object),
+            },
             {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)},
         )
         return dataset

@@ -26,6 +26,7 @@ FORMATS = {".usdc": "usd", ".usda": "usd", ".glb": "gltf"} | dict.fromkeys(
 MOST_FPS = 1e5  # frames/s
 # Part of the time between two stored frames; a frame closer to a stored one is that one.
 SAME_TIME = 1e-9
+EVEN = 1e-6  # part of the longest step by which steps of even frames may differ
 FARTHEST = 1e38  # m from the origin; files have float32
 # Interpolation errors, in grid spacings. A tenth shows as a dent where the cloth lies on a sphere;
 # a whole spacing moves a mass point to where its neighbour belongs.
@@ -93,9 +94,10 @@ class Clip:
     """A run as frames of a surface, in the axes of the file; `z_up` writes (x, y, z) as (x, -z, y).
 
     `fps` is the number of frames per second, or None for the stored frames at their own times; the
-    attribute then has their rate, or None if they are not evenly spaced. `advance` is called after
-    each frame. `times` [s] begin at 0. `uv`, shape (points, 2), are texture coordinates: from
-    above, with x to the right, a picture is upright and not mirrored.
+    attribute then has their rate, or None if they are not evenly spaced. `rate` is the same, but
+    regards no last frame that follows sooner, as at the end of a run. `advance` is called after
+    each frame. `times` [s] begin at 0, the time `start` of the run. `uv`, shape (points, 2), are
+    texture coordinates: from above, with x to the right, a picture is upright and not mirrored.
     """
 
     def __init__(self, run: Any, fps: float | None, z_up: bool) -> None:
@@ -113,22 +115,25 @@ class Clip:
                 f"{farthest:.3g} m away"
             )
         duration = run.t[-1] - run.t[0]
+        self.start = float(run.t[0])
         if fps is None:
             self.times = np.asarray(run.t - run.t[0])
             steps = np.diff(self.times)
-            self.fps = (
-                float(f"{len(steps) / duration:.12g}")
-                if np.ptp(steps) <= 1e-6 * steps.max()
-                else None
-            )
+            self.fps = _rate(steps)
+            self.rate = self.fps
+            if self.fps is None and len(steps) > 2 and steps[-1] < steps[0]:
+                self.rate = _rate(steps[:-1])
         else:
-            self.fps = fps
+            self.fps = self.rate = fps
             self.times = np.arange(int(duration * fps * (1 + SAME_TIME)) + 1) / fps
-            if len(self.times) < 2:
+            if len(self.times) < 2 <= len(run.t):
                 raise ValueError(
                     f"fps must be at least {1 / duration:.6g} for a run of {duration:g} s, got "
                     f"{fps:g}; fps=None writes the stored frames"
                 )
+        if len(run.t) == 1:
+            self._gaps = self._stored = np.zeros(1, int)
+            return
         self._gaps = np.clip(
             np.searchsorted(run.t, self.times + run.t[0], "right") - 1, 0, len(run.t) - 2
         )
@@ -163,6 +168,10 @@ class Clip:
         t = self.times[k] + self._run.t[0]
         return self._turned(np.array([s.center_at(t) for s in self.spheres]).reshape(-1, 3))
 
+    def name(self, k: int) -> str:
+        """The name of sphere or plane `k` in files."""
+        return f"{type(self.spheres[k]).__name__.lower()}_{k}"
+
     def normal(self, k: int) -> Floats:
         """The unit normal of a plane."""
         return self._turned(self.spheres[k].unit_normal)
@@ -194,6 +203,13 @@ class Clip:
         )
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
         return np.where(length > 0, normals / np.where(length > 0, length, 1.0), [0.0, 1.0, 0.0])
+
+
+def _rate(steps: Floats) -> float | None:
+    """Frames per second of equal steps [s], else None."""
+    if not len(steps) or np.ptp(steps) > EVEN * steps.max():
+        return None
+    return float(f"{len(steps) / steps.sum():.12g}")
 
 
 def between(run: Any, before: int, after: int, t: float) -> tuple[Floats, Floats]:

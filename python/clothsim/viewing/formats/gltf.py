@@ -141,6 +141,8 @@ class _File:
 
     def write(self, path: Path, nodes: list[int]) -> None:
         self.json["scenes"] = [{"nodes": nodes}]
+        if not self.json["animations"][0]["channels"]:
+            del self.json["animations"]
         self.json["buffers"] = [{"byteLength": self._length}]
         text = json.dumps(self.json, separators=(",", ":"), allow_nan=False).encode()
         text += b" " * (-len(text) % 4)
@@ -153,7 +155,7 @@ class _File:
 
 def _cloth(file: _File, clip: Clip, times: int) -> int:
     """The mesh of the first frame. Other frames are added as differences, one at a time."""
-    targets = []
+    targets: list[dict[str, int]] = []
     for frame in clip.frames():
         positions, normals = frame.positions, clip.normals(frame.positions)
         if frame.number == 0:
@@ -162,10 +164,11 @@ def _cloth(file: _File, clip: Clip, times: int) -> int:
             continue
         moved = file.accessor(positions - first[0], VERTICES, True)
         targets.append({"POSITION": moved, "NORMAL": file.accessor(normals - first[1], VERTICES)})
-    # The origin of textures is their upper left corner.
-    mesh = file.mesh("cloth", *first, clip.triangles, clip.uv * [1, -1] + [0, 1], targets)
+    # The origin of textures is their upper left corner. glTF has no empty list of targets.
+    mesh = file.mesh("cloth", *first, clip.triangles, clip.uv * [1, -1] + [0, 1], targets or None)
     node = file.add("nodes", {"name": "cloth", "mesh": mesh})
-    file.animate(node, "weights", times, np.eye(len(clip), len(targets), -1).ravel())
+    if targets:
+        file.animate(node, "weights", times, np.eye(len(clip), len(targets), -1).ravel())
     return node
 
 
@@ -174,7 +177,7 @@ def _sphere(file: _File, clip: Clip, times: int, k: int) -> int:
     mesh = file.mesh("sphere", vertices, normals, corners)
     centers = np.array([clip.centers(n)[k] for n in range(len(clip))])
     node = file.add(
-        "nodes", {"name": f"sphere_{k}", "mesh": mesh, "translation": centers[0].tolist()}
+        "nodes", {"name": clip.name(k), "mesh": mesh, "translation": centers[0].tolist()}
     )
     if np.ptp(centers, axis=0).any():
         file.animate(node, "translation", times, centers)

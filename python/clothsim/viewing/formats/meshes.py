@@ -27,7 +27,7 @@ VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64"}
 
 
 class Body(NamedTuple):
-    """A mesh of one frame: the cloth, or a sphere."""
+    """A mesh of one frame: the cloth, a sphere, or a square of a plane."""
 
     name: str
     positions: Floats  # (points, 3) [m]
@@ -82,7 +82,7 @@ def bodies(clip: Clip, frame: Frame) -> list[Body]:
     found = [Body("cloth", frame.positions, clip.triangles, clip.normals(frame.positions), clip.uv)]
     for k, center in enumerate(frame.centers):
         vertices, corners, normals, uv = surface(clip, k)
-        found.append(Body(f"sphere_{k}", center + vertices, corners, normals, uv))
+        found.append(Body(clip.name(k), center + vertices, corners, normals, uv))
     return found
 
 
@@ -111,7 +111,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
                 else _vtp(clip, frame, body)
             )
             entries.append(
-                f'<DataSet timestep="{frame.time!r}" part="{part}" '
+                f'<DataSet timestep="{clip.start + frame.time!r}" part="{part}" '
                 f"file={quoteattr(files[-1].name)}/>\n"
             )
     if suffix != ".pvd":
@@ -123,7 +123,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
 
 def _write_pc2(clip: Clip, path: Path) -> list[Path]:
     """The cache, and the mesh that it moves."""
-    if clip.fps is None:
+    if clip.fps is None and len(clip) > 1:
         raise ValueError(
             "fps must be a number for .pc2, which holds frames at equal distances: those of "
             "the run are not"

@@ -13,20 +13,24 @@ from ..exports import Clip
 from .gltf import MATERIALS
 from .meshes import surface
 
-CODES_PER_SECOND = 60.0  # time codes where frames stand at their own times; codes need not be whole
+# Time codes a second where frames stand at their own times; codes need not be whole.
+CODES_PER_SECOND = 60.0
+SAME_CODE = 1e-6  # a code nearer to a whole one is that one
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
     from pxr import Gf, Usd, UsdGeom, Vt
 
     stage = Usd.Stage.CreateNew(str(path))
-    rate = clip.fps or CODES_PER_SECOND
+    rate = clip.rate or CODES_PER_SECOND
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, "Z" if clip.z_up else "Y")
     stage.SetTimeCodesPerSecond(rate)
     stage.SetFramesPerSecond(rate)
-    stage.SetStartTimeCode(0.0)
-    stage.SetEndTimeCode(clip.times[-1] * rate)
+    codes = (clip.start + clip.times) * rate
+    codes = np.where(np.abs(codes - codes.round()) < SAME_CODE, codes.round(), codes)
+    stage.SetStartTimeCode(codes[0])
+    stage.SetEndTimeCode(codes[-1])
     stage.SetMetadata("comment", f"clothsim {build_config()['version']}")
     root = UsdGeom.Xform.Define(stage, "/run").GetPrim()
     stage.SetDefaultPrim(root)
@@ -34,7 +38,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
     mesh = _cloth(stage, clip)
     moves = [_sphere(stage, clip, k) for k in range(len(clip.spheres))]
     for frame in clip.frames():
-        code = Usd.TimeCode(float(frame.number) if clip.fps else frame.time * rate)
+        code = Usd.TimeCode(codes[frame.number])
         extent = np.stack([frame.positions.min(axis=0), frame.positions.max(axis=0)])
         for attribute, values in (
             (mesh.GetPointsAttr(), frame.positions),
@@ -83,7 +87,7 @@ def _sphere(stage: Any, clip: Clip, k: int) -> Any:
     from pxr import Gf, Vt
 
     vertices, corners, normals, _ = surface(clip, k)
-    mesh = _mesh(stage, f"sphere_{k}", corners, "sphere")
+    mesh = _mesh(stage, clip.name(k), corners, "sphere")
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(vertices.astype(np.float32)))
     mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals.astype(np.float32)))
     mesh.CreateExtentAttr(
