@@ -487,6 +487,8 @@ def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live):
         page.tab.wait_for_function(
             f"(s) => Math.hypot(...{place_now}.map((k, i) => k - s[i])) > 0.02", arg=start
         )
+        held = page.tab.inner_text("#held")
+        assert held == ("pin (0, 0) is held." if point == (0, 0, 0) else "")
         mouse.up()
     idle(page)
     assert page.tab.evaluate("() => Math.max(...window.live.live.curves.triangles)") == 0

@@ -136,6 +136,23 @@ def test_red_on_the_page_is_the_circle_in_which_a_plane_cuts_the_sphere(tmp_path
         )
 
 
+@pytest.mark.parametrize("mass", [1.0, 1e6, 1e9, 1e-5])
+def test_numbers_beside_a_curve_have_room_for_their_sign(tmp_path, opened, mass):
+    cloth = cs.Cloth((2, 2), mass=mass, stiffness=1e3 * mass, damping=0.0, pins=())
+    page = opened(cs.simulate(cs.Scene(cloth), 0.2, dt=1e-3, fps=50).to_html(tmp_path / "run.html"))
+    page.ready()
+    beside = page.tab.evaluate("""() => {
+      const found = [], draw = CanvasRenderingContext2D.prototype.fillText;
+      CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+        if (this.textAlign === "right") found.push([text, x - this.measureText(text).width]);
+        draw.call(this, text, x, y);
+      };
+      page.curves.draw();
+      return found;
+    }""")
+    assert any(float(text) < 0 for text, _ in beside) and min(left for _, left in beside) >= 1
+
+
 SIDES = [(sign, axis) for axis in range(3) for sign in (1, -1)]
 CORNER = (1.0, 0.6, 1.3)
 BELOW = (0.3, -1.0, 0.5)
@@ -164,6 +181,12 @@ def test_planes_around_a_cloth_and_a_ball_before_the_eye_hide_nothing_of_it(tmp_
         for normal, shown in zip(normals, behind, strict=True):
             assert np.array_equal(shown[seen], bare[seen]), (eye, normal)
             assert (shown != bare).any() == (normal @ eye > 0), (eye, normal)
+    # Glass over the page does not make the canvas itself transparent.
+    page.tab.select_option("#mode", "depth")
+    assert min(pixels(page, k)[2, 2].max() for k in range(2, 8)) < 240
+    label = page.tab.locator("#mode option[value=depth]").inner_text()
+    assert label == "depth below a sphere or plane"
+    assert page.tab.get_attribute("#canvas-2", "aria-label").startswith("Cloth and planes of 2.")
 
 
 @pytest.mark.slow

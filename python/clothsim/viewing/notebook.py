@@ -25,7 +25,7 @@ def bundle(text: str, picture: Picture) -> dict[str, Any]:
         '<div><pre style="display: inline-block; vertical-align: top; margin-right: '
         f'2em">{escape(text)}</pre>'
         f'<img style="vertical-align: top" width="{picture.pixels.shape[1]}" alt="cloth and '
-        'spheres" '
+        'obstacles" '
         f'src="data:image/png;base64,{png}"></div>'
     )
     return {"text/html": html, "image/png": png}

@@ -227,7 +227,7 @@ def page_body(
         f"<b>{escape(label) if len(runs) > 1 else ''}</b> "
         f'<span id="says-{k}"></span>'
         f'</figcaption><div class="stage">{posters[k]}<canvas id="canvas-{k}" '
-        'tabindex="0" role="application" aria-label="Cloth and spheres of '
+        f'tabindex="0" role="application" aria-label="{_bodies([runs[label].scene])} of '
         f'{escape(label or title)}. {TURNED_BY}">'
         "</canvas></div></figure>"
         for k, label in enumerate(runs)
@@ -237,7 +237,7 @@ def page_body(
         f"<header><h1>{escape(title)}</h1>{_views()}</header>\n"
         f'<p id="problem" hidden></p>\n<div id="runs" class="of-{size}">{panels}</div>\n'
         f"{_controls(meta, runs)}{_sparse(runs)}{more}"
-        f'<div id="curves"></div>\n{_help(meta)}\n'
+        f'<div id="curves"></div>\n{_help(meta, runs)}\n'
         f"{data}"
         f'<script type="application/json" id="meta">{json_text(meta)}</script>\n'
     )
@@ -277,7 +277,8 @@ def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
         "x</option>"
         for s in SPEEDS
     )
-    texts = {"depth": "depth below a sphere", "difference": f"difference to {next(iter(runs))}"}
+    below = " or ".join(_kinds([run.scene for run in runs.values()]))
+    texts = {"depth": f"depth below a {below}", "difference": f"difference to {next(iter(runs))}"}
     modes = "".join(
         f'<option value="{name}">{escape(texts.get(name, name))}</option>'
         for name in ("faces", "stretch", "speed", "depth", "difference")
@@ -306,8 +307,21 @@ def _views() -> str:
     return f'<span class="views">view {buttons}</span>'
 
 
-def _help(meta: Mapping[str, Any]) -> str:
-    red = "Red: cloth in a sphere. " if "depth" in meta["tops"] else ""
+def _kinds(scenes: Sequence[Scene]) -> list[str]:
+    """What cloth meets in the scenes: "sphere", "plane", both or nothing."""
+    kinds = {type(obstacle) for scene in scenes for obstacle in scene.spheres}
+    return [kind.__name__.lower() for kind in (Sphere, Plane) if kind in kinds]
+
+
+def _bodies(scenes: Sequence[Scene]) -> str:
+    """What is drawn of scenes, in words."""
+    *others, last = ["Cloth", *(f"{kind}s" for kind in _kinds(scenes))]
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def _help(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
+    below = " or ".join(_kinds([run.scene for run in runs.values()]))
+    red = f"Red: cloth below the surface of a {below}. " if "depth" in meta["tops"] else ""
     micron = 1e6 * max(run["precision"] for run in meta["runs"])
     return f'<p class="small">{HELP} {red}Positions are stored to {micron:.2g} um.</p>'
 
@@ -401,7 +415,7 @@ def poster(scene: Scene, x: np.ndarray, t: float, camera: Camera) -> str:
     """A state as a picture, for readers without scripts, WebGL or WebGPU."""
     png = picture(scene, x, t, camera=camera, width=POSTER_WIDTH)._repr_png_()
     return (
-        f'<img alt="Cloth and spheres at t = {t:g} s" '
+        f'<img alt="{_bodies([scene])} at t = {t:g} s" '
         f'src="data:image/png;base64,{b64encode(png).decode("ascii")}">'
     )
 

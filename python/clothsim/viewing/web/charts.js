@@ -77,7 +77,8 @@ function drawChart({ canvas, lines, factor, low, high }, begin, end, now) {
   c.textAlign = "right"; c.textBaseline = "middle";
   for (const value of ticks(low, high)) {
     c.beginPath(); c.moveTo(LEFT, Y(value)); c.lineTo(width - RIGHT, Y(value)); c.stroke();
-    c.fillText(String(value), LEFT - 6, Y(value));
+    const text = String(value), wide = c.measureText(text).width > LEFT - 8;  // its sign would be cut off
+    c.fillText(wide ? value.toExponential() : text, LEFT - 6, Y(value));
   }
   c.textAlign = "center"; c.textBaseline = "top";
   for (const time of ticks(begin, end)) c.fillText(`${time} s`, Math.min(X(time), width - 14), height - BOTTOM + 6);

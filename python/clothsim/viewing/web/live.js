@@ -92,10 +92,10 @@ class Live extends PageRun {
   take(read, steps) {
     if (read.bad >= 0) {
       this.solver.takeBack();
-      const columns = this.shape[1], point = `(${Math.floor(read.bad / columns)}, ${read.bad % columns})`, above = this.dt > this.limit;
-      const [what, why] = read.trapped ? ["NO PLACE LEFT", "spheres trap it between them"]
+      const above = this.dt > this.limit;
+      const [what, why] = read.trapped ? ["NO PLACE LEFT", "spheres or planes trap it between them"]
         : ["UNSTABLE", `the time step ${this.dt.toPrecision(3)} s is ${above ? "above" : "within"} the guaranteed ${this.limit.toPrecision(3)} s`];
-      this.problem = `${what} at step ${this.counted + 1} (t = ${(this.time + this.dt).toPrecision(6)} s), first at mass point ${point}: ${why}`;
+      this.problem = `${what} at step ${this.counted + 1} (t = ${(this.time + this.dt).toPrecision(6)} s), first at ${this.nameOf(read.bad)}: ${why}`;
       return;
     }
     Object.assign(this, { steps: this.steps + steps, counted: this.counted + steps, planes: read.planes, low: read.low });
@@ -136,6 +136,11 @@ class Live extends PageRun {
       if (r < 0 || r >= rows || c < 0 || c >= columns) return 0;
       return Math.hypot(v[q] - v[p], v[n + q] - v[n + p], v[2 * n + q] - v[2 * n + p]) / pair.rest - 1;
     })));
+  }
+  // "pin (0, 0)" or "mass point (3, 5)".
+  nameOf(point) {
+    const columns = this.shape[1];
+    return `${this.pins.includes(point) ? "pin" : "mass point"} (${Math.floor(point / columns)}, ${point % columns})`;
   }
   says(frame) {
     const at = (name) => this.curves[name][frame], mm = (name) => (1e3 * at(name)).toFixed(3);
@@ -306,6 +311,7 @@ async function startLive() {
   const damped = Math.max(...Object.values(data.damping)), down = Math.hypot(...data.gravity);
   const pull = down ? data.gravity.map((k) => k / down) : [0, -1, 0];
   const each = (name, now) => [0, 1, now, (k) => k.toFixed(2), (k) => live.spheres.forEach((s) => { s[name] = k; })];
+  const spheres = data.spheres.some(({ radius }) => radius !== null);  // else there are planes alone
   const sliders = {  // place, least, most, value, how it is told, what it changes
     stiffness: ["usual", -4, 4, 0, times, stiffen("stiffness")],
     damping: ["usual", 0, 4 * (damped || data.usualDamping), damped, damps, damp],
@@ -322,7 +328,7 @@ async function startLive() {
     Object.assign(input, { type: "range", id, min, max, step: "any" });
     output.id = `${id}-says`;
     label.append(id === "dt" ? "time step" : families.includes(id) ? `${id} stiffness` : id, input, output);
-    label.hidden = !data.spheres.length && ["radius", "restitution", "friction"].includes(id);
+    label.hidden = id === "radius" ? !spheres : !data.spheres.length && ["restitution", "friction"].includes(id);
     $(place).append(label);
     const tellValue = () => { output.textContent = says(input.valueAsNumber); };
     input.addEventListener("input", () => { tellValue(); changed(() => change(input.valueAsNumber)); });
@@ -336,7 +342,8 @@ async function startLive() {
   }));
   const offsetOf = ({ side, cells, offset }) => data.offsets[$("offset").value] ?? { side, cells, offset };
   $("offset").addEventListener("change", () => changed(() => live.spheres.forEach((s, n) => Object.assign(s, offsetOf(data.spheres[n])))));
-  for (const id of ["method", "offset"]) $(id).parentElement.hidden = !data.spheres.length;
+  $("method").parentElement.hidden = !data.spheres.length;
+  $("offset").parentElement.hidden = !spheres;
   const reset = () => then(async () => {
     live.defaults();
     for (const [id, back] of Object.entries(sliders)) if (!$(id).parentElement.hidden) back();
@@ -385,8 +392,10 @@ async function startLive() {
     if (pin === undefined && s < 0) return null;
     const from = pin === undefined ? [...live.moved[s].to] : place(pin);
     held = true;
+    $("held").textContent = pin === undefined ? "" : `${live.nameOf(pin)} is held.`;
     return (now) => {
       held = now !== null;
+      if (!held) $("held").textContent = "";
       if (pin === undefined) live.moved[s].to = now ? moved(from, now) : live.moved[s].to;
       else if (now) live.pinned = { point: pin, at: moved(from, now) };
       else then(() => { live.pinned = null; solver.movePin(pin, [0, 0, 0]); });

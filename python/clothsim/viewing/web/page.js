@@ -89,7 +89,8 @@ function player(runs, meta, camera, live = null) {
     says.textContent = run.says(frame);
     if (point === null) return;
     const parts = meta.names.map((name) => `${name} ${typed(MODES[name].factor * run.value(name, frame, point))} ${MODES[name].unit}`);
-    says.textContent += `; row ${state.probe[0]}, column ${state.probe[1]}: ${parts.join(", ")}`;
+    const pin = run.pins.includes(point) ? "pin at " : "";
+    says.textContent += `; ${pin}row ${state.probe[0]}, column ${state.probe[1]}: ${parts.join(", ")}`;
   }
   // Probe a mass point of all runs: a ring, its values, its curves.
   function probe(place) {
