@@ -225,7 +225,7 @@ def _add_reproduce(command: argparse.ArgumentParser) -> None:
 
 
 def _reproduce(args: argparse.Namespace) -> None:
-    from clothsim.paper import EXPERIMENTS, reproduce, text
+    from clothsim.paper import EXPERIMENTS, reproduce, text, verdicts
 
     chosen = args.experiment or EXPERIMENTS
     report = reproduce(
@@ -237,7 +237,8 @@ def _reproduce(args: argparse.Namespace) -> None:
     )
     print(as_json(report) if args.json else text(report))
     if not args.json:
-        print(f"Report folder: {report['folder']} (open index.html)")
+        print(f"Report folder: {report['folder']} (open index.html)\n")
+        print("\n".join(verdicts(report["experiments"])))
 
 
 def _adapters() -> Any:

@@ -19,9 +19,10 @@ from ..base.progress import ProgressBar
 from . import experiments as made
 from . import report as pages
 from .experiments import FULL, QUICK, Settings
+from .findings import verdicts
 from .report import as_text as text
 
-__all__ = ["FULL", "QUICK", "Settings", "reproduce", "text", "write_gallery"]
+__all__ = ["FULL", "QUICK", "Settings", "reproduce", "text", "verdicts", "write_gallery"]
 
 EXPERIMENTS = (1, 2, 3, 4, 5)
 
@@ -74,7 +75,8 @@ def reproduce(
         "experiments": entries,
     }
     for number in chosen:
-        with ProgressBar(progress, desc=f"experiment {number}") as bar:
+        total = made.looks_of(str(number), settings)
+        with ProgressBar(progress, desc=f"experiment {number}", total=total) as bar:
             entries[str(number)] = _run(str(number), settings, threads, folder, bar.advance)
     report["folder"] = str(folder)
     write_gallery(folder)

@@ -111,6 +111,32 @@ class Passed:
         self._before = after
 
 
+def sharpest_fold(x: np.ndarray) -> np.ndarray:
+    """The largest angle [degrees] between the normals of neighbouring cells of each cloth."""
+    normals = np.cross(x[:, 1:, :-1] - x[:, :-1, :-1], x[:, :-1, 1:] - x[:, :-1, :-1])
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-300)
+    cosines = (_dot(normals[:, 1:], normals[:, :-1]), _dot(normals[:, :, 1:], normals[:, :, :-1]))
+    least = np.minimum(*(one.min(axis=(1, 2)) for one in cosines))
+    return np.asarray(np.degrees(np.arccos(np.clip(least, -1.0, 1.0))))
+
+
+def looks_of(key: str, settings: Settings) -> int:
+    """How often an experiment calls its `advance`."""
+    if key in FRAMES:
+        return max(FRAMES[key])
+    if key in "34":
+        return settings.runs
+    return sum(
+        _looks(name, settings.part, steps, duration)
+        for name, (_, duration, steps) in SPHERES.items()
+    )
+
+
+def _looks(sphere: str, part: float, steps: int, duration: float) -> int:
+    """Measurements of experiment 5 on a sphere."""
+    return round((1.0 if sphere == "fast" else part) * duration / SPHERES_DT / steps)
+
+
 def follow(
     scenes: dict[str, cs.Scene],
     dt: float,
@@ -149,6 +175,7 @@ def follow(
             found["points_touching"] = (
                 np.linalg.norm(from_center, axis=-1) < touching[:, None, None]
             ).sum(axis=(1, 2))
+            found["sharpest_fold"] = sharpest_fold(x)
         for k, case in enumerate(cases):
             if case.failure:
                 continue
@@ -231,7 +258,7 @@ def comparison(
     for name in spheres:
         make, duration, steps = SPHERES[name]
         steps = every or steps
-        looks = round((1.0 if name == "fast" else part) * duration / SPHERES_DT / steps)
+        looks = _looks(name, part, steps, duration)
         scenes = with_responses(make(), {response: RESPONSES[response] for response in responses})
         cases = follow(scenes, SPHERES_DT, steps, looks, **options)
         rows += [{"sphere": name, **case.last, "failure": case.failure} for case in cases]
