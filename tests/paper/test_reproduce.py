@@ -159,13 +159,15 @@ def test_a_claim_that_the_numbers_refute_does_not_hold_in_part(one, two, held):
             "points_passed": passed,
             "triangles_so_far": depth,
             "points_touching": 20,
+            "points": 0.0,
             "sharpest_fold": {1: 120.0, 2: 40.0}[k],
         }
         for variant in VARIANTS
         for k, (passed, depth) in enumerate((one, two), 1)
     ]
-    moving, edge = findings({"2": {"cells": cells}})["2"]
+    moving, edge, slow = findings({"2": {"cells": cells}})["2"]
     assert moving.held == held and "10 mm" in moving.criterion
+    assert slow.held == "no" and "frames 1300 and 3100" in slow.criterion
     assert edge.held == "yes" and "90 degrees" in edge.criterion
 
 
