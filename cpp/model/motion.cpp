@@ -24,8 +24,10 @@ MotionState Motion::at(double t, double inside) const {
         wave = -std::expm1(-p.decay * u) / all;
         slope = p.decay * std::exp(-p.decay * u) / (all * seconds);
     }
-    return {p.p0 + u * (p.p1 + u * (p.p2 + u * p.p3)) + wave * p.amplitude,
-            (p.p1 + u * (2 * p.p2 + 3 * u * p.p3)) / seconds + slope * p.amplitude};
+    return {
+        p.p0 + u * (p.p1 + u * (p.p2 + u * (p.p3 + u * (p.p4 + u * p.p5)))) + wave * p.amplitude,
+        (p.p1 + u * (2 * p.p2 + u * (3 * p.p3 + u * (4 * p.p4 + 5 * u * p.p5)))) / seconds +
+            slope * p.amplitude};
 }
 
 }  // namespace clothsim

@@ -10,17 +10,17 @@ namespace clothsim {
 using Vec3 = Eigen::Vector3d;
 
 // With u = (t - begin) / length, the displacement on a piece is
-//     p0 + u p1 + u^2 p2 + u^3 p3 + amplitude g(u)
+//     p0 + u p1 + u^2 p2 + ... + u^5 p5 + amplitude g(u)
 //     g(u) = sin(angle u)     or, where decay > 0,     (1 - exp(-decay u)) / (1 - exp(-decay))
 // All members are doubles, in the order of PIECE in motion.py.
 struct MotionPiece {
     double begin, length;  // s; of a periodic motion parts of the period
-    Vec3 p0, p1, p2, p3;  // m
+    Vec3 p0, p1, p2, p3, p4, p5;  // m
     Vec3 amplitude;  // m
     double angle;  // rad
     double decay;
 };
-static_assert(sizeof(MotionPiece) == 19 * sizeof(double));
+static_assert(sizeof(MotionPiece) == 25 * sizeof(double));
 
 struct MotionState {
     Vec3 displacement = Vec3::Zero();  // m

@@ -31,11 +31,15 @@ PinState<Real> pin_state(const DrivenPin& pin, const Motion& motion, Real t, dou
     const Real slope = piece.decay > 0 ? decay * exp(-decay * u) / end : angle * cos(angle * u);
     PinState<Real> s{};
     for (int k = 0; k < 3; ++k) {
-        const Real p0 = piece.p0[k], p1 = piece.p1[k], p2 = piece.p2[k], p3 = piece.p3[k];
+        const Real p0 = piece.p0[k], p1 = piece.p1[k], p2 = piece.p2[k], p3 = piece.p3[k],
+                   p4 = piece.p4[k], p5 = piece.p5[k];
         const Real start = motion.relative ? Real(pin.start[k]) : Real(0),
                    amplitude = piece.amplitude[k];
-        s.x[k] = start + (p0 + u * p1 + u * u * p2 + u * u * u * p3 + amplitude * wave);
-        s.v[k] = (p1 + 2 * u * p2 + 3 * u * u * p3 + amplitude * slope) / (length * period);
+        s.x[k] = start +
+            (p0 + u * p1 + u * u * p2 + u * u * u * (p3 + u * p4 + u * u * p5) + amplitude * wave);
+        s.v[k] =
+            (p1 + 2 * u * p2 + u * u * (3 * p3 + 4 * u * p4 + 5 * u * u * p5) + amplitude * slope) /
+            (length * period);
     }
     return s;
 }

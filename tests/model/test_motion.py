@@ -12,8 +12,11 @@ MOTIONS = [
     Reciprocate((1.0, 0.0, 0.0), period=2.0, deceleration=0.0),
     Keyframes([0.0, 0.4, 1.3, 2.0], [(0, 0, 0), (1, 0, 0), (1, 2, -1), (0, 0, 0)]),
     Keyframes(
-        [0.0, 0.4, 1.3, 2.0], offsets=[(0, 0, 0), (1, 0, 0), (1, 2, -1), (0, 0, 0)], smooth=True
+        [0.0, 0.4, 1.3, 2.0],
+        offsets=[(0, 0, 0), (0.3, 0, 0), (0.7, 2, -1), (1, 3, -2)],
+        smooth=True,
     ),
+    Keyframes([0.0, 0.8, 1.7, 2.5], [(0, 0, 0), (1, 0, 0), (1, 2, -1), (0, 0, 0)], smooth="rest"),
     Sinusoid((0.3, 0.0, -0.1), frequency=1.3, phase=0.2),
 ]
 
@@ -71,13 +74,14 @@ def test_sinusoid():
     )
 
 
+@pytest.mark.filterwarnings("ignore:the smooth curve leaves")
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 40])
-def test_smooth_keyframes_are_the_not_a_knot_spline(count):
+def test_smooth_keyframes_are_the_clamped_spline(count):
     rng = np.random.default_rng(count)
     times, centers = np.cumsum(rng.uniform(0.05, 1.0, count)), rng.normal(size=(count, 3))
     motion, spline = (
         Keyframes(times, centers, smooth=True),
-        CubicSpline(times, centers, bc_type="not-a-knot"),
+        CubicSpline(times, centers, bc_type="clamped"),
     )
     t = np.linspace(times[0], times[-1], 1000, endpoint=False)
     np.testing.assert_allclose(motion.center_at(t, CENTER), spline(t), rtol=0, atol=1e-12)
@@ -87,6 +91,33 @@ def test_smooth_keyframes_are_the_not_a_knot_spline(count):
     assert not motion.velocity_at([0.0, 99.0]).any()
 
 
+HOLDS = {"times": [0.0, 0.5, 1.0, 1.5], "offsets": np.outer([0, 0, 0.1, 0.1], (1.0, 0, 0))}
+
+
+def test_a_curve_that_rests_in_every_key_has_minimum_jerk():
+    motion = Keyframes(**HOLDS, smooth="rest")
+    t = np.linspace(0, 1.5, 301)
+    u = np.clip((t - 0.5) / 0.5, 0, 1)
+    place = 0.1 * u**3 * (10 - 15 * u + 6 * u**2)
+    speed = 0.1 * 30 * u**2 * (1 - u) ** 2 / 0.5
+    np.testing.assert_allclose(motion.center_at(t, (0, 0, 0))[:, 0], place, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(motion.velocity_at(t)[:, 0], speed, rtol=0, atol=1e-14)
+    h = 1e-6  # the acceleration is 0 on both sides of a key
+    for t in HOLDS["times"]:
+        assert np.abs(motion.velocity_at([t - h, t + h])).max() < 1e-9
+
+
+def test_a_curve_that_leaves_the_range_of_its_keys_warns(recwarn):
+    with pytest.warns(UserWarning, match=r"range of its keys by 0\.0088\d m.*'rest' stays"):
+        motion = Keyframes(**HOLDS, smooth=True)
+    assert not motion.velocity_at([0.0, 1.5]).any()
+    Keyframes([0, 1, 2, 3], offsets=np.outer([0, 1, 2, 3], (1, 0, 1e-9)), smooth=True)
+    Keyframes(**HOLDS, smooth="rest")
+    assert not recwarn
+    with pytest.raises(ValueError, match="smooth must be one of 'rest', got 'reset'.*did you mean"):
+        Keyframes(**HOLDS, smooth="reset")
+
+
 @pytest.mark.parametrize(
     ("motion", "stops", "jumps"),
     [
@@ -94,7 +125,7 @@ def test_smooth_keyframes_are_the_not_a_knot_spline(count):
         (Reciprocate((1, 0, 0), period=0.8, phase=0.25), [0.2, 0.6, 1.0, 1.4], True),
         (Sinusoid((1, 0, 0), 1.25, phase=0.25), [0.2, 0.6, 1.0, 1.4], False),
         (Keyframes([0.0, 0.5, 0.7, 1.6], np.eye(4, 3)), [0.5, 0.7], True),
-        (Keyframes([0.0, 0.5, 0.7, 1.6], np.eye(4, 3), smooth=True), [0.5, 0.7], False),
+        (Keyframes([0.0, 0.5, 0.7, 1.6], np.eye(4, 3), smooth="rest"), [0.5, 0.7], False),
     ],
 )
 def test_stops_are_where_pieces_end_and_smooth_motions_have_no_kink_there(motion, stops, jumps):

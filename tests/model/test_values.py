@@ -46,7 +46,7 @@ VALUES = [
     ),
     cs.Linear((1.0, -2.0, 0.5)),
     cs.Reciprocate((0.0, 3.0, 4.0), distance=0.8, period=1.7, deceleration=3.0, phase=0.3),
-    cs.Keyframes([0.0, 0.4, 1.3], [(0, 0, 0), (1, 0, 0), (1, 2, -1)], smooth=True),
+    cs.Keyframes([0.0, 0.4, 1.3], [(0, 0, 0), (0.3, 0.6, 0), (1, 2, -1)], smooth=True),
     cs.Sinusoid((0.1, 0, 0), 2.0),
     cs.scenes.paper_swing(),
     scene_with_arrays(),

@@ -184,7 +184,7 @@ def test_spheres_move_as_in_the_core(live):
         cs.Linear((0.1, 0.3, 0.0)),
         *(cs.Reciprocate((1, 2, 0), 0.3, 0.7, k, 0.2) for k in (0.0, 5.0)),
         cs.Sinusoid((0.1, 0.2, 0), 1.7, 0.3),
-        *(cs.Keyframes(**table, smooth=smooth) for smooth in (False, True)),
+        *(cs.Keyframes(**table, smooth=smooth) for smooth in (False, True, "rest")),
         cs.Keyframes(table["times"], table["offsets"]),
     ]
     scene = cs.Scene(

@@ -8,20 +8,26 @@ NumPy scalar is.
 from __future__ import annotations
 
 import difflib
+import functools
+import inspect
 import math
 import numbers
 import os
 import reprlib
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar, cast
 
 import numpy as np
 
 from . import Floats
 
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
+# Likeness of two names, as difflib has it, from which one may be meant by the other: "cuda" is like
+# "cpu" by 0.57, and "floor" like "force" by 0.6; single slips are from 0.7 on.
+_ALIKE = 0.7
 INT64_MAX = 2**63 - 1  # the largest count that the core can hold
 
 
@@ -36,19 +42,42 @@ def _refuse(error: type[Exception], name: str, accepted: str, value: Any) -> NoR
     raise error(f"{name} must be {accepted}, got {shown(value)}")
 
 
+# What serves in place of an argument that does not exist.
 _INSTEAD = {
     "strict": "; kernel='gather' has one set of bits on every instruction set",
     "wind": "; simulate(force=f) takes a force f(t, x, v) on each mass point, and Cloth(drag=...) "
     "slows points down",
     "air": "; Cloth(drag=...) slows points down, and simulate(force=f) takes a force f(t, x, v) "
     "on each mass point",
+    "floor": "; a floor is a cs.Plane among the spheres",
 }
 
 
-def no_argument(unknown: Mapping[str, object]) -> None:
-    """Refuse unknown keyword arguments, and say what serves instead."""
-    for name in unknown:
-        raise TypeError(f"unknown argument {name!r}{_INSTEAD.get(name, '')}")
+def arguments(owner: str, given: Mapping[str, object], known: Collection[str]) -> None:
+    """Refuse keyword arguments that are not among `known`, and suggest the nearest."""
+    for name in given:
+        if name not in known:
+            instead = _INSTEAD.get(name)
+            hint = nearest(name, known) if instead is None else instead
+            accepted = ", ".join(map(repr, known)) or "none"
+            raise TypeError(
+                f"{owner} has the unknown argument {name!r}{hint}; accepted: {accepted}"
+            )
+
+
+def named(function: F) -> F:
+    """Decorate a function of users: an unknown keyword argument is an error that suggests one."""
+    known = tuple(name for name in inspect.signature(function).parameters if name != "self")
+    names = frozenset(known)
+    owner = function.__qualname__.removesuffix(".__init__")
+
+    @functools.wraps(function)
+    def checked(*given: Any, **options: Any) -> Any:
+        if not names.issuperset(options):
+            arguments(owner, options, known)
+        return function(*given, **options)
+
+    return cast(F, checked)
 
 
 def instance(name: str, value: Any, kind: type[T]) -> T:
@@ -58,12 +87,12 @@ def instance(name: str, value: Any, kind: type[T]) -> T:
     )
 
 
-def boolean(name: str, value: Any) -> bool:
+def boolean(name: str, value: Any, accepted: str = "True or False") -> bool:
     """`value` as a bool; 0 and 1 are refused."""
     return (
         bool(value)
         if isinstance(value, (bool, np.bool_))
-        else _refuse(TypeError, name, "True or False", value)
+        else _refuse(TypeError, name, accepted, value)
     )
 
 
@@ -156,7 +185,7 @@ def choice(name: str, value: Any, options: Collection[T]) -> T:
 
 def nearest(value: Any, options: Collection[Any]) -> str:
     """A hint at the option that the wrong name `value` may mean."""
-    close = difflib.get_close_matches(str(value), options, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(str(value), options, n=1, cutoff=_ALIKE)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 

@@ -3,7 +3,7 @@
 A motion consists of pieces (`PIECE`). With u = (t - begin) / length, the displacement on a piece
 is::
 
-    p0 + u p1 + u^2 p2 + u^3 p3 + amplitude g(u)
+    p0 + u p1 + u^2 p2 + ... + u^5 p5 + amplitude g(u)
     g(u) = sin(angle u)    or, where decay k > 0,    (1 - exp(-k u)) / (1 - exp(-k))
 
 The pieces of a periodic motion cover one period: `begin` and `length` are then parts of it, and
@@ -20,31 +20,35 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import _core
 from ..base import check, frozen
+from ..errors import warn_caller
 from ..typing import Numbers
 from .record import Record
 
 Vectors = npt.NDArray[np.float64]
 
-# As MotionPiece in cpp/model/motion.hpp, with polynomial = (p0, p1, p2, p3). Units: s (or parts of
-# the period), m, rad, 1.
+# As MotionPiece in cpp/model/motion.hpp, with polynomial = (p0, ..., p5). Units: s (or parts of the
+# period), m, rad, 1.
 PIECE = np.dtype(
     [
         ("begin", "f8"),
         ("length", "f8"),
-        ("polynomial", "f8", (4, 3)),
+        ("polynomial", "f8", (6, 3)),
         ("amplitude", "f8", 3),
         ("angle", "f8"),
         ("decay", "f8"),
     ]
 )
 
+# Part of the range of its keys by which a smooth curve may leave it without a warning. A curve that
+# turns at a key between two others leaves it by some 2 %.
+_OVERSHOOT = 0.01
 _MOST_STOPS = 1_000_000  # of a motion in a run, each of which costs a step
 
 
@@ -167,6 +171,7 @@ class Linear(BaseMotion):
 
     kind: ClassVar[str] = "linear"
 
+    @check.named
     def __init__(self, velocity: Numbers) -> None:
         self._set(velocity=check.vector("velocity", velocity))
 
@@ -224,6 +229,7 @@ class Reciprocate(BaseMotion):
 
     kind: ClassVar[str] = "reciprocate"
 
+    @check.named
     def __init__(
         self,
         direction: Numbers,
@@ -282,6 +288,7 @@ class Sinusoid(BaseMotion):
 
     kind: ClassVar[str] = "sinusoid"
 
+    @check.named
     def __init__(self, amplitude: Numbers, frequency: float, phase: float = 0.0) -> None:
         self._set(
             amplitude=check.vector("amplitude", amplitude),
@@ -303,11 +310,13 @@ class Keyframes(BaseMotion):
     """A table of times and centres or displacements, with straight lines or a smooth curve between
     them.
 
-    Before the first time and from the last time on the sphere rests. At a time of the table the
-    velocity is that of the line that begins there. With `smooth` the curve is the cubic spline
-    through the centres, with continuous velocity and acceleration, and with one cubic on the first
-    two and on the last two intervals ("not-a-knot"; through three centres a parabola). Its first
-    and last velocities are not 0 in general.
+    Before the first time and from the last time on the sphere rests. With straight lines, the
+    velocity at a time of the table is that of the line that begins there. ``smooth=True`` is the
+    cubic spline through the centres that begins and ends at rest (a clamped spline), with
+    continuous velocity and acceleration. It may swing beyond the centres, above all where they
+    stand still for a while. ``smooth="rest"`` stays between them: it rests at every time of the
+    table, and each way is that of minimum jerk, 10 u^3 - 15 u^4 + 6 u^5 with u from 0 to 1, also
+    with continuous velocity and acceleration.
 
     `centers` are absolute, so the sphere's own ``center`` has no effect. `offsets` are
     displacements from the sphere's ``center`` or from the pin's initial position, so that many pins
@@ -321,8 +330,13 @@ class Keyframes(BaseMotion):
         Centres [m], shape (len(times), 3).
     offsets : array_like, optional
         Displacements from the start [m], shape (len(times), 3), in place of `centers`.
-    smooth : bool, default False
-        True for the cubic spline.
+    smooth : bool or "rest", default False
+        True for the cubic spline, "rest" for a curve that rests at every time.
+
+    Warns
+    -----
+    UserWarning
+        If the spline leaves the range of its centres or displacements by more than 1 % of it.
 
     Examples
     --------
@@ -330,23 +344,24 @@ class Keyframes(BaseMotion):
     >>> motion.center_at([-1.0, 0.5, 2.0, 9.0], (0, 0, 0)).tolist()
     [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 4.0, 0.0]]
     >>> curve = cs.Keyframes([0.0, 1.0, 2.0], [(0, 0, 0), (0, 1, 0), (0, 0, 0)], smooth=True)
-    >>> curve.center_at(0.5, (0, 0, 0)).tolist(), curve.velocity_at(1.0).tolist()
-    ([0.0, 0.75, 0.0], [0.0, 0.0, 0.0])
+    >>> curve.center_at(0.5, (0, 0, 0)).tolist(), curve.velocity_at([0.0, 1.0])[:, 1].tolist()
+    ([0.0, 0.5, 0.0], [0.0, 0.0])
     """
 
     times: Vectors
     centers: Vectors | None
     offsets: Vectors | None
-    smooth: bool
+    smooth: bool | Literal["rest"]
 
     kind: ClassVar[str] = "keyframes"
 
+    @check.named
     def __init__(
         self,
         times: Numbers,
         centers: npt.ArrayLike | None = None,
         offsets: npt.ArrayLike | None = None,
-        smooth: bool = False,
+        smooth: bool | Literal["rest"] = False,
     ) -> None:
         count = len(check.items("times", times, None, "finite numbers", 2))
         times = check.array("times", times, (count,))
@@ -363,10 +378,31 @@ class Keyframes(BaseMotion):
                 f"{' and '.join(given) or 'none of them'}"
             )
         ((name, table),) = given.items()
-        self._set(
-            times=frozen(times), smooth=check.boolean("smooth", smooth), relative=name == "offsets"
-        )
+        if isinstance(smooth, str):
+            check.choice("smooth", smooth, ("rest",))
+        else:
+            smooth = check.boolean("smooth", smooth, "True, False or 'rest'")
+        self._set(times=frozen(times), smooth=smooth, relative=name == "offsets")
         self._set(**{**dict.fromkeys(places), name: frozen(table)})
+        if self.smooth is True:
+            self._warn_of_overshoot(table)
+
+    def _warn_of_overshoot(self, keys: Vectors) -> None:
+        u = np.linspace(0, 1, 17)[:, None]
+        polynomial = self.pieces["polynomial"][1:-1]
+        curve = np.tensordot(u ** np.arange(6), polynomial, ([1], [1]))
+        low, high = keys.min(axis=0), keys.max(axis=0)
+        beyond = np.maximum(low - curve, curve - high)
+        largest = float(beyond.max())
+        span = float((high - low).max())
+        if largest > _OVERSHOOT * span:
+            at = np.unravel_index(beyond.argmax(), beyond.shape)
+            warn_caller(
+                f"the smooth curve leaves the range of its keys by {largest:.3g} m, "
+                f"{largest / span:.2g} of it, after t = {self.times[at[1]]:g} s; "
+                "smooth='rest' stays between them",
+                UserWarning,
+            )
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:
@@ -374,7 +410,10 @@ class Keyframes(BaseMotion):
         assert places is not None
         lengths, ways = np.diff(times)[:, None], np.diff(places, axis=0)
         curve = [places[:-1], ways]
-        if self.smooth:
+        if self.smooth == "rest":
+            still = np.zeros_like(ways)
+            curve = [places[:-1], still, still, 10 * ways, -15 * ways, 6 * ways]
+        elif self.smooth:
             speeds = _spline_velocities(lengths, ways / lengths)
             begins, ends = lengths * speeds[:-1], lengths * speeds[1:]
             curve = [places[:-1], begins, 3 * ways - 2 * begins - ends, begins + ends - 2 * ways]
@@ -387,33 +426,20 @@ class Keyframes(BaseMotion):
 
 
 def _spline_velocities(h: Vectors, d: Vectors) -> Vectors:
-    """Velocities of the not-a-knot spline at its times; `h` are the durations and `d` the mean
+    """Velocities of the clamped spline at its times; `h` are the durations and `d` the mean
     velocities between them.
 
-    The acceleration is continuous at each inner time, and its derivative at the second and the last
-    but one (de Boor, A Practical Guide to Splines, IV).
+    The acceleration is continuous at each inner time (de Boor, A Practical Guide to Splines, IV).
     """
-
-    def at_end(h0: Vectors, h1: Vectors, d0: Vectors, d1: Vectors) -> tuple[Any, ...]:
-        if len(h) < 3:  # a line or a parabola
-            return 1.0, len(h) - 1.0, len(h) * d0
-        return h1, h0 + h1, ((3 * h0 + 2 * h1) * h1 * d0 + h0 * h0 * d1) / (h0 + h1)
-
-    first, last = (
-        at_end(h[0], h[1 % len(h)], d[0], d[1 % len(h)]),
-        at_end(h[-1], h[-2 % len(h)], d[-1], d[-2 % len(h)]),
-    )
-    below = [0.0, *h[1:], last[1]]
-    diagonal = [first[0], *(2 * (h[:-1] + h[1:])), last[0]]
-    above = [first[1], *h[:-1], 0.0]
-    v = np.stack([first[2], *(3 * (h[1:] * d[:-1] + h[:-1] * d[1:])), last[2]])
-    for k in range(1, len(v)):
-        part = below[k] / diagonal[k - 1]
-        diagonal[k] = diagonal[k] - part * above[k - 1]
-        v[k] -= part * v[k - 1]
-    v[-1] /= diagonal[-1]
-    for k in reversed(range(len(v) - 1)):
-        v[k] = (v[k] - above[k] * v[k + 1]) / diagonal[k]
+    v = np.zeros((len(h) + 1, 3))
+    v[1:-1] = 3 * (h[1:] * d[:-1] + h[:-1] * d[1:])
+    diagonal = 2 * (h[:-1] + h[1:])
+    for k in range(1, len(diagonal)):  # elimination in the tridiagonal system
+        part = h[k + 1] / diagonal[k - 1]
+        diagonal[k] = diagonal[k] - part * h[k - 1]
+        v[k + 1] -= part * v[k]
+    for k in reversed(range(len(diagonal))):
+        v[k + 1] = (v[k + 1] - h[k] * v[k + 2]) / diagonal[k]
     return v
 
 

@@ -14,10 +14,10 @@ function motionAt({ motion: m, center }, t) {
   const u = (part - piece.begin) / piece.length, seconds = piece.length * (m.period || 1), all = -Math.expm1(-decay);
   const wave = decay ? -Math.expm1(-decay * u) / all : Math.sin(angle * u);
   const slope = decay ? decay * Math.exp(-decay * u) / all : angle * Math.cos(angle * u);
-  const [p0, p1, p2, p3] = piece.polynomial;
+  const [p0, p1, p2, p3, p4, p5] = piece.polynomial;
   return [
-    p0.map((p, i) => (m.relative ? center[i] : 0) + p + u * (p1[i] + u * (p2[i] + u * p3[i])) + amplitude[i] * wave),
-    p1.map((p, i) => (p + u * (2 * p2[i] + 3 * u * p3[i]) + amplitude[i] * slope) / seconds),
+    p0.map((p, i) => (m.relative ? center[i] : 0) + p + u * (p1[i] + u * (p2[i] + u * (p3[i] + u * (p4[i] + u * p5[i])))) + amplitude[i] * wave),
+    p1.map((p, i) => (p + u * (2 * p2[i] + u * (3 * p3[i] + u * (4 * p4[i] + 5 * u * p5[i]))) + amplitude[i] * slope) / seconds),
   ];
 }
 
