@@ -16,6 +16,7 @@ from .model.sphere import Plane, Sphere
 Value = float | npt.NDArray[np.float64]
 
 
+@check.named
 def energy(scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]:
     """Kinetic and elastic energy, the potentials of gravity and of forces on points, and the total.
 
@@ -57,6 +58,7 @@ def energy(scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike) -
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
+@check.named
 def penetration(
     x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | None = None
 ) -> dict[str, Value]:
@@ -123,6 +125,7 @@ def _times(
     return check.array("t", t, batch, "finite times, one per member of x, or one for all")
 
 
+@check.named
 def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     """Stretch of the most stretched spring, l / L - 1 with l its length and L its rest length.
 

@@ -28,7 +28,7 @@ from ..base.text import aligned
 from ..methods.bound import stable_dt
 from ..model.fields import change_scene, check_name, units
 from ..model.scene import Scene, stops_of
-from ..model.sphere import Sphere
+from ..model.sphere import Plane, Sphere
 from ..run.result import Run
 from ..run.simulate import simulate
 from .solution import METHOD, ORDER, Motion, motion
@@ -90,6 +90,15 @@ def _numbers(scene: Scene) -> dict[str, list[float]]:
         "gravity": [scene.gravity],
         **{f"pin{k}": [scene.initial_position[pin]] for k, pin in enumerate(cloth.pins)},
     }
+    indexed = {f"plane{k}": one for k, one in enumerate(scene.spheres) if isinstance(one, Plane)}
+    for prefix, planes in {
+        "plane": [*indexed.values()],
+        **{name: [plane] for name, plane in indexed.items()},
+    }.items():
+        for part in ("point", "normal"):
+            vectors[f"{prefix}_{part}"] = [getattr(plane, part) for plane in planes]
+        for part in ("restitution", "friction"):
+            found[f"{prefix}_{part}"] = [getattr(plane, part) for plane in planes]
     for prefix, spheres in {
         "sphere": scene.spheres,
         **{f"sphere{k}": [one] for k, one in enumerate(scene.spheres)},
@@ -246,6 +255,7 @@ def known_derivatives(
     return found.x, change, error, np.where(bad, 0.0, clock.times).max(axis=1), reasons
 
 
+@check.named
 def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray.Dataset:
     """How each position changes with each parameter, and how far that is known, at the cost of
     three runs a parameter.
@@ -473,6 +483,7 @@ class _Problem:
         return least_squares(residuals, start, jacobian, (*bounds,), max_nfev=most, **digits)
 
 
+@check.named
 def fit(
     scene: Scene,
     times: npt.ArrayLike,

@@ -22,7 +22,7 @@ from ..engine.stepper import Stepper
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene, stops_of
-from ..model.sphere import continuous
+from ..model.sphere import continuous, kind_name
 from ..run.trajectory import PAUSE, Frames
 
 METHOD, ORDER = "dop853", 8
@@ -102,6 +102,7 @@ class Reference:
         }
 
 
+@check.named
 def reference(scene: Scene, duration: float, every: float | None = None) -> Reference:
     """A trusted solution of a scene without contact, with its own error bound.
 
@@ -177,7 +178,7 @@ def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
     double = solve_in_double(scene.replace(spheres=swept), stops, threads) if swept else None
     if double and double.ended.contact:
         raise ValueError(
-            "duration must end before the cloth meets a sphere, at about "
+            f"duration must end before the cloth meets a {kind_name(scene.spheres)}, at about "
             f"{double.ended.known:.4g} s, got {times[-1]:g} s. After contact trajectories are "
             "chaotic and there is no reference: compare outcomes (penetration, energy)"
         )
@@ -231,9 +232,8 @@ def motion(
         x[:, k], t = stepper.positions, end
     contact = float(np.fmin.reduce([one["first_contact"] for one in stepper._state.core.watched]))
     if not math.isnan(contact):
-        return Motion(
-            x, contact, f"the cloth meets a sphere at {contact:.4g} s: motions part there", True
-        )
+        met = f"the cloth meets a {kind_name(scenes[0].spheres)} at {contact:.4g} s"
+        return Motion(x, contact, f"{met}: motions part there", True)
     return Motion(x, t if failure else math.inf, failure)
 
 

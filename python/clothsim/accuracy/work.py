@@ -106,6 +106,7 @@ class Method:
         check.choice("control", self.control, ("dt", "rtol"))
 
 
+@check.named
 def work_precision(
     scene: Scene,
     duration: float,
@@ -425,6 +426,7 @@ class Convergence:
     __repr__ = __str__
 
 
+@check.named
 def convergence(
     scene: Scene,
     duration: float,

@@ -70,7 +70,8 @@ def explain(
         "mass per point": not cloth.uniform_mass,
         "forces on points": scene.force is not None,
         "driven pins": bool(cloth.driven),
-        "spheres": bool(scene.spheres),
+        "spheres": any(isinstance(one, Sphere) for one in scene.spheres),
+        "planes": any(isinstance(one, Plane) for one in scene.spheres),
         "compensation": precision == "single",
     }
     term = limiting_term(scene, integrator)

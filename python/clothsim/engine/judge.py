@@ -13,6 +13,7 @@ from .. import _core
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError, warn_caller
 from ..methods.bound import limiting_term
 from ..model.scene import Scene
+from ..model.sphere import kind_name
 
 
 class Judge:
@@ -89,11 +90,10 @@ class Judge:
     def _pins_text(self, found: tuple[int, int]) -> str:
         member, point = found
         return (
-            "a sphere has run into the pinned mass point "
+            f"a {kind_name(self._scenes[member].spheres)} has run into the pinned mass point "
             f"{divmod(point, self._scenes[member].cloth.columns)}"
             f"{self._of(member)}; a pinned point never moves, so it, and triangles at it, "
-            "are inside while the sphere is "
-            "there"
+            "are inside while it is there"
         )
 
     def _cells_text(self, found: tuple[int, int]) -> str:
@@ -116,9 +116,10 @@ class Judge:
     def _start_text(self, found: tuple[int, int, int, int, float]) -> str:
         member, k, points, deepest, depth = found
         scene = self._scenes[member]
+        kind = kind_name([scene.spheres[k]])
         return (
-            f"spheres[{k}] starts on the cloth{self._of(member)}: {points} mass points are nearer "
-            f"than they may be, the deepest, {divmod(deepest, scene.cloth.columns)}, by "
+            f"the {kind} spheres[{k}] starts on the cloth{self._of(member)}: {points} mass points "
+            f"are nearer than they may be, the deepest, {divmod(deepest, scene.cloth.columns)}, by "
             f"{depth:.3g} m; they are pushed out at {scene.spheres[k].push_out_speed:g} m/s at "
             "most"
         )

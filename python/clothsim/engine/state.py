@@ -15,7 +15,7 @@ from ..methods.bound import guaranteed_dt
 from ..methods.integrators import METHODS, warn_of_order
 from ..model.motion import Linear
 from ..model.scene import Scene
-from ..model.sphere import held
+from ..model.sphere import held, kind_name
 from .judge import Judge
 from .options import Options, kept_plan
 
@@ -134,7 +134,7 @@ def start_time(t: Any, scenes: Sequence[Scene]) -> float:
         return check.number("t", t)
     for scene in scenes:
         moving = [
-            ("sphere", f"spheres[{k}]")
+            (kind_name([sphere]), f"spheres[{k}]")
             for k, sphere in enumerate(scene.spheres)
             if sphere.motion is not None
         ]

@@ -60,6 +60,7 @@ class Stepper:
         "_state",
     )  # a new attribute, such as `dt`, would change nothing
 
+    @check.named
     def __init__(
         self,
         scene: Scene | Sequence[Scene],
@@ -72,15 +73,13 @@ class Stepper:
         threads: int | None = None,
         kernel: Kernel = "auto",
         backend: Backend = "cpu",
-        **unknown: NoReturn,
     ) -> None:
-        if unknown:
-            check.no_argument(unknown)
         self._options = Options(integrator, precision, threads, kernel, backend)
         self._scene = scene
         self._state = State.checked(scene, x, v, t, self._options)
         self._state.warn_of_order()
 
+    @check.named
     def advance(
         self,
         steps: int,
@@ -165,6 +164,7 @@ class Stepper:
             check.integer("member", member, minimum=0, maximum=members - 1), True
         )
 
+    @check.named
     def set_state(
         self, x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None, t: float | None = None
     ) -> None:

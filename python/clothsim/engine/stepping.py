@@ -8,7 +8,7 @@ equal arithmetic and arrays of equal shape.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -85,6 +85,7 @@ def _engine(
     return State(scenes * members, x.ndim == 4, x.shape, x.dtype, 0.0, options), waiting, x, v
 
 
+@check.named
 def step(
     scene: Scene | Sequence[Scene],
     x: npt.ArrayLike,
@@ -99,7 +100,6 @@ def step(
     *,
     kernel: Kernel = "auto",
     backend: Backend = "cpu",
-    **unknown: NoReturn,
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
@@ -174,8 +174,6 @@ def step(
     >>> float(abs(x - scene.initial_position).max()) < 1e-10
     True
     """
-    if unknown:
-        check.no_argument(unknown)
     state, waiting, x, v = _engine(scene, x, v, integrator, precision, threads, kernel, backend)
     results = state.step(x, v, t, steps, dt, out)
     if len(waiting) < _MOST_WAITING:  # not after an error
@@ -183,6 +181,7 @@ def step(
     return results
 
 
+@check.named
 def acceleration(
     scene: Scene | Sequence[Scene],
     x: npt.ArrayLike,
@@ -193,7 +192,6 @@ def acceleration(
     *,
     threads: int | None = None,
     kernel: Kernel = "auto",
-    **unknown: NoReturn,
 ) -> npt.NDArray[np.float64]:
     """Acceleration of every mass point: springs, damping and gravity. Spheres exert no force.
 
@@ -218,8 +216,6 @@ def acceleration(
     >>> round(float(a[0, 1, 0]), 12)
     -5.0
     """
-    if unknown:
-        check.no_argument(unknown)
     state, waiting, x, v = _engine(scene, x, v, "rk4", precision, threads, kernel)
     result = state.accelerate(x, v, t, out)
     if len(waiting) < _MOST_WAITING:
@@ -227,6 +223,7 @@ def acceleration(
     return result
 
 
+@check.named
 def reference_step(
     scene: Scene,
     x: npt.ArrayLike,

@@ -131,6 +131,7 @@ class Cloth(Record):
     springs: tuple[Family, ...]
     pins: PinField
 
+    @check.named
     def __init__(
         self,
         shape: Shape = (32, 32),

@@ -14,7 +14,7 @@ from ..base.text import counted
 from .cloth import FAMILIES, Cloth
 from .motion import MOTIONS
 from .scene import Scene
-from .sphere import Plane, Sphere, place_name
+from .sphere import Plane, Sphere, kind_name, place_name
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel")
 """Names that change how a cloth is computed, not which cloth."""
@@ -32,6 +32,7 @@ _UNITS = {
             "offsets",
             "radius",
             "offset",
+            "point",
             "distance",
             "amplitude",
             "atol",
@@ -39,7 +40,7 @@ _UNITS = {
         "s": ("period", "times", "dt", "duration"),
         "Hz": ("frequency",),
         "m/s": ("velocity", "push_out_speed"),
-        "1": ("direction", "deceleration", "phase", "restitution", "friction", "rtol"),
+        "1": ("direction", "normal", "deceleration", "phase", "restitution", "friction", "rtol"),
         "kg": ("mass",),
         "N/m": ("stiffness",),
         "N s/m": ("damping", "drag"),
@@ -59,12 +60,14 @@ def _arguments(cls: type) -> tuple[str, ...]:
 _CLOTH = _arguments(Cloth)
 _SPHERE_ALONE = ("radius", "offset", "as_printed", "push_out_speed")  # what no plane has
 _SPHERE = _arguments(Sphere)
+_PLANE = _arguments(Plane)
 _SCENE = tuple(name for name in _arguments(Scene) if name not in ("cloth", "spheres"))
 _MOTION = tuple(dict.fromkeys(name for cls in MOTIONS.values() for name in _arguments(cls)))
 _FAMILY_PARTS = tuple(
     f"{name}_{family}" for name in ("stiffness", "damping") for family in FAMILIES
 )
 _SPHERE_PARTS = (*_SPHERE, *(f"center_{c}" for c in _COMPONENTS), *_MOTION)
+_PLANE_PARTS = (*_PLANE, *(f"{n}_{c}" for n in ("point", "normal") for c in _COMPONENTS), *_MOTION)
 
 NAMES = (
     "scene",
@@ -74,21 +77,25 @@ NAMES = (
     *(f"gravity_{c}" for c in _COMPONENTS),
     *(f"pin0_{c}" for c in _COMPONENTS),
     *(f"sphere_{name}" for name in _SPHERE_PARTS),
+    *(f"plane_{name}" for name in _PLANE_PARTS),
     *RUN,
 )
-"""Every name that can be swept; those of one sphere ("sphere1_radius") and of other pins ("pin1_x")
-come on top.
+"""Every name that can be swept; those of one sphere or plane, by its index in `spheres`
+("sphere1_radius", "plane0_point_y"), and of other pins ("pin1_x") come on top.
 """
 
-_SPHERE_NAME = re.compile(r"sphere(\d*)_(\w+)")
+_OBSTACLE_NAME = re.compile(r"(sphere|plane)(\d*)_(\w+)")
 _PIN_NAME = re.compile(r"pin(\d+)_([xyz])")
 
 
 def check_name(name: Any) -> str:
     """`name` if it can be swept, else an error that suggests the nearest name."""
     text = name if isinstance(name, str) else ""
-    sphere, pin = _SPHERE_NAME.fullmatch(text), _PIN_NAME.fullmatch(text)
-    known = f"sphere_{sphere[2]}" if sphere else f"pin0_{pin[2]}" if pin else name
+    known = name
+    if obstacle := _OBSTACLE_NAME.fullmatch(text):
+        known = f"{obstacle[1]}_{obstacle[3]}"
+    elif pin := _PIN_NAME.fullmatch(text):
+        known = f"pin0_{pin[2]}"
     if isinstance(known, str) and known in NAMES:
         return str(name)
     hint = check.nearest(known, NAMES)
@@ -104,9 +111,9 @@ def sweepable() -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        Units are "" where values have none. Each `sphere_` name also works with a sphere's index,
-        for example "sphere1_radius". "pin0_x" is the initial place of the first of the cloth's
-        `pins`, "pin1_x" that of the next.
+        Units are "" where values have none. Each `sphere_` and `plane_` name also works with an
+        index into `Scene.spheres`, for example "sphere1_radius". "pin0_x" is the initial place of
+        the first of the cloth's `pins`, "pin1_x" that of the next.
 
     Examples
     --------
@@ -121,8 +128,8 @@ def units(name: str) -> str:
     """The unit of a swept name; "" where its values have none."""
     if _PIN_NAME.fullmatch(name):
         return "m"
-    match = _SPHERE_NAME.fullmatch(name)
-    name = match[2] if match else name
+    match = _OBSTACLE_NAME.fullmatch(name)
+    name = match[3] if match else name
     for part in (*FAMILIES, *_COMPONENTS):
         name = name.removesuffix(f"_{part}")
     return _UNITS.get(name, "")
@@ -195,39 +202,58 @@ def _change_spheres(
     parts = {}
     for name in values:
         # The name has passed check_name.
-        number, part = _SPHERE_NAME.fullmatch(name).groups()  # type: ignore[union-attr]
+        kind, number, part = _OBSTACLE_NAME.fullmatch(name).groups()  # type: ignore[union-attr]
         index = int(number) if number else None
-        parts[name] = index, part
-        if (index or 0) >= len(spheres):
-            needed = "a sphere" if index is None else f"a sphere with the index {index}"
-            raise ValueError(
-                f"{name} needs {needed}; the scene has {counted(len(spheres), 'sphere')}"
-            )
+        parts[name] = kind, index, part
+        _check_obstacle(name, kind, index, part, spheres)
     result = []
     for k, sphere in enumerate(spheres):
-        own = {name: part for name, (index, part) in parts.items() if index in (None, k)}
-        for name in [
-            name
-            for name, part in own.items()
-            if isinstance(sphere, Plane) and part in _SPHERE_ALONE
-        ]:
-            if parts[name][0] is not None or all(isinstance(one, Plane) for one in spheres):
-                raise ValueError(f"{name} needs a sphere, and spheres[{k}] is a plane")
-            del own[name]  # meant for the spheres beside it
+        own = {
+            name: part
+            for name, (kind, index, part) in parts.items()
+            if index in (None, k) and _has(sphere, kind, part)
+        }
         # Whole arguments first and together; a part is then a part of the new whole.
+        arguments = _arguments(type(sphere))
         sphere = sphere.replace(
-            **{part: values[name] for name, part in own.items() if part in _SPHERE}
+            **{part: values[name] for name, part in own.items() if part in arguments}
         )
-        for name in [name for name, part in own.items() if part not in _SPHERE]:
+        for name in [name for name, part in own.items() if part not in arguments]:
             sphere = _change_part(sphere, name, own[name], values[name])
         result.append(sphere)
     return result
 
 
+def _has(obstacle: Sphere | Plane, kind: str, part: str) -> bool:
+    """Whether a name of this kind and part means the sphere or plane."""
+    if kind == "plane":
+        return isinstance(obstacle, Plane)
+    return isinstance(obstacle, Sphere) or part not in _SPHERE_ALONE
+
+
+def _check_obstacle(
+    name: str, kind: str, index: int | None, part: str, spheres: tuple[Sphere | Plane, ...]
+) -> None:
+    """Refuse a name that means nothing in these `spheres`."""
+    if (index or 0) >= len(spheres):
+        needed = f"a {kind}" if index is None else f"a {kind} with the index {index}"
+        raise ValueError(f"{name} needs {needed}; the scene has {counted(len(spheres), 'sphere')}")
+    places = range(len(spheres)) if index is None else [index]
+    if not any(_has(spheres[k], kind, part) for k in places):
+        other = "plane" if kind == "sphere" else "sphere"
+        raise ValueError(f"{name} needs a {kind}, and spheres[{places[-1]}] is a {other}")
+
+
 def _change_part(sphere: Sphere | Plane, name: str, part: str, value: Any) -> Sphere | Plane:
-    if part.startswith("center_"):
-        place = _with_components(sphere.center, {part[-1]: value})
-        return sphere.replace(**{place_name(sphere): place})
+    whole, _, component = part.rpartition("_")
+    if part == "center":
+        return sphere.replace(**{place_name(sphere): value})
+    if whole in ("center", "point", "normal"):
+        argument = place_name(sphere) if whole == "center" else whole
+        vector = _with_components(getattr(sphere, argument), {component: value})
+        return sphere.replace(**{argument: vector})
     if sphere.motion is None or part not in _arguments(type(sphere.motion)):
-        raise ValueError(f"{name} needs a sphere whose motion has it, got {sphere.motion!r}")
+        raise ValueError(
+            f"{name} needs a {kind_name([sphere])} whose motion has it, got {sphere.motion!r}"
+        )
     return sphere.replace(motion=sphere.motion.replace(**{part: value}))

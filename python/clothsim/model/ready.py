@@ -20,6 +20,7 @@ PAPER_DT = 5e-6
 """Time step of Table 2 of Kim et al. [s]."""
 
 
+@check.named
 def paper_static(
     response: Response = "ray",
     bend: bool = False,
@@ -55,6 +56,7 @@ def paper_static(
     return paper_swing(bend).replace(spheres=sphere)
 
 
+@check.named
 def paper_moving(
     response: Response = "ray",
     bend: bool = False,
@@ -89,6 +91,7 @@ def paper_moving(
     return paper_swing(bend).replace(spheres=sphere)
 
 
+@check.named
 def paper_swing(bend: bool = False) -> Scene:
     """The paper's cloth swings down without a sphere (Kim et al., Table 2).
 
@@ -105,6 +108,7 @@ def paper_swing(bend: bool = False) -> Scene:
     return Scene(Cloth() if check.boolean("bend", bend) else Cloth(springs=("structural", "shear")))
 
 
+@check.named
 def hanging(
     shape: Shape = (16, 16),
     size: Numbers = (1.0, 1.0),
@@ -150,6 +154,7 @@ def hanging(
     return Scene(cloth, position=turned)
 
 
+@check.named
 def oscillator(
     stiffness: float = 100.0,
     mass: float = 1.0,

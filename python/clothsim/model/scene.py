@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -93,6 +93,7 @@ class Scene(Record):
     velocity: npt.NDArray[np.float64] | None
     force: npt.NDArray[np.float64] | None
 
+    @check.named
     def __init__(
         self,
         cloth: Cloth,
@@ -198,13 +199,13 @@ class Scene(Record):
             "driven_pins": sorted(pins, key=lambda pin: pin[0]),
         }
 
+    @check.named
     def explain(
         self,
         precision: Precision = "double",
         kernel: Kernel = "auto",
         threads: int | None = None,
         integrator: Integrator = "rk4",
-        **unknown: NoReturn,
     ) -> Any:
         """List the work of a step of this scene, the parts left out, and the term that limits the
         step.
@@ -233,7 +234,6 @@ class Scene(Record):
         """
         from ..engine.explain import explain
 
-        check.no_argument(unknown)
         return explain(self, precision, kernel, threads, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
@@ -242,6 +242,7 @@ class Scene(Record):
 
         return scene_bundle(self)
 
+    @check.named
     def to_live_html(
         self, path: str | Path, dt: float | None = None, title: str | None = None
     ) -> Path:
@@ -349,17 +350,20 @@ def cloth_text(scene: Scene) -> str:
 
 
 def spheres_text(scene: Scene) -> str:
-    """Number of spheres and their responses."""
+    """Numbers of spheres and planes, and their responses."""
     spheres = scene.spheres
     if not spheres:
         return "no sphere"
+    planes = sum(isinstance(one, Plane) for one in spheres)
+    numbers = ((len(spheres) - planes, "sphere"), (planes, "plane"))
+    text = " and ".join(counted(number, noun) for number, noun in numbers if number)
     kinds = Counter(
         f"{'moving, ' if s.motion else ''}response "
         f"{s.response}{' as printed' if s.as_printed else ''}"
         for s in spheres
     )
     parts = [kind if n == len(spheres) else f"{n} {kind}" for kind, n in kinds.items()]
-    return f"{counted(len(spheres), 'sphere')} ({'; '.join(parts)})"
+    return f"{text} ({'; '.join(parts)})"
 
 
 def _spheres(value: Any) -> tuple[Sphere | Plane, ...]:

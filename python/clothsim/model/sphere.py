@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar, get_args
 
@@ -234,6 +234,7 @@ class Sphere(Obstacle):
     as_printed: bool
     push_out_speed: float
 
+    @check.named
     def __init__(
         self,
         center: Numbers = (0.0, 0.0, 0.0),
@@ -303,6 +304,7 @@ class Plane(Obstacle):
     radius, as_printed, push_out_speed = math.inf, False, 1.0  # what a sphere has of its own
     offset = "none"
 
+    @check.named
     def __init__(
         self,
         point: Numbers = (0.0, 0.0, 0.0),
@@ -332,6 +334,14 @@ _STILL = Linear((0.0, 0.0, 0.0))
 def place_name(obstacle: Sphere | Plane) -> str:
     """The argument that says where a sphere or plane is."""
     return "point" if isinstance(obstacle, Plane) else "center"
+
+
+def kind_name(obstacles: Iterable[Sphere | Plane]) -> str:
+    """What they are called in texts: "sphere", "plane" or "sphere or plane"."""
+    kinds = {isinstance(one, Plane) for one in obstacles}
+    if len(kinds) > 1:
+        return "sphere or plane"
+    return "plane" if True in kinds else "sphere"
 
 
 def held(obstacle: Sphere | Plane, center: npt.ArrayLike) -> Sphere | Plane:

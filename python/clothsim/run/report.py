@@ -9,6 +9,7 @@ from typing import Any
 from .. import _core
 from ..base import Floats
 from ..model.scene import Scene
+from ..model.sphere import kind_name
 from .error_control import NOT_ASKED, Controlled, Estimate
 from .trajectory import Trajectory
 
@@ -94,7 +95,7 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     if math.isnan(gained):
         pins = "driven pins do work on the cloth" if scene.cloth.driven else ""
         contact = (
-            "a sphere responded, and responses change the energy"
+            f"a {kind_name(scene.spheres)} responded, and responses change the energy"
             if watched["in_contact"]
             else "no step was taken"
         )

@@ -163,6 +163,7 @@ class Run:
     def __repr__(self) -> str:
         return "\n".join(_lines(self))
 
+    @check.named
     def resume(
         self,
         duration: float,
@@ -425,6 +426,7 @@ class Run:
 
         return plot_run(self, path)
 
+    @check.named
     def animate(
         self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, **style: Any
     ) -> Path:
@@ -458,6 +460,7 @@ class Run:
 
         return animate(self, path, fps, speed, **style)
 
+    @check.named
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the run in a browser; `clothsim.compare` plays
         several side by side.
@@ -486,6 +489,7 @@ class Run:
 
         return alone(self, title).to_html(path)
 
+    @check.named
     def show(self, *, height: int = 760) -> Any:
         """Play the run in a notebook: the page of `to_html` in a frame of the cell.
 
@@ -509,6 +513,7 @@ class Run:
 
         return run_bundle(self)
 
+    @check.named
     def export(
         self, path: str | os.PathLike[str], fps: float | None = None, z_up: bool = False
     ) -> list[Path]:
@@ -565,6 +570,7 @@ class Run:
         return export(self, path, fps, z_up)
 
 
+@check.named
 def load_run(path: str | os.PathLike[str]) -> Run:
     """Read a run that `Run.save` wrote. Nothing in the file is executed.
 
@@ -605,6 +611,7 @@ def deepest(spheres: Iterable[Sphere | Plane], x: Floats, t: Floats) -> dict[str
     return found
 
 
+@check.named
 def difference(a: Run, b: Run) -> dict[str, Any]:
     """Distance of the mass points of two runs at equal times, as for one scene in two settings.
 

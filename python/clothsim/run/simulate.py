@@ -59,6 +59,7 @@ def simulate(
 def simulate(
     scene: Sequence[Scene], duration: float, *arguments: Any, **options: Any
 ) -> list[Run]: ...
+@check.named
 def simulate(
     scene: Scene | Sequence[Scene],
     duration: float,
@@ -79,7 +80,6 @@ def simulate(
     kernel: Kernel = "auto",
     backend: Backend = "cpu",
     estimate_error: bool | None = None,
-    **unknown: NoReturn,
 ) -> Run | list[Run]:
     """Run a scene from its initial state for `duration` and store frames.
 
@@ -146,7 +146,6 @@ def simulate(
     >>> run.x.shape, run.report["integrator"], run.report["error_estimate"]["rms"] < 1e-6
     ((26, 1, 2, 3), 'dop853', True)
     """
-    check.no_argument(unknown)
     batched = not isinstance(scene, Scene)
     scenes = scenes_of(scene)
     if batched and (

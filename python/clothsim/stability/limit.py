@@ -77,6 +77,7 @@ def max_stable_dt(
 ) -> float: ...
 @overload
 def max_stable_dt(scene: Sequence[Scene], *arguments: Any, **options: Any) -> Floats: ...
+@check.named
 def max_stable_dt(
     scene: Scene | Sequence[Scene],
     integrator: Integrator = "rk4",

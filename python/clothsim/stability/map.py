@@ -59,6 +59,7 @@ def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **optio
     return True
 
 
+@check.named
 def stability_map(
     scene: Scene,
     stiffness: npt.ArrayLike,

@@ -316,6 +316,7 @@ def differences(theirs: Any, mine: Any, path: str = "") -> list[str]:
     return [] if there == here else [f"{path} ({there:.60} in the store, {here:.60} given)"]
 
 
+@check.named
 def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     """Read the store of a sweep, finished or not.
 

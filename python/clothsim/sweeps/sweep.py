@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -63,6 +63,7 @@ _WORKERS_UNKNOWN = 32  # of an executor that does not say
 _CHECKED = 2048  # members that are made before anything is run, to find what cannot be
 
 
+@check.named
 def sweep(
     scene: Scene,
     over: Mapping[Any, Any] | Sequence[Mapping[str, Any]] | None = None,
@@ -80,7 +81,6 @@ def sweep(
     threads: int | None = None,
     progress: bool = True,
     kernel: Kernel = "auto",
-    **unknown: NoReturn,
 ) -> xarray.Dataset:
     """Run a scene once for every combination of values, and label the results.
 
@@ -155,7 +155,6 @@ def sweep(
     ('N/m', 2)
     """
     needed("xarray", "sweep")  # so that an ImportError comes before the runs
-    check.no_argument(unknown)
     if check.boolean("progress", progress):
         needed("tqdm", "progress=True")
     check.instance("scene", scene, Scene)

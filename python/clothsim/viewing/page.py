@@ -131,6 +131,7 @@ class Comparison:
         return f"<Comparison of {', '.join(map(repr, self.runs))}>"
 
 
+@check.named
 def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
     r"""Put runs side by side, to play them with a common clock.
 

@@ -229,6 +229,7 @@ def file_path(name: str, value: Any) -> Path:
     return path
 
 
+@check.named
 def picture(
     scene: Scene,
     x: npt.ArrayLike | None = None,
