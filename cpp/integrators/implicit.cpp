@@ -7,7 +7,7 @@ namespace {
 
 constexpr int most_iterations = 60;  // not tuned: bounds, beyond which a step counts as failed
 constexpr int most_halvings = 12;
-// Residual relative to its parts; Newton's method ends a few times above rounding.
+// Residual relative to its parts, which Newton's method reaches a few times above rounding.
 constexpr double converged = 1e-14;
 
 }  // namespace
@@ -21,7 +21,18 @@ ImplicitMidpoint::ImplicitMidpoint(const Scene& scene) : scene_(scene), cloth_(s
     for (int i = 0; i < cloth.points(); ++i)
         if (unknown_[std::size_t(i)] >= 0)
             mass_.segment<3>(3 * unknown_[std::size_t(i)]).setConstant(cloth.mass[std::size_t(i)]);
+    Vector tension = Vector::Zero(3 * unknowns_);
+    cloth.each_spring([&](int from, int to, const Neighbour& kind) {
+        for (const int point : {from, to})
+            if (const int k = unknown_[std::size_t(point)]; k >= 0)
+                tension[3 * k] += cloth.stiffness[kind.family] * cloth.rest_length(kind);
+    });
+    tension_ = size(tension);
     matrix_.resize(3 * unknowns_, 3 * unknowns_);
+}
+
+double ImplicitMidpoint::size(const Vector& r) const {
+    return std::sqrt((r.array().square() / mass_.array()).sum());
 }
 
 Vec3 ImplicitMidpoint::place(const Vector& values, int point) const {
@@ -112,10 +123,6 @@ int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
         if (unknown_[std::size_t(i)] >= 0)
             u.segment<3>(3 * unknown_[std::size_t(i)]) = v_.row(i).transpose();
     const Vector start = u;
-    const auto size = [&](const Vector& r) {
-        return std::sqrt((r.array().square() / mass_.array()).sum());
-    };
-
     Vector r = residual(h, u);
     double norm = size(r);
     for (int iteration = 0; iteration < most_iterations && norm > 0; ++iteration) {
@@ -134,9 +141,10 @@ int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
         u = next;
         r = next_r;
         norm = best;
-        // The parts of the residual: momentum, and its change by the force.
+        // The parts of the residual: momentum, its change by the force, and h/2 K L of every
+        // spring, whose rounding is in its tension K (l - L).
         const double parts = size((mass_.array() * u.array()).matrix()) +
-            size((mass_.array() * (u - start).array()).matrix());
+            size((mass_.array() * (u - start).array()).matrix()) + h / 2 * tension_;
         if (norm <= converged * parts) break;
     }
     for (int i = 0; i < cloth_.points(); ++i) {

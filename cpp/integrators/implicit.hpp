@@ -36,12 +36,14 @@ private:
     void assemble(double h, const Vector& u, bool exact);
     bool factorise(double h, const Vector& u);
     Vec3 place(const Vector& values, int point) const;
+    double size(const Vector& momenta) const;  // norm weighted by 1 / mass
 
     const Scene& scene_;
     const Cloth& cloth_;
     std::vector<int> unknown_;  // of a point, -1: pinned
     int unknowns_ = 0;
     Vector mass_;  // per unknown
+    double tension_ = 0;  // size of K L, summed over the springs of each point
     Points x_, v_;  // at the start of the step
     Matrix matrix_;
     std::vector<Eigen::Triplet<double>> entries_;

@@ -138,6 +138,14 @@ def test_the_implicit_method_stands_huge_steps():
         cs.step(scene, *state, dt, 50, integrator="rk4")
 
 
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 5e-2])
+def test_newtons_method_ends_above_the_rounding_of_the_springs(dt):
+    """Taut springs: the tension is a small difference of K l and K L, whose rounding remains."""
+    scene = cs.scenes.hanging(shape=(16, 16))
+    run = cs.simulate(scene, 20 * dt, dt=dt, integrator="implicit_midpoint")
+    assert run.report["solution_evaluations"] <= 3 * run.report["steps"]
+
+
 def test_the_limits_are_those_of_the_literature():
     limits = {name: (one.imaginary_limit, one.real_limit) for name, one in cs.integrators().items()}
     assert limits["rk4"] == pytest.approx((math.sqrt(8), 2.785293563405282), rel=1e-8)
