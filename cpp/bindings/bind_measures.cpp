@@ -52,10 +52,13 @@ py::tuple reference_step(const Plan& plan, const Array<double>& x, const Array<d
                          double dt, std::int64_t steps, double t, bool as_printed) {
     Points position = PointsView(x.data(), plan.cloth.points(), 3);
     Points velocity = PointsView(v.data(), plan.cloth.points(), 3);
+    bool done = false;
     {
-        const Unlocked unlocked;
-        reference::step(plan, position, velocity, dt, steps, t, as_printed);
+        Unlocked unlocked;
+        done = reference::step(plan, position, velocity, dt, steps, t, as_printed,
+                               [&] { return unlocked.signal_pending(); });
     }
+    if (!done) throw py::error_already_set();
     const auto array = [&](const Points& p) {
         return py::array_t<double>(
             {py::ssize_t(plan.cloth.rows), py::ssize_t(plan.cloth.columns), py::ssize_t(3)},

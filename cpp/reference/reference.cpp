@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "memory/poll.hpp"
 #include "reference/pins.hpp"
 
 namespace clothsim::reference {
@@ -339,12 +340,14 @@ void advance_as_printed(const Scene& scene, const std::vector<Spring>& list, Poi
 
 }  // namespace
 
-void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t,
-          bool as_printed) {
+bool step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t,
+          bool as_printed, const std::function<bool()>& interrupted) {
+    Poll poll(interrupted);
     const std::vector<Spring> list = springs(scene.cloth);
     for (int i = 0; i < scene.cloth.points(); ++i)
         if (scene.cloth.pinned[i]) v.row(i).setZero();
     for (std::int64_t n = 0; n < steps; ++n) {
+        if (poll.stopped()) return false;
         const double t0 = t + double(n) * dt, t1 = t + double(n + 1) * dt;
         Points touching_x = x, touching_v = v;
         if (as_printed) {
@@ -358,6 +361,7 @@ void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t step
         drive(scene, x, v, t1, dt, 0);
         collide(scene, x, v, t1, dt);
     }
+    return true;
 }
 
 }  // namespace clothsim::reference

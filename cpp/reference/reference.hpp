@@ -27,9 +27,9 @@ Points accelerations(const Scene& scene, const std::vector<Spring>& springs, con
 // at the end of a step. A step in which a sphere with the response "continuous" touches a point is
 // taken in short substeps; the paper's responses follow it. `as_printed`: Kim et al., eq 2-6 word
 // for word, where the time step multiplies the slopes and the sum; kept to show that it is not
-// consistent.
-void step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t,
-          bool as_printed);
+// consistent. False where `interrupted`, asked now and then between two steps, is true.
+bool step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t,
+          bool as_printed, const std::function<bool()>& interrupted);
 
 struct ExtrapolationSettings {
     int columns;
