@@ -157,6 +157,87 @@ def test_after_a_contact_nothing_is_fitted(monkeypatch):
     )
 
 
+def test_a_start_that_leads_astray_gives_no_false_number():
+    """Without sigma 4.07 +- 0.34 looked like a minimum, with residuals of 3 % of the motion."""
+    truth = {"structural": 60.0, "shear": 30.0, "bend": 8.0}
+    cloth = cs.Cloth((8, 8), (0.5, 0.5), 0.2, truth, 0.02, 0.002)
+    rng = np.random.default_rng(0)
+    motion = cs.simulate(cs.Scene(cloth), 1.0, rtol=1e-9, times=TIMES).x[1:, [7, 7, 4], [7, 0, 4]]
+    data = motion + rng.normal(0, 1e-4, motion.shape)
+    start = {family: value * 10 ** rng.uniform(-1, 1) for family, value in truth.items()}
+    over = [f"stiffness_{family}" for family in truth]
+    scene = cs.Scene(cloth.replace(stiffness=start))
+    found = cs.fit(scene, TIMES, data, over, points=[(7, 7), (7, 0), (4, 4)])
+    assert found.report["starts"] > 4 and found.report["reason"] == ""
+    for name, true in zip(over, truth.values()):
+        assert abs(found.values[name] - true) < 4 * found.errors[name]
+
+
+@pytest.mark.parametrize("sigma", [1e-4, None])
+def test_an_alias_of_an_oscillation_is_told(sigma):
+    """21.4 turns of the phase look like 10 where 0.4 s lie between two times."""
+    times = 0.4 * np.arange(1, 26)
+    guess = cs.scenes.oscillator(stiffness=300.0)
+    x = cs.simulate(cs.scenes.oscillator(stiffness=100.0), 10.0, rtol=1e-9, times=times).x[1:]
+    data = x + np.random.default_rng(1).normal(0, 1e-4, x.shape)
+    found = cs.fit(guess, times, data, ["stiffness"], sigma=sigma)
+    assert np.isnan(found.values["stiffness"])
+    assert "fits as well as" in found.report["reasons"]["stiffness"]
+    bounded = cs.fit(guess, times, data, {"stiffness": (80.0, 350.0)}, sigma=sigma)
+    assert abs(bounded.values["stiffness"] - 100) < 4 * bounded.errors["stiffness"]
+
+
+def test_correlated_residuals_widen_errors():
+    times, rng = np.linspace(1 / 30, 1, 30), np.random.default_rng(0)
+    motion, deviations = cs.simulate(SCENE, 1.0, rtol=1e-8, times=times).x[1:], []
+    for _ in range(10):
+        noise = rng.normal(0, 1e-3, motion.shape)
+        for k in range(1, 30):
+            noise[k] = 0.8 * noise[k - 1] + 0.6 * noise[k]
+        found = cs.fit(SCENE, times, motion + noise, ["stiffness", "drag"], sigma=1e-3)
+        for name, true in (("stiffness", 60.0), ("drag", 0.05)):
+            deviations.append((found.values[name] - true) / found.errors[name])
+    assert 0.7 < np.std(deviations) < 1.3
+
+
+def test_a_chi_square_far_below_1_is_a_reason():
+    found = cs.fit(SCENE, TIMES, EXACT, ["stiffness", "drag"], sigma=1e-3)
+    assert np.isnan([*found.errors.values()]).all()
+    assert "sigma is larger than the noise" in found.report["reason"]
+
+
+def test_few_data_have_errors_of_students_t():
+    place = {"points": [(3, 3)]}
+    wide = cs.fit(SCENE, TIMES[[4]], DATA[[4], 3:, 3:].reshape(1, 1, 3), ["stiffness"], **place)
+    assert np.isnan(wide.errors["stiffness"]) and "do not tell sigma" in wide.report["reason"]
+    found = cs.fit(SCENE, TIMES[3:5], DATA[3:5, 3:, 3:].reshape(2, 1, 3), ["stiffness"], **place)
+    known = cs.fit(
+        SCENE,
+        TIMES[3:5],
+        DATA[3:5, 3:, 3:].reshape(2, 1, 3),
+        ["stiffness"],
+        sigma=found.report["sigma"],
+        **place,
+    )
+    ratio = found.errors["stiffness"] / known.errors["stiffness"]
+    assert ratio == pytest.approx(1.1105, rel=1e-3)  # of 5 numbers; 1 without Student
+
+
+@pytest.mark.parametrize("sigma", [1e-3, None])
+def test_a_clock_that_is_off_is_told(sigma):
+    late = np.concatenate([SCENE.initial_position[None] + NOISE[:1], DATA[:-1]])
+    found = cs.fit(SCENE, TIMES, late, ["stiffness", "damping", "drag"], sigma=sigma)
+    assert found.report["starts"] == 1 and np.isnan([*found.errors.values()]).all()
+    assert "times seem to be off by 0.1 s" in found.report["reason"]
+
+
+def test_data_in_another_unit_and_a_coarse_rtol_are_refused():
+    with pytest.raises(ValueError, match="positions must be in metres.*millimetres"):
+        cs.fit(SCENE, TIMES, 1000 * DATA, ["stiffness"])
+    with pytest.raises(ValueError, match="rtol must be at most 6e-08 with sigma = 1e-07 m"):
+        cs.fit(SCENE, TIMES, EXACT, ["stiffness"], sigma=1e-7)
+
+
 def test_it_draws_itself():
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")

@@ -8,7 +8,9 @@ give a difference of third order, and the correction from second order bounds it
 Fit: least squares over the logarithms of positive parameters. A start that is far off gives a
 motion that is out of phase with the data, where least squares finds a wrong minimum. So the first
 times are fitted first, and then twice as many, until all are. While few times are fitted, each
-parameter is held near its start by a weak prior.
+parameter is held near its start by a weak prior. A wrong minimum may look like the right one where
+no sigma tells how well data can be explained, so several starts are compared; the aliases of an
+oscillation, which fit as well as it does, are starts too.
 """
 
 from __future__ import annotations
@@ -49,12 +51,26 @@ _PRIOR = 3.0  # width of the prior, in logarithms or scales
 _WIDEST = 1e3  # factor, or scales, that a parameter without bounds may move
 _EDGE = 1e-3  # of logarithms or scales, from a bound
 _STARTS = 8  # further starts where a minimum does not explain the data
+_SURE = 4  # further starts where no sigma tells whether it does; one in eight ends elsewhere
+_FAR = math.log(10)  # of a logarithm from its start, within which starts and aliases lie
 # Singular value over the largest, of columns of length 1: below, the data cannot tell parameters
 # apart.
 _SINGULAR = 1e-5
 _PART = 1e-2  # of a parameter in a direction that is not determined
 _SIGMAS = 5.0  # from which on a chi-square, or a correlation of residuals, is no chance
 _CORRELATED = 0.2  # of residuals at neighbouring times
+_SIGNIFICANT = 3.0  # sigmas, from which on such a correlation widens errors
+_RESIDUAL = 0.02  # of the motion, rms: larger residuals are part of it where no sigma is given
+_LEAST_FREE = 3  # numbers more than parameters from which sigma can be estimated
+_COARSE = 0.3  # of sigma: the largest error of simulated positions
+# Factors between units of length. One is meant if data then is ten times nearer to the motion.
+_UNITS = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 39.37, "feet": 3.281}
+_NEARER = 10.0
+_MISFIT = 4.0  # chi-square per number of the first times, from which the clock is asked
+_EARLY = 8  # times, of which a clock that is off is asked
+_NO_SUCH = "no such cloth moves like this, or the noise is not independent; errors have no meaning"
+_MOST_TURNS = 3  # between two times, of which aliases are looked for
+_LEAST_FRAMES, _MOST_FRAMES = 64, 4096  # of a spectrum
 
 
 class Parameter(NamedTuple):
@@ -457,7 +473,13 @@ class _Problem:
         return found
 
     def _minimum(
-        self, middle: Floats, bounds: Floats, sigma: float, clock: Clock, least_squares: Any
+        self,
+        middle: Floats,
+        bounds: Floats,
+        sigma: float,
+        clock: Clock,
+        least_squares: Any,
+        most: int = 60,
     ) -> Any:
         """The minimum over the times of `clock`, near `middle` unless these are all times."""
         n = len(clock.times)
@@ -475,12 +497,145 @@ class _Problem:
             found = self.columns(derivatives(scene, parameters, clock)[1], parameters, u)
             return np.append(found / sigma, np.eye(len(u)) * held, axis=0)
 
-        digits, most = (
-            dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if held else 1e-10),
-            20 if held else 60,
-        )
+        digits = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if held else 1e-10)
         start = np.clip(middle, bounds[0] + _EDGE / 2, bounds[1] - _EDGE / 2)
-        return least_squares(residuals, start, jacobian, (*bounds,), max_nfev=most, **digits)
+        return least_squares(
+            residuals,
+            start,
+            jacobian,
+            (*bounds,),
+            max_nfev=min(most, 20) if held else most,
+            **digits,
+        )
+
+    def search(
+        self,
+        bounds: Floats,
+        sigma: float | None,
+        unit: float,
+        rtol: float,
+        moved: float,
+        least_squares: Any,
+    ) -> tuple[list[Any], dict[str, float], str, float]:
+        """The minima of all starts, the quality of the best and why its residuals are no noise, and
+        by how much the times are off [s].
+        """
+        random, minima, late = np.random.default_rng(0), list[Any](), 0.0
+        least = rtol * max(self.scene.cloth.size)
+
+        def judged() -> tuple[dict[str, float], str]:
+            best = min(minima, key=lambda one: one.cost)
+            return _judged(best, self.measured, len(self.names), sigma, unit, least, moved)
+
+        u = np.zeros(len(self.names))
+        early = self._minimum(
+            u, bounds, unit, Clock(self.scene, self.times[:_FEWEST], rtol), least_squares
+        )
+        level = 1.0 if sigma else _RESIDUAL * moved / unit
+        if 2 * early.cost > _MISFIT * early.fun.size * level**2:
+            late = self.shift_of_times(rtol, least_squares)
+        if late:
+            clock = Clock(self.at(early.x), self.times, rtol)
+            minima.append(self._minimum(early.x, bounds, unit, clock, least_squares, most=1))
+            return minima, *judged(), late
+        while True:
+            minima.append(self.minimise(u, bounds, unit, rtol, least_squares))
+            quality, misfit = judged()
+            further = len(minima) - 1
+            if further >= _STARTS or not (misfit or (sigma is None and further < _SURE)):
+                break
+            u = random.uniform(-_FAR, _FAR, len(self.names)) * self.logarithmic
+        if misfit:
+            return minima, quality, misfit, 0.0
+        best = min(minima, key=lambda one: one.cost)
+        for place in self.aliases(best.x, bounds):
+            clock = Clock(self.at(place), self.times, rtol)
+            minima.append(self._minimum(place, bounds, unit, clock, least_squares))
+        return minima, *judged(), 0.0
+
+    def check_units(self, rtol: float) -> None:
+        """Refuse positions that are near the motion of the start in another unit alone."""
+        distance = self._first_distance(1.0, rtol)
+        for unit, factor in _UNITS.items():
+            if _NEARER * self._first_distance(factor, rtol) < distance:
+                raise ValueError(
+                    f"positions must be in metres, got numbers that look like {unit}: "
+                    f"divide them by {factor:g}"
+                )
+
+    def _first_distance(self, factor: float, rtol: float) -> float:
+        """Distance of the data over `factor` from the motion of the start [m], rms."""
+        clock = Clock(self.scene, self.times[:_FEWEST], rtol)
+        x = clock.run([self.scene], clock.counts(self.scene)).x[0]
+        n = len(clock.times)
+        return float(np.sqrt(np.nanmean((self.data[:n] / factor - x)[self.measured[:n]] ** 2)))
+
+    def shift_of_times(self, rtol: float, least_squares: Any) -> float:
+        """What has to be added to the times [s] so that the first of them can be explained; 0 if a
+        shift does not explain them ten times better.
+        """
+        shape, size = self.scene.cloth.shape, max(self.scene.cloth.size)
+        given = self.times[:_EARLY]
+        data = self.data[: len(given)]
+        measured = self.measured[: len(given)]
+        unit = float(np.diff(self.times, prepend=0.0).max())
+        far = _FAR * self.logarithmic + ~self.logarithmic
+
+        def residuals(values: Floats, shifted: float = 1.0) -> Floats:
+            scene, late = self.at(values[:-1]), shifted * unit * float(values[-1])
+            times = np.maximum(given + late, 0.0)
+            later, places = np.unique(times[times > 0], return_inverse=True)
+            x = np.broadcast_to(scene.initial_position, (len(given), *shape, 3)).copy()
+            if later.size:
+                clock = Clock(scene, later, rtol)
+                x[times > 0] = clock.run([scene], clock.counts(scene)).x[0][places]
+            off = np.nan_to_num((x - data)[measured], nan=size)
+            return np.append(off, 1e-3 * rtol * size * values)
+
+        start = np.zeros(len(self.names) + 1)
+        ends = np.append(far, _EARLY / 2.0)
+        options = {"diff_step": 1e-4, "max_nfev": 20, "bounds": (-ends, ends), "x_scale": ends}
+        shifted = least_squares(residuals, start, **options)
+        still = least_squares(residuals, start, args=(0.0,), **options)
+        better = still.cost > _NEARER**2 * shifted.cost
+        return unit * float(shifted.x[-1]) if better else 0.0
+
+    def aliases(self, u: Floats, bounds: Floats) -> list[Floats]:
+        """Coordinates whose motion has an alias of the main frequency at the times: as often a
+        whole number of turns more or less between two of them.
+        """
+        speeding = np.array([one.field.startswith("stiffness") for one in self.parameters])
+        slowing = np.array([one.field == "mass" for one in self.parameters])
+        way = 1.0 * speeding - slowing
+        between = float(np.median(np.diff(self.times))) if len(self.times) > 1 else 0.0
+        if not way.any() or between <= 0:
+            return []
+        frequency = self._main_frequency(u)
+        found = []
+        for turns in range(1, _MOST_TURNS + 1):
+            for alias in (turns / between - frequency, turns / between + frequency):
+                if frequency <= 0 or alias <= 0:
+                    continue
+                place = u + 2 * math.log(alias / frequency) * way * self.logarithmic
+                inside = (np.abs(place) <= _FAR) & (bounds[0] <= place) & (place <= bounds[1])
+                if inside[way != 0].all():
+                    found.append(place)
+        return found
+
+    def _main_frequency(self, u: Floats) -> float:
+        """The frequency [Hz] at which most of the measured points' motion is."""
+        scene = self.at(u)
+        end = float(self.times[-1])
+        longest = stable_dt(scene, METHOD)
+        count = int(min(max(2 * end / longest, _LEAST_FRAMES), _MOST_FRAMES))
+        run = simulate(scene, end, rtol=1e-3, times=np.linspace(0, end, count + 1)[1:])
+        moving = run.x[1:, self.measured.any(axis=0)]
+        spectrum = np.abs(np.fft.rfft(moving - moving.mean(axis=0), axis=0)) ** 2
+        weights = spectrum.sum(axis=1)
+        peak = int(weights[1:].argmax()) + 1
+        near = slice(peak - 1, peak + 2)
+        places = np.fft.rfftfreq(count, end / count)[near]
+        return float((places * weights[near]).sum() / weights[near].sum())
 
 
 @check.named
@@ -511,16 +666,19 @@ def fit(
     points : sequence of (row, column), optional
         The measured points. Default: all.
     sigma : float, optional
-        Standard deviation of each measured number [m], > 0. Default: estimated from the residuals.
+        Standard deviation of each measured number [m], > 0. Default: estimated from the residuals
+        of the best of several starts. Give it if you know it: it tells whether a minimum explains
+        the data.
     rtol : float, default 1e-6
-        Error of the simulated positions over the size of the cloth.
+        Error of the simulated positions over the size of the cloth, well below `sigma`.
 
     Returns
     -------
     Fit
-        A parameter that the data does not determine is NaN, with a reason. After a contact all are
-        NaN. Errors are NaN if the residuals are not noise: then the model does not describe the
-        measured motion.
+        A parameter that the data does not determine is NaN, with a reason, also where another
+        value fits as well. After a contact all are NaN. Errors are NaN if the residuals are not
+        noise: then the model does not describe the measured motion. Correlated residuals widen
+        errors where `sigma` is given; without it errors are those of Student's t.
 
     Examples
     --------
@@ -557,24 +715,32 @@ def fit(
     bounds = problem.bounds(over)
     least = rtol * max(scene.cloth.size)  # of what residuals can show
     moved = float(np.sqrt(np.mean((data - scene.initial_position)[measured] ** 2)))
-    unit = sigma or max(1e-3 * moved, least)
-    random, u, starts, misfit = np.random.default_rng(0), np.zeros(len(names)), 0, "not tried"
-    best: Any = None
-    begin = perf_counter()
-    while misfit and starts <= _STARTS:
-        found = problem.minimise(u, bounds, unit, rtol, least_squares)
-        best = found if best is None or found.cost < best.cost else best
-        quality, misfit = _judged(best, measured, len(names), sigma, unit, least)
-        u, starts = (
-            random.uniform(-math.log(10), math.log(10), len(names)) * problem.logarithmic,
-            starts + 1,
+    if sigma is not None and least > _COARSE * sigma:
+        raise ValueError(
+            f"rtol must be at most {_COARSE * sigma / max(scene.cloth.size):.2g} with sigma = "
+            f"{sigma:g} m, so that simulated positions err by less than that, got {rtol:g}"
         )
+    problem.check_units(rtol)
+    unit = sigma or max(1e-3 * moved, least)
+    begin = perf_counter()
+    minima, quality, misfit, late = problem.search(bounds, sigma, unit, rtol, moved, least_squares)
+    best = min(minima, key=lambda one: one.cost)
     parameters = parameters_of(scene := problem.at(best.x), names, "over")
     _, change, _, _, ended = known_derivatives(scene, parameters, Clock(scene, times, rtol))
     run = simulate(scene, float(times[-1]), rtol=rtol, times=times)
     wall_time = perf_counter() - begin
     jacobian = problem.columns(change, parameters, best.x) / quality["sigma"]
     covariance, condition, reasons = _determined(jacobian, ended, best.x, bounds)
+    free = count - len(names)
+    small = "" if sigma is None else _too_small(quality, free, measured)
+    if sigma is None:
+        covariance *= _student(free) ** 2
+    elif _significant(quality["correlation"], measured):
+        covariance = _widened(covariance, jacobian, measured, quality["correlation"])
+    alike = _alike(best, minima, 2 * (unit / quality["sigma"]) ** 2, covariance)
+    for k, other in alike.items():
+        text = f"{problem.values(other)[k]:.4g} fits as well as {problem.values(best.x)[k]:.4g}"
+        reasons[k] = reasons[k] or f"{text}; bounds exclude one of them"
     slopes = problem.slopes(best.x)
     values = np.where([bool(reason) for reason in reasons], np.nan, problem.values(best.x))
     covariance = covariance * np.outer(slopes, slopes) + 0 * np.add.outer(values, values)
@@ -586,11 +752,11 @@ def fit(
     told = [f"{', '.join(group)}: {one}" for one, group in groups.items()]
     if any(ended):
         told = [f"{next(filter(None, ended))}: give only the times before"]
-    elif misfit:
-        told.append(
-            f"{misfit}: no such cloth moves like this, or the noise is not independent; "
-            "errors have no meaning"
-        )
+    elif late:
+        told = [f"times seem to be off by {-late:.3g} s: the first ones fit far better without it"]
+        covariance = np.full_like(covariance, np.nan)
+    elif misfit or small:
+        told.append(misfit or small)
         covariance = np.full_like(covariance, np.nan)
     report = {
         "reason": "; ".join(told),
@@ -599,7 +765,7 @@ def fit(
         "condition": condition,
     }
     spent = {"evaluations": problem.evaluations, "jacobians": problem.jacobians}
-    report |= {**spent, "starts": starts, "wall_time": wall_time}
+    report |= {**spent, "starts": len(minima), "wall_time": wall_time}
     residuals = given - run.x[np.searchsorted(run.t, times)][:, place[0], place[1]]
     errors = dict(zip(names, np.sqrt(np.diag(covariance)).tolist()))
     return Fit(
@@ -639,7 +805,13 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
 
 
 def _judged(
-    found: Any, measured: Any, parameters: int, sigma: float | None, unit: float, least: float
+    found: Any,
+    measured: Any,
+    parameters: int,
+    sigma: float | None,
+    unit: float,
+    least: float,
+    moved: float,
 ) -> tuple[dict[str, float], str]:
     """Sigma, chi-square per degree of freedom, correlation of neighbouring residuals; and why
     residuals are no noise.
@@ -652,15 +824,80 @@ def _judged(
     correlation = (
         float(np.nansum(pairs) / number / max(np.nanmean(whole**2), 1e-300)) if number else math.nan
     )
-    chi, reason = 2 * float(found.cost) / free, ""
+    chi = 2 * float(found.cost) / free
     if sigma is not None:
-        if chi > 1 + _SIGMAS * math.sqrt(2 / free):
-            reason = f"chi-square is {chi:.3g} per degree of freedom"
-        return {"sigma": sigma, "chi_square": chi, "correlation": correlation}, reason
+        quality = {"sigma": sigma, "chi_square": chi, "correlation": correlation}
+        if chi > 1 + _SIGMAS * math.sqrt(2 / _effective(free, correlation, measured)):
+            return quality, f"chi-square is {chi:.3g} per degree of freedom: {_NO_SUCH}"
+        return quality, ""
     noise = unit * math.sqrt(chi)
-    if noise > 10 * least and correlation > max(_CORRELATED, _SIGMAS / math.sqrt(max(number, 1))):
-        reason = f"residuals at neighbouring times have a correlation of {correlation:.2f}"
-    return {"sigma": max(noise, least), "chi_square": math.nan, "correlation": correlation}, reason
+    quality = {"sigma": max(noise, least), "chi_square": math.nan, "correlation": correlation}
+    reason = ""
+    if free < _LEAST_FREE:
+        reason = f"only {free} numbers more than parameters do not tell sigma: give it"
+    elif noise > 10 * least and correlation > max(_CORRELATED, _SIGMAS / math.sqrt(max(number, 1))):
+        text = f"residuals at neighbouring times have a correlation of {correlation:.2f}"
+        reason = f"{text}: {_NO_SUCH}"
+    elif noise > max(10 * least, _RESIDUAL * moved):
+        text = f"residuals are {100 * noise / moved:.2g} % of the motion"
+        reason = f"{text}: {_NO_SUCH}; give sigma where noise is as large"
+    return quality, reason
+
+
+def _significant(correlation: float, measured: Any) -> bool:
+    """Whether a correlation of residuals at neighbouring times is no chance."""
+    number = int((measured[1:] & measured[:-1]).sum())
+    return number > 0 and correlation > _SIGNIFICANT / math.sqrt(number)
+
+
+def _effective(free: int, correlation: float, measured: Any) -> float:
+    """The number of independent data whose chi-square scatters as much as that of correlated."""
+    rho = correlation if _significant(correlation, measured) else 0.0
+    return free * (1 - rho**2) / (1 + rho**2)
+
+
+def _too_small(quality: Mapping[str, float], free: int, measured: Any) -> str:
+    """Why chi-square is far below 1, or ""; its cube root is nearly normal (Wilson, Hilferty)."""
+    chi = quality["chi_square"]
+    part = 2 / (9 * _effective(free, quality["correlation"], measured))
+    if chi > max(1 - part - _SIGMAS * math.sqrt(part), 0.0) ** 3:
+        return ""
+    return (
+        f"chi-square is {chi:.2g} per degree of freedom: sigma is larger than the noise, or the "
+        "data was smoothed"
+    )
+
+
+def _widened(covariance: Floats, jacobian: Floats, measured: Any, correlation: float) -> Floats:
+    """The covariance where residuals at times that are k apart have the correlation to the k-th."""
+    whole = np.zeros((measured.size, jacobian.shape[1]))
+    whole[measured.ravel()] = jacobian
+    whole = whole.reshape(len(measured), -1, jacobian.shape[1])
+    before, after = whole.copy(), whole.copy()
+    for k in range(1, len(whole)):
+        before[k] += correlation * before[k - 1]
+        after[-1 - k] += correlation * after[-k]
+    meat = np.einsum("tnp,tnq->pq", whole, before + after - whole)
+    return np.asarray(covariance @ meat @ covariance)
+
+
+def _student(free: int) -> float:
+    """The one-sigma quantile of Student's t: sigma is estimated from so many numbers."""
+    special = needed("scipy.special", "fit", "fit")
+    return float(special.stdtrit(max(free, _LEAST_FREE), 0.5 + math.erf(math.sqrt(0.5)) / 2))
+
+
+def _alike(best: Any, minima: list[Any], scale: float, covariance: Floats) -> dict[int, Floats]:
+    """Other minima that the data does not rule out, by the parameter that is elsewhere there;
+    `scale` times a cost is chi-square.
+    """
+    found: dict[int, Floats] = {}
+    errors = np.sqrt(np.diag(covariance))
+    for one in minima:
+        if scale * (one.cost - best.cost) < _SIGMAS**2:
+            for k in np.flatnonzero(np.abs(one.x - best.x) > np.maximum(_SIGMAS * errors, _PART)):
+                found.setdefault(int(k), one.x)
+    return found
 
 
 def _determined(
