@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
@@ -11,6 +12,7 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
+from ..base.interrupts import Interrupts
 from ..methods.bound import guaranteed_dt
 from ..methods.integrators import METHODS, warn_of_order
 from ..model.motion import Linear
@@ -27,6 +29,7 @@ _ROUNDING = 2.0**-53  # of a float64, as part of it
 # origin. Half of it refuses float32 states; with twice as much a pin may jump by 2 um on a sheet of
 # a metre.
 _PLACE_ROUNDING = 1e-6
+_LONGEST_PIECE = 0.05  # s, of steps between two questions for Ctrl-C
 
 
 def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
@@ -246,6 +249,7 @@ class State:
         """
         self.batched, self.options, self.integrator = batched, options, options.integrator
         self.shape, self.dtype = shape, np.dtype(dtype)
+        self.given: Any = None  # of a stepper: its scene, or those of its members, as it tells them
         self.threads = 1
         plans, stable_dt = self._compiled(scenes)
         if options.backend == "gpu":
@@ -297,8 +301,10 @@ class State:
         """Replace the scenes, and keep the state. An error leaves everything as it was."""
         scenes = scenes_of(scene) * (len(self.scenes) if isinstance(scene, Scene) else 1)
         plans, stable_dt = self._compiled(scenes)
-        self.core.set_scene(plans, stable_dt)
-        self._adopt(scenes, plans, stable_dt)
+        with Interrupts():  # the core and its record change together
+            self.core.set_scene(plans, stable_dt)
+            self._adopt(scenes, plans, stable_dt)
+            self.given = scene
 
     def _compiled(self, scenes: list[Scene]) -> tuple[list[Any], list[float]]:
         """Plans for the core, or scenes for the adapter, and each member's guaranteed step [s]."""
@@ -448,31 +454,68 @@ class State:
         begin = self.core.time
         steps, dt = self._checked(steps, dt, begin)
         starts = {k: [scene.spheres[k].center_at(begin) for scene in self.scenes] for k in targets}
-        speeds = {
-            k: [(target - start) / (steps * dt) for start in starts[k]]
-            for k, target in targets.items()
-        }
-        for k in targets:
-            motions = [Linear(v).core for v in speeds[k]]
-            self.core.set_sphere(k, [x - begin * v for x, v in zip(starts[k], speeds[k])], motions)
+        speeds = {}
+        motions = {}
+        for k, target in targets.items():
+            with np.errstate(over="ignore"):
+                speeds[k] = [(target - start) / (steps * dt) for start in starts[k]]
+            if not np.isfinite(speeds[k]).all():
+                raise ValueError(
+                    f"centers[{k}] must be reached at a finite speed in {steps} steps of {dt:g} s, "
+                    f"got {target.tolist()}"
+                )
+            motions[k] = [Linear(v).core for v in speeds[k]]
         arrived = False
-        try:
-            self.advance(steps, dt)
-            arrived = True
-        finally:  # where a step has failed, spheres are on their way
-            passed = self.core.time - begin
-            for k, target in targets.items():
-                ends = [target if arrived else x + passed * v for x, v in zip(starts[k], speeds[k])]
-                self.core.set_sphere(k, ends, [_core.Motion()] * len(ends))
-                self.scenes = [
-                    scene.replace(
-                        spheres=[held(s, x) if n == k else s for n, s in enumerate(scene.spheres)]
-                    )
-                    for scene, x in zip(self.scenes, ends)
-                ]
+        with Interrupts() as interrupts:  # the core and its record change together
+            try:
+                for k in targets:
+                    origins = [x - begin * v for x, v in zip(starts[k], speeds[k])]
+                    self.core.set_sphere(k, origins, motions[k])
+                self._advance_in_pieces(steps, dt, interrupts)
+                arrived = True
+            finally:  # where a step has failed, spheres are on their way
+                passed = self.core.time - begin
+                scenes = self.scenes
+                for k, target in targets.items():
+                    ends = [
+                        target if arrived else x + passed * v for x, v in zip(starts[k], speeds[k])
+                    ]
+                    self.core.set_sphere(k, ends, [_core.Motion()] * len(ends))
+                    scenes = [
+                        scene.replace(
+                            spheres=[
+                                held(s, x) if n == k else s for n, s in enumerate(scene.spheres)
+                            ]
+                        )
+                        for scene, x in zip(scenes, ends)
+                    ]
+                self._record(scenes)
+
+    def _advance_in_pieces(self, steps: int, dt: float, interrupts: Interrupts) -> None:
+        """Advance while Ctrl-C is held back, which takes effect between two pieces."""
+        done, piece = 0, 1
+        while done < steps:
+            count, begin = min(piece, steps - done), time.monotonic()
+            if outcome := self.core.advance(count, dt, self.threads):
+                if "point" in outcome:
+                    outcome["step"] += done
+                self.judge.outcome(outcome, dt)
+                count = outcome.get("steps", count)
+            done += count
+            if time.monotonic() - begin < _LONGEST_PIECE / 2:
+                piece *= 2
+            interrupts.deliver()
 
     def set_force(self, force: FloatArray) -> None:
         """Set the force on each point [N], float64, of the shape of the state."""
-        self.core.set_force(force)
         members = force if self.batched else force[None]
-        self.scenes = [scene.replace(force=one) for scene, one in zip(self.scenes, members)]
+        scenes = [scene.replace(force=one) for scene, one in zip(self.scenes, members)]
+        with Interrupts():  # the core and its record change together
+            self.core.set_force(force)
+            self._record(scenes)
+
+    def _record(self, scenes: list[Scene]) -> None:
+        """Take over scenes that the core has already."""
+        self.scenes[:] = scenes
+        single = isinstance(self.given, Scene) and not self.batched
+        self.given = scenes[0] if single else list(scenes)

@@ -54,11 +54,7 @@ class Stepper:
     (0.005, (32, 32, 3))
     """
 
-    __slots__ = (
-        "_options",
-        "_scene",
-        "_state",
-    )  # a new attribute, such as `dt`, would change nothing
+    __slots__ = ("_options", "_state")  # a new attribute, such as `dt`, would change nothing
 
     @check.named
     def __init__(
@@ -75,8 +71,8 @@ class Stepper:
         backend: Backend = "cpu",
     ) -> None:
         self._options = Options(integrator, precision, threads, kernel, backend)
-        self._scene = scene
         self._state = State.checked(scene, x, v, t, self._options)
+        self._state.given = scene
         self._state.warn_of_order()
 
     @check.named
@@ -129,18 +125,7 @@ class Stepper:
             self._state.advance(steps, dt)
             return
         steps = check.integer("steps", steps, minimum=1)
-        try:
-            self._state.advance_spheres(steps, dt, sphere_targets(centers, self._state.scenes))
-        finally:
-            self._take_scenes()
-
-    def _take_scenes(self) -> None:
-        state = self._state
-        self._scene = (
-            state.scenes[0]
-            if isinstance(self._scene, Scene) and not state.batched
-            else state.scenes
-        )
+        self._state.advance_spheres(steps, dt, sphere_targets(centers, self._state.scenes))
 
     def freeze(self, member: int) -> None:
         """Exclude a member of the batch from all further steps; it keeps its present state.
@@ -209,7 +194,7 @@ class Stepper:
         """
         old = self._state
         scenes, shape = scenes_of(scene), old.scenes[0].cloth.shape
-        members = None if isinstance(self._scene, Scene) else len(old.scenes)
+        members = None if isinstance(self.scene, Scene) else len(old.scenes)
         if members != (None if isinstance(scene, Scene) else len(scenes)):
             accepted = "a Scene" if members is None else f"a sequence of {members} scenes"
             raise ValueError(
@@ -223,7 +208,6 @@ class Stepper:
             scenes * (len(old.scenes) // len(scenes)), self.positions, self.time, old.core.frozen
         )
         old.set_scene(scene)
-        self._scene = scene
         self._state.warn_of_order()
 
     def set_force(self, force: npt.ArrayLike) -> None:
@@ -247,7 +231,6 @@ class Stepper:
         if state.batched and np.ndim(force) == 3:
             force = np.broadcast_to(check.array("force", force, single), state.shape)
         state.set_force(check.array("force", force, state.shape))
-        self._take_scenes()
 
     def snapshot(self) -> Snapshot:
         """The whole state, to be continued bit for bit by `restore`; see `Snapshot`.
@@ -257,7 +240,7 @@ class Stepper:
         >>> cs.Stepper(cs.scenes.paper_swing()).snapshot()
         <Snapshot of 32 x 32 mass points at t = 0 s (rk4, double)>
         """
-        return take(self._state, self._scene, self._options)
+        return take(self._state, self.scene, self._options)
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         raise TypeError(
@@ -288,7 +271,7 @@ class Stepper:
             raise TypeError(f"snapshot must be a Snapshot, got {check.shown(snapshot)}{hint}")
         scene = snapshot.scene
         stepper = cls.__new__(cls)
-        stepper._scene, stepper._options = scene, snapshot.options
+        stepper._options = snapshot.options
         shape = snapshot.shape
         scenes = scenes_of(scene) * (
             shape[0] if isinstance(scene, Scene) and len(shape) == 4 else 1
@@ -297,6 +280,7 @@ class Stepper:
             scenes, len(shape) == 4, shape, snapshot.dtype, snapshot.time, stepper._options
         )
         state.core.restore(snapshot.core)
+        state.given = scene
         stepper._state = state
         state.warn_of_order()
         return stepper
@@ -330,7 +314,7 @@ class Stepper:
     @property
     def scene(self) -> Scene | Sequence[Scene]:
         """The scene, or the scenes of a batch."""
-        return self._scene
+        return self._state.given
 
     @property
     def impulses(self) -> npt.NDArray[np.float64]:
