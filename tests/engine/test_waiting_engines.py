@@ -2,8 +2,11 @@
 reaches the next.
 """
 
+import gc
 import pickle
+import sys
 import threading
+import weakref
 
 import clothsim as cs
 import numpy as np
@@ -97,3 +100,63 @@ def test_steps_are_taken_back_to_the_arrays_of_the_call(kernel, precision, same_
         found = cs.step(scene, x, v, 1e-4, steps, t=0.0, **options)
         assert same_bits(found, (stepper.positions, stepper.velocities))
     assert np.abs(found[1]).max() > 1  # the sphere has hit the cloth
+
+
+@pytest.mark.parametrize("batched", [False, True])
+def test_engines_that_wait_do_not_keep_their_scenes(batched):
+    """Without the collector of cycles."""
+    scene = cs.scenes.paper_swing()
+    other = scene.replace(gravity=(0, -1, 0))
+    x, v = state(scene)
+    known = weakref.ref(scene), weakref.ref(other)
+    gc.disable()
+    try:
+        for scenes in ([scene, other], [other, scene]) if batched else (scene, other):
+            given = (np.stack([x, x]), np.stack([v, v])) if batched else (x, v)
+            for _ in range(2):
+                cs.step(scenes, *given, DT)
+                cs.acceleration(scenes, *given)
+        assert scene.engines and other.engines
+        del scene, other, scenes
+        assert [one() for one in known] == [None, None]
+    finally:
+        gc.enable()
+
+
+def test_an_engine_of_a_batch_serves_its_own_scenes_alone(scene):
+    """A scene that died may leave its identity to another."""
+    x, v = (np.stack([one, one]) for one in state(scene))
+    for gravity in range(20):
+        other = scene.replace(gravity=(0, -float(gravity), 0))
+        found = cs.step([scene, other], x, v, DT, steps=3)
+        assert np.array_equal(found[0][1], fresh(other, x[1], v[1])[0])
+        del other
+
+
+def test_another_thread_may_add_a_kind_of_call_at_any_moment():
+    """At each instruction of Python, where a scene keeps as many kinds already as it may."""
+    scene, at, reached = cs.Scene(cs.Cloth((2, 2))), 0, True
+    x, v = state(scene)
+    while reached:
+        kinds = scene.__dict__["engines"] = {k: [] for k in range(8)}
+        plans = scene.__dict__["_plans"] = dict.fromkeys(range(8))
+        seen, reached = 0, False
+
+        def trace(frame, event, argument, at=at, kinds=kinds, plans=plans):
+            nonlocal seen, reached
+            frame.f_trace_opcodes = True
+            if frame.f_code.co_name in ("_engine", "kept_plan", "make_room"):
+                seen += event == "opcode"
+                if seen == at:
+                    kinds["more"] = plans["more"] = []
+                    reached = True
+            return trace
+
+        sys.settrace(trace)
+        try:
+            cs.step(scene, x, v, DT)
+        finally:
+            sys.settrace(None)
+        reached |= not at
+        at += 1
+    assert at > 100

@@ -78,9 +78,15 @@ def kept_plan(scene: Scene, options: Options) -> _core.Plan:
     plan = plans.get(key)
     if plan is None:
         if len(plans) >= _MOST_PLANS:
-            plans.pop(next(iter(plans)), None)
+            make_room(plans, _MOST_PLANS)
         plan = plans[key] = core_plan(scene, options)
     return plan
+
+
+def make_room(kept: dict[Any, Any], most: int) -> None:
+    """Remove the oldest entries until there is room for another; other threads may do so too."""
+    for key in list(kept)[: len(kept) + 1 - most]:
+        kept.pop(key, None)
 
 
 def core_plan(scene: Scene, options: Options) -> _core.Plan:

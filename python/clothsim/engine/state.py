@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import weakref
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
@@ -250,6 +251,7 @@ class State:
         self.batched, self.options, self.integrator = batched, options, options.integrator
         self.shape, self.dtype = shape, np.dtype(dtype)
         self.given: Any = None  # of a stepper: its scene, or those of its members, as it tells them
+        self.known: list[weakref.ref[Scene]] = []  # of an engine that waits: those of its batch
         self.threads = 1
         plans, stable_dt = self._compiled(scenes)
         if options.backend == "gpu":

@@ -7,6 +7,7 @@ equal arithmetic and arrays of equal shape.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ from .. import _core
 from ..base import check
 from ..model.scene import Scene
 from ..typing import Backend, Integrator, Kernel, Precision
-from .options import Options, core_plan
+from .options import Options, core_plan, make_room
 from .state import FloatArray, State, check_driven_pins, scenes_of, start_time, state_arrays
 
 # Larger states are stepped so long that a new engine does not count, and their engines would hold
@@ -61,7 +62,8 @@ def _engine(
         and type(backend) is str
         and backend == "cpu"
     ):
-        # An engine that waits keeps its scenes, so that no other object has their identity.
+        # An engine that waits at a scene does not keep it: the two would wait for the collector of
+        # cycles. Of a batch it knows the scenes, as another may have the identity of one that died.
         many = type(scene) in (list, tuple) and set(map(type, scene)) == {Scene}
         if many or type(scene) is Scene:
             kinds = (scene[0] if many else scene).engines
@@ -69,20 +71,29 @@ def _engine(
             key = (x.shape, x.dtype, integrator, precision, threads, kernel, others)
             try:
                 if key not in kinds:
-                    if len(kinds) >= _MOST_KINDS:
-                        kinds.pop(next(iter(kinds)), None)
+                    make_room(kinds, _MOST_KINDS)
                     kinds[key] = []
                 waiting = kinds[key]
-                while not (state := waiting.pop()).core.current:
-                    pass  # CLOTHSIM_ISA has changed
-                return state, waiting, x, v
+                while True:
+                    state = waiting.pop()
+                    if not state.core.current:  # CLOTHSIM_ISA has changed
+                        continue
+                    if not many:
+                        state.scenes.extend([scene] * (len(x) if x.ndim == 4 else 1))
+                        return state, waiting, x, v
+                    if [known() for known in state.known] == list(scene):
+                        state.scenes.extend(scene)
+                        return state, waiting, x, v
             except (IndexError, KeyError, TypeError):
                 pass  # KeyError: another thread; TypeError: an option that is no name
     options = Options(integrator, precision, threads, kernel, backend)
     scenes, batched = scenes_of(scene), not isinstance(scene, Scene)
     x, v = state_arrays(x, v, scenes, batched, precision)
     members = len(x) if x.ndim == 4 and not batched else 1
-    return State(scenes * members, x.ndim == 4, x.shape, x.dtype, 0.0, options), waiting, x, v
+    state = State(scenes * members, x.ndim == 4, x.shape, x.dtype, 0.0, options)
+    if batched:
+        state.known = [weakref.ref(one) for one in scenes]
+    return state, waiting, x, v
 
 
 @check.named
@@ -177,6 +188,7 @@ def step(
     state, waiting, x, v = _engine(scene, x, v, integrator, precision, threads, kernel, backend)
     results = state.step(x, v, t, steps, dt, out)
     if len(waiting) < _MOST_WAITING:  # not after an error
+        state.scenes.clear()
         waiting.append(state)
     return results
 
@@ -219,6 +231,7 @@ def acceleration(
     state, waiting, x, v = _engine(scene, x, v, "rk4", precision, threads, kernel)
     result = state.accelerate(x, v, t, out)
     if len(waiting) < _MOST_WAITING:
+        state.scenes.clear()
         waiting.append(state)
     return result
 
