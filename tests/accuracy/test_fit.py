@@ -60,6 +60,11 @@ def test_some_points_at_some_times():
     data[3:5, 0] = np.nan
     found = cs.fit(softer(stiffness=90.0), TIMES, data, ["stiffness"], points=[(-1, -1), (2, 3)])
     whole = cs.fit(softer(stiffness=90.0), TIMES, DATA, ["stiffness"])
+    masked = np.ma.masked_invalid(np.nan_to_num(data, nan=1e20)).copy()
+    masked[3:5, 0] = np.ma.masked
+    places = [(-1, -1), (2, 3)]
+    hidden = cs.fit(softer(stiffness=90.0), TIMES, masked, ["stiffness"], points=places)
+    assert hidden.values == found.values
     assert (
         abs(found.values["stiffness"] - 60)
         < 4 * found.errors["stiffness"]

@@ -126,3 +126,19 @@ def test_attributes_of_a_stepper_are_not_set_in_silence():
 def test_a_name_of_an_earlier_version_says_what_serves_instead(module, name, instead):
     with pytest.raises(AttributeError, match=f"has no attribute '{name}'; {instead}"):
         getattr(module, name)
+
+
+def test_masked_entries_are_no_numbers():
+    hidden = np.ma.array(X, mask=np.zeros(X.shape, bool))
+    assert np.array_equal(cs.step(SCENE, hidden, V, 1e-3)[0], cs.step(SCENE, X, V, 1e-3)[0])
+    hidden[2, 3] = np.ma.masked
+    for name, call in {
+        "x": lambda: cs.step(SCENE, hidden, V, 1e-3),
+        "position": lambda: SCENE.replace(position=hidden),
+        "x ": lambda: cs.picture(SCENE, hidden),
+        "mass": lambda: cs.Cloth((4, 5), mass=1.0 + hidden[..., 0] ** 2),
+    }.items():
+        with pytest.raises(ValueError, match=f"{name.strip()} must be .* masked"):
+            call()
+    with pytest.raises(TypeError, match=r"center\[1\] must be a finite number"):
+        cs.Sphere(np.ma.array([0.0, 1.0, 2.0], mask=[0, 1, 0]))

@@ -199,3 +199,21 @@ def test_an_unstable_run_is_handed_over():
     np.testing.assert_array_equal(run.v[-1], error.v)
     np.testing.assert_allclose([run.t[-1] + dt, error.time], error.step * dt, rtol=1e-12)
     assert cs.UnstableError(step=1, time=0.1, dt=0.1).run is None
+
+
+@pytest.mark.parametrize("options", [{"dt": 1e-3}, {"rtol": 1e-6}], ids=str)
+@pytest.mark.parametrize("name", ["force", "callback"])
+def test_an_error_of_a_users_function_carries_the_run(name, options):
+    def function(t, x, v):
+        if t > 0.045:
+            raise KeyError("sensor")
+        return 0 * x if name == "force" else None
+
+    with pytest.raises(KeyError, match="sensor") as caught:
+        cs.simulate(cs.scenes.oscillator(), 0.1, fps=100, **{name: function}, **options)
+    run = caught.value.run
+    assert run.report["stopped"] == "error" and run.t[-1] >= 0.05 and len(run) > 5
+    assert "stopped early (error)" in repr(run)
+    with pytest.raises(TypeError, match="callback must return True") as caught:
+        cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-3, callback=lambda t, x, v: 1)
+    assert len(caught.value.run) == 1

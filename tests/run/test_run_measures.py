@@ -138,3 +138,11 @@ def test_runs_are_equal_if_their_results_are(run, tmp_path):
     assert run != cs.simulate(SCENE.replace(spheres=MOVING), 0.6, t=0.1, dt=1e-3, fps=40)
     one = cs.Stepper(SCENE).snapshot()
     assert one == one and one != cs.Stepper(SCENE).snapshot() and len({one}) == 1
+
+
+def test_frames_of_a_users_own_print():
+    scene = cs.scenes.oscillator()
+    x = np.stack([scene.initial_position] * 2)
+    for report in ({}, {"source": "a camera"}):
+        lines = repr(cs.Run(scene, np.array([0.0, 1.0]), x, 0 * x, report)).splitlines()
+        assert len(lines) == 2 and lines[1] == "2 frames from t = 0 to 1 s"

@@ -119,3 +119,9 @@ def test_a_run_in_time_has_no_residual():
     report = cs.simulate(LIGHT, 0.01, dt=1e-3).report
     assert np.isnan(report["residual"]) and report["reason"].startswith("not a run to rest")
     assert report.keys() == cs.settle(LIGHT).report.keys()
+
+
+def test_a_trapped_start_gives_its_run_with_a_reason(trap):
+    run = cs.settle(trap(), t=0.12)
+    assert len(run) == 2 and np.isnan(run.report["residual"])
+    assert "trapped between spheres" in run.report["reason"]

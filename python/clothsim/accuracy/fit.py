@@ -659,8 +659,8 @@ def fit(
         Times of the measurement [s], increasing, >= 0; the scene's initial state is at time 0.
     positions : array_like
         Measured positions [m], shape (times, rows, columns, 3), or (times, points, 3) with
-        `points`; NaN where nothing was measured. Pinned points do not count, unless the place of a
-        pin is fitted.
+        `points`; NaN, or masked, where nothing was measured. Pinned points do not count, unless the
+        place of a pin is fitted.
     over : sequence of str, or mapping of str to (least, most)
         Names as in `sensitivity`; a mapping gives bounds too.
     points : sequence of (row, column), optional
@@ -796,6 +796,8 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
             raise ValueError(f"points must name each point once, got {list(points)}")
     shape = (len(times), *place[0].shape, 3)
     accepted = f"an array of shape {shape} of numbers, NaN where nothing was measured"
+    if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "iuf":
+        values = values.astype(np.float64).filled(np.nan)
     given = check.as_array("positions", values, accepted)
     if given.shape != shape:
         raise ValueError(f"positions must be {accepted}, got shape {given.shape}")

@@ -97,7 +97,11 @@ def boolean(name: str, value: Any, accepted: str = "True or False") -> bool:
 
 
 def real(value: Any) -> Any:
-    """`value` if it is one real number, also in a 0-d array, else None. A bool is none."""
+    """`value` if it is one real number, also in a 0-d array, else None. A bool is none, nor is the
+    masked entry of an array.
+    """
+    if value is np.ma.masked:
+        return None
     value = (
         value.item() if isinstance(value, (np.ndarray, np.generic)) and value.ndim == 0 else value
     )
@@ -220,6 +224,11 @@ def path(name: str, value: Any, accepted: str = "a path") -> Path:
 
 def as_array(name: str, value: Any, accepted: str, kinds: str = "iuf") -> np.ndarray:
     """`value` as a NumPy array of real numbers, or of other `kinds` of dtypes."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        number = np.ma.count_masked(value)
+        raise ValueError(
+            f"{name} must be {accepted}, got an array with {number} masked entries: fill them"
+        )
     try:
         given = np.asarray(value)
     except (ValueError, TypeError):

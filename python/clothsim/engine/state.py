@@ -250,7 +250,8 @@ class State:
         """
         self.batched, self.options, self.integrator = batched, options, options.integrator
         self.shape, self.dtype = shape, np.dtype(dtype)
-        self.given: Any = None  # of a stepper: its scene, or those of its members, as it tells them
+        # Of a stepper: its scene, or those of its members, as it tells them.
+        self.given: Scene | Sequence[Scene] = ()
         self.known: list[weakref.ref[Scene]] = []  # of an engine that waits: those of its batch
         self.threads = 1
         plans, stable_dt = self._compiled(scenes)

@@ -61,8 +61,8 @@ class Run:
     "force_evaluations"        in total; "solution_evaluations": of this run alone, without more
                                accurate runs, and runs that were too coarse
     "wall_time"                of the run alone [s], as "steps_per_second"
-    "stopped"                  "" for a whole run, else "callback", "interrupted", "unstable" or
-                               "contact"
+    "stopped"                  "" for a whole run, else "callback", "interrupted", "unstable",
+                               "contact" or "error": the force or the callback raised one
     "error_estimate"           "max" and "rms" [m] of the last positions over the mass points: the
                                distance from a better run (docs/integrators.md). If it is larger
                                than asked for, "reason" says why error control could not reduce it.
@@ -697,12 +697,12 @@ def _check_arrays(run: Run) -> None:
 def _lines(run: Run) -> list[str]:
     """Scene, frames, steps, energy, penetration and speed; an empty report gives the first two."""
     scene, t, report = run.scene, run.t, run.report
-    stopped = f", stopped early ({report['stopped']})" if report and report["stopped"] else ""
+    stopped = f", stopped early ({report['stopped']})" if report.get("stopped") else ""
     lines = [
         f"Run of {cloth_text(scene)}, {spheres_text(scene)}",
         f"{counted(len(t), 'frame')} from t = {t[0]:.6g} to {t[-1]:.6g} s{stopped}",
     ]
-    if not report:
+    if "energy" not in report:  # frames of a user's own
         return lines
     about = "about " if run.continuation is not None and run.continuation.dt is None else ""
     totals = [report["energy"][moment]["total"] for moment in ("start", "end")]

@@ -216,7 +216,10 @@ class _Relaxation:
         """
         probe = self._stepper_of(self._plain, x)
         dt = _PROBE * self._dt
-        probe.advance(1, dt)
+        try:
+            probe.advance(1, dt)
+        except (UnstableError, ContactError):  # the next step of the relaxation says why
+            return math.inf
         force = self._mass * probe.velocities / dt
         return float(np.linalg.norm(force, axis=-1)[self._free].max(initial=0.0)) / self._scale
 
@@ -302,7 +305,8 @@ class _Relaxation:
             self.scene, options, t, x, v, *cost, watched, 0.0, state, None, Continuation(self._t)
         )
         found = report(run, unknown="a run to rest has no error in time")
-        found["residual"], found["reason"] = self._residual, reason
+        found["residual"] = self._residual if math.isfinite(self._residual) else math.nan
+        found["reason"] = reason
         found["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]
         found["impulse_reason"] = "impulses of a relaxation have no meaning"
         return Run(self.scene, np.array(t), x, v, found)

@@ -134,6 +134,8 @@ def simulate(
         ``error.runs`` has all runs.
     RunInterrupted
         On Ctrl-C; its ``run`` ends with the last whole step.
+    Exception
+        Whatever `force` or `callback` raise, with the run so far as ``error.run``.
 
     Warns
     -----
@@ -306,6 +308,10 @@ def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progres
         return cast(Runs, so_far("callback"))  # the callback was called for a frame of it
     except (UnstableError, ContactError) as error:
         error.run = error.run or so_far(_reason(error))
+        raise
+    except Exception as error:  # of the user's force or callback
+        if watch.recorder is not None:
+            error.run = so_far("error")  # type: ignore[attr-defined]
         raise
     except KeyboardInterrupt:
         interrupted(lambda: so_far("interrupted"))
