@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 
 import clothsim as cs
 import numpy as np
@@ -94,6 +95,18 @@ def test_without_a_number_the_size_decides(monkeypatch, processors, limit, shape
     )
     assert Options().threads_for(shape, members) == threads
     assert Options(threads=5).threads_for(shape, members) == 5
+
+
+def test_more_threads_than_processors_warn_once(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
+    monkeypatch.setattr("clothsim.engine.options._warned", set())
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        for threads in (2, 3, 8):
+            cs.Stepper(cs.scenes.oscillator(), threads=threads)
+    assert [str(one.message)[:60] for one in given] == [
+        "threads = 3 is above the 2 processors that this process may "
+    ]
 
 
 def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bits):

@@ -797,7 +797,7 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
     shape = (len(times), *place[0].shape, 3)
     accepted = f"an array of shape {shape} of numbers, NaN where nothing was measured"
     if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "iuf":
-        values = values.astype(np.float64).filled(np.nan)
+        values = np.where(np.ma.getmaskarray(values), np.nan, values.data)
     given = check.as_array("positions", values, accepted)
     if given.shape != shape:
         raise ValueError(f"positions must be {accepted}, got shape {given.shape}")

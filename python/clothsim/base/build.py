@@ -13,11 +13,16 @@ import numpy as np
 from .. import _core
 
 
+def processors() -> int:
+    """The processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def available_threads() -> int:
     """The processors that this process may use, at most `OMP_NUM_THREADS`."""
-    count = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
+    count = processors()
     limit = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
     return min(count, int(limit)) if limit.isdecimal() and int(limit) > 0 else count
 

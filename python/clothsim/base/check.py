@@ -225,7 +225,7 @@ def path(name: str, value: Any, accepted: str = "a path") -> Path:
 def as_array(name: str, value: Any, accepted: str, kinds: str = "iuf") -> np.ndarray:
     """`value` as a NumPy array of real numbers, or of other `kinds` of dtypes."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-        number = np.ma.count_masked(value)
+        number = int(np.ma.getmaskarray(value).sum())
         raise ValueError(
             f"{name} must be {accepted}, got an array with {number} masked entries: fill them"
         )

@@ -9,7 +9,9 @@ from typing import Any, get_args
 
 from .. import _core
 from ..base import check
-from ..base.build import available_threads
+from ..base.build import available_threads, processors
+from ..base.text import counted
+from ..errors import warn_caller
 from ..methods.integrators import integrator_name
 from ..model.scene import Scene
 from ..typing import Backend, Kernel, Precision
@@ -22,6 +24,7 @@ BACKENDS: tuple[Backend, ...] = get_args(Backend)
 # threads would take from others.
 _LEAST_POINTS_OF_TEAM = 16_384
 _MOST_PLANS = 8  # kept for a scene
+_warned: set[str] = set()  # what this process was warned of
 
 
 @dataclass(frozen=True)
@@ -66,9 +69,21 @@ class Options:
     def threads_for(self, shape: tuple[int, int], members: int = 1) -> int:
         """`threads`; None: all for large cloths, else one a member."""
         if self.threads is not None:
+            _warn_of_threads(self.threads)
             return self.threads
         most = _core.most_threads if shape[0] * shape[1] >= _LEAST_POINTS_OF_TEAM else members
         return 1 if most == 1 else min(most, available_threads())
+
+
+def _warn_of_threads(threads: int) -> None:
+    """Warn once of more threads than processors: they wait for each other in turns."""
+    if threads > (count := processors()) and "threads" not in _warned:
+        _warned.add("threads")
+        warn_caller(
+            f"threads = {threads} is above the {counted(count, 'processor')} that this process may "
+            "use: steps take several times as long as with one thread",
+            UserWarning,
+        )
 
 
 def kept_plan(scene: Scene, options: Options) -> _core.Plan:
