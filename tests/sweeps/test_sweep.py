@@ -265,10 +265,14 @@ def test_given_samples():
         assert result.mass.values.tolist() == [1, 2, 3]
 
 
-def test_dt_is_by_default_half_of_the_stable_one():
-    result = sweep(SMALL, {"stiffness": [1e3, 1e5]}, duration=0.2, metrics=ends)
-    steps = np.ceil(0.2 / (0.5 * result.max_stable_dt.values))
-    assert result.ends_steps.values.tolist() == steps.tolist() and steps[1] > 4 * steps[0]
+@pytest.mark.parametrize("given", [{}, {"integrator": "velocity_verlet"}], ids=str)
+def test_without_a_step_a_member_is_the_run_of_simulate(given):
+    result = sweep(SMALL, {"stiffness": [1e3, 1e5]}, duration=0.2, metrics=ends, **given)
+    for k, stiffness in enumerate((1e3, 1e5)):
+        scene = SMALL.replace(cloth=SMALL.cloth.replace(stiffness=stiffness))
+        run = cs.simulate(scene, 0.2, **given)
+        assert result.ends_steps[k] == run.report["steps"]
+        assert run.report["tolerance"]["asked"] > 0
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")

@@ -181,8 +181,8 @@ def simulate(
     if options.backend == "gpu" and (asked is not None or integrator == "auto"):
         raise ValueError(
             "rtol and atol must be None and integrator must be 'rk4' with backend 'gpu', which "
-            "takes fixed steps: give dt, or leave it out for a step of half the guaranteed stable "
-            "one"
+            "takes fixed steps: give dt, or leave it out for steps that meet rtol "
+            f"{_DEFAULT_RTOL:g}"
         )
     any(warn_of_order(method, one) for one in scenes)
     if dt is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,14 +10,12 @@ import numpy as np
 
 from ..base import check
 from ..engine.options import Options
-from ..methods.bound import guaranteed_dt, stable_dt, usable_dt
+from ..methods.bound import guaranteed_dt, usable_dt
 from ..methods.integrators import integrator_name
 from ..model.fields import RUN, change_scene
 from ..model.scene import Scene
 from ..run.simulate import checked_tolerances
 from ..run.trajectory import checked_every
-
-_SAFETY = 0.5  # part of the guaranteed stable time step that is taken where none is given
 
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
@@ -88,48 +85,32 @@ class Maker:
         if settings is None:
             settings = self._known[key] = self._settings(run)
         cloth, integrator, dt = scene.cloth.core, settings["integrator"], settings["dt"]
-        integrator = "rk4" if integrator == "auto" else integrator
+        integrator = "rk4" if integrator in ("auto", None) else integrator
         limit = usable_dt(cloth, integrator) if dt is None else guaranteed_dt(cloth, integrator)
-        if dt is None and not controlled(settings):
-            # A method without a limit of its own takes what follows the motion as well.
-            dt = min(
-                _SAFETY * (limit if math.isfinite(limit) else stable_dt(scene)),
-                settings["duration"],
-            )
-            check.step_count(settings["duration"], dt)
         return Member(index, scene, settings, dt, limit)
 
     def _settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
-        """The checked arguments of `simulate` of members with the swept values `run`; without `dt`
-        it is by the cloth.
+        """The checked arguments of `simulate` of members with the swept values `run`; what is not
+        given is left to `simulate`.
         """
         given = {name: run.get(name, getattr(self._options, name)) for name in RUN}
-        if given["integrator"] is None:
-            given["integrator"] = (
-                "rk4" if given["rtol"] is None and given["atol"] is None else "auto"
-            )
-        name = given["integrator"] = integrator_name(given["integrator"], "auto")
-        Options("rk4" if name == "auto" else name, given["precision"], None, given["kernel"])
+        if given["integrator"] is None and given["dt"] is not None:
+            given["integrator"] = "rk4"
+        name = given["integrator"]
+        if name is not None:
+            name = given["integrator"] = integrator_name(name, "auto")
+        method = "rk4" if name in ("auto", None) else name
+        Options(method, given["precision"], None, given["kernel"])
         duration = given["duration"] = check.number(
             "duration", given["duration"], minimum=0, exclusive=True
         )
-        if controlled(given):
-            given["rtol"], given["atol"] = checked_tolerances(
-                given["dt"], given["rtol"], given["atol"]
-            )
+        tolerances = given["rtol"], given["atol"]
+        if name == "auto" or tolerances != (None, None):
+            given["rtol"], given["atol"] = checked_tolerances(given["dt"], *tolerances)
         elif given["dt"] is not None:
             given["dt"] = check.number("dt", given["dt"], minimum=0, exclusive=True)
             check.step_count(duration, given["dt"])
         return given
-
-
-def controlled(settings: Mapping[str, Any]) -> bool:
-    """Whether these arguments of `simulate` ask for error control."""
-    return (
-        settings["integrator"] == "auto"
-        or settings["rtol"] is not None
-        or settings["atol"] is not None
-    )
 
 
 @dataclass

@@ -106,8 +106,8 @@ def sweep(
         `Run`, with the frames of `every`, and returns a number, an array, or a mapping of them. It
         must pickle to run in another process.
     dt, rtol, atol, integrator, precision, kernel
-        As for `simulate`, where they are not swept. Default: "rk4" with half of each member's
-        `max_stable_dt`. Where a tolerance is swept beside dt, None marks a setting that a member
+        As for `simulate`, where they are not swept; without dt, rtol and atol each member meets
+        rtol 1e-3. Where a tolerance is swept beside dt, None marks a setting that a member
         does not use.
     every : int or float, optional
         Frames, as for `simulate`.
@@ -257,7 +257,8 @@ def checked_members(make: Maker, grid: Grid) -> dict[int, Member]:
         chosen = np.unique(np.concatenate([[0], *along]))
     made = {index: _made(make, grid, index) for index in chosen.tolist()}
     for member in made.values():
-        if (name := member.settings["integrator"]) != "auto" and warn_of_order(name, member.scene):
+        name = member.settings["integrator"]
+        if name not in ("auto", None) and warn_of_order(name, member.scene):
             break
     return made
 
