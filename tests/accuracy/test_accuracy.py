@@ -102,6 +102,16 @@ def test_forces_that_are_not_smooth_are_an_error_that_names_the_time():
         cs.reference(cs.Scene(cloth, gravity=(0, 0, 0), position=position), 2 * meets)
 
 
+def test_a_pulse_shorter_than_a_step_leaves_the_bound_at_rounding():
+    """Its one step was never halved: the bound was 5e-12 m."""
+    times = np.array([0, 0.5, 0.501, 0.502, 1.0])
+    pull = cs.Keyframes(times, offsets=np.outer(times == 0.501, (0.05, 0, 0)))
+    pins = {(row, 0): pull for row in range(4)}
+    cloth = cs.Cloth((4, 4), (0.3, 0.3), mass=0.16, stiffness=1.0, damping=0.0, pins=pins)
+    found = cs.reference(cs.Scene(cloth, gravity=(0, 0, 0)), 1.0)
+    assert found.error_bound["max"][-1] < 1e-14
+
+
 def test_threads_do_not_change_its_bits(monkeypatch, swing):
     scene, found = swing
     for threads in (2, 5):

@@ -64,6 +64,14 @@ def test_error_control_reaches_and_reports_the_requested_error(number, options):
     assert 0.5 * error <= estimate["rms"] <= 3 * error
 
 
+def test_a_search_that_gives_up_returns_the_best_run_known():
+    """It returned its coarsest run, wrong by 2e-5 m, where rtol 1e-7 has 1e-7 m."""
+    case = case_of(99)
+    run = cs.simulate(case.scene, case.duration, threads=1, rtol=1e-9)
+    assert run.report["error_estimate"]["reason"]
+    assert rms(run.x[-1] - exact(99)) < 1e-6
+
+
 def test_refinement_by_tolerances_costs_less_than_grids():
     """A grid with enough steps where springs collapse has twice too many elsewhere."""
     case = case_of(32)

@@ -26,7 +26,7 @@ def pulsed(smooth=False):
     times as long.
     """
     times = (
-        np.array([0, *(np.arange(94, 109) if smooth else (100, 101, 102)), 200]) / 200
+        np.array([0, *(np.arange(95, 108) if smooth else (100, 101, 102)), 200]) / 200
     )  # in which a spline calms down
     pull = cs.Keyframes(times, offsets=np.outer(times == 0.505, (0.05, 0, 0)), smooth=smooth)
     cloth = cs.Cloth(

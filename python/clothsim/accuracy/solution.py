@@ -254,9 +254,10 @@ def solve_in_double(scene: Scene, times: Sequence[float], threads: int | None = 
     chosen for a scene. After a response of a sphere or a failure nothing is halved.
     """
     largest = min(_COARSEST * stable_dt(scene), times[-1] / _FEWEST_STEPS)
-    counts = np.ceil(
-        np.diff(times, prepend=0.0) / largest * 2.0 ** np.arange(1 + _MOST_HALVINGS)[:, None]
-    ).astype(int)
+    # Each way is halved, also the one step of a pulse that is shorter than a step: in it a pin may
+    # go as far as anywhere else.
+    coarsest = np.ceil(np.diff(times, prepend=0.0) / largest).astype(int)
+    counts = coarsest * 2 ** np.arange(1 + _MOST_HALVINGS)[:, None]
     found, halving = motion([scene], times, counts[0].tolist(), threads), 0
     change, changes = math.inf, np.full(len(times), np.inf)
     while not found.reason and halving < _MOST_HALVINGS:

@@ -251,7 +251,9 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | Non
         stalled = pair.before.rms > least / 2
         hopeless = stalled and before.local_error <= SMALL**3 * best.local_error
         if pair.before.rms < least:
-            best, error, least = before, pair.before, pair.before.rms
+            # The finer of two that are near: its error is at most about their distance.
+            best, error = after, pair.before
+            least = pair.before.rms
         elif stalled:
             # The least of several distances may be small by chance.
             error = max(
