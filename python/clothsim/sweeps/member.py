@@ -105,7 +105,7 @@ class Maker:
             "duration", given["duration"], minimum=0, exclusive=True
         )
         tolerances = given["rtol"], given["atol"]
-        if name == "auto" or tolerances != (None, None):
+        if name == "auto" or any(one is not None for one in tolerances):
             given["rtol"], given["atol"] = checked_tolerances(given["dt"], *tolerances)
         elif given["dt"] is not None:
             given["dt"] = check.number("dt", given["dt"], minimum=0, exclusive=True)
