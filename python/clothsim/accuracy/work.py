@@ -426,7 +426,6 @@ class Convergence:
     __repr__ = __str__
 
 
-@check.named
 def convergence(
     scene: Scene,
     duration: float,

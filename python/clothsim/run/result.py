@@ -426,7 +426,6 @@ class Run:
 
         return plot_run(self, path)
 
-    @check.named
     def animate(
         self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, **style: Any
     ) -> Path:

@@ -15,7 +15,7 @@ from ..base import Floats, check, files
 from ..base.extras import needed
 from ..base.progress import ProgressBar
 from .legend import Pixels
-from .picture import Drawing, Style, file_path
+from .picture import Drawing, file_path, style_of
 
 # Effort, 0 to 6; at 4 a film of 181 pictures is 2 % smaller and takes 1.5 times as long, at 6 15
 # times.
@@ -72,7 +72,7 @@ def animate(
             f"a film needs at least 3 stored frames, this run has {len(run.t)}: "
             "simulate with every= (seconds or steps between frames)"
         )
-    drawing = Drawing(run.scene, run.x, run.v, run.t, Style(**style))
+    drawing = Drawing(run.scene, run.x, run.v, run.t, style_of(style))
     if suffix == ".mp4":  # H.264 halves the resolution of colour, so it wants even sides
         drawing.width -= drawing.width % 2
     shown = shown_frames(run.t, fps, speed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -332,7 +332,13 @@ def picture_of_run(
         else check.integer("frame", frame, minimum=-count, maximum=count - 1) % count
     )
     path = None if path is None else file_path("path", path)
-    return _drawn(Drawing(run.scene, run.x, run.v, run.t, Style(**style)), k, path)
+    return _drawn(Drawing(run.scene, run.x, run.v, run.t, style_of(style)), k, path)
+
+
+def style_of(given: Mapping[str, Any]) -> Style:
+    """The style of `Run.picture` and `Run.animate`, of the names that it has."""
+    check.arguments("picture", given, Style._fields)
+    return Style(**given)
 
 
 def _drawn(drawing: Drawing, k: int, path: Path | None) -> Picture:
