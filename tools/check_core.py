@@ -11,18 +11,20 @@ CORE = Path(__file__).parent.parent / "cpp"
 # Each folder may include the folders of its own entry and itself.
 BELOW = {"model": set[str]()}
 for room, *others in (
-    ("kernels", "model"),
-    ("memory", "kernels", "model"),
-    ("measure", "memory", "kernels", "model"),
-    ("contact", "measure", "memory", "kernels", "model"),
-    ("integrators", "memory", "kernels", "model"),
-    ("engines", "integrators", "contact", "measure", "memory", "kernels", "model"),
-    ("driver", "engines", "integrators", "contact", "measure", "memory", "kernels", "model"),
+    ("lanes", "model"),
+    ("forces", "lanes", "model"),
+    ("kernels", "forces", "lanes", "model"),
+    ("memory", "kernels", "forces", "lanes", "model"),
+    ("measure", "memory"),
+    ("contact", "measure"),
+    ("integrators", "memory"),
+    ("engines", "integrators", "contact"),
+    ("driver", "engines"),
     ("picture", "memory"),
-    # Of memory the threads alone: it shares no arithmetic with what it judges.
-    ("reference", "memory", "model"),
 ):
-    BELOW[room] = set(others)
+    BELOW[room] = set(others).union(*(BELOW[other] for other in others))
+# Of memory the threads alone: it shares no arithmetic with what it judges.
+BELOW["reference"] = {"memory", "model"}
 BELOW["bindings"] = set(BELOW)
 
 

@@ -1,4 +1,6 @@
 // Measures of a state, and the reference.
+#include <algorithm>
+#include <array>
 #include <optional>
 
 #include "bindings/bindings.hpp"
@@ -26,16 +28,42 @@ void bind_diagnostics(py::module_& m) {
                          index);
     m.attr("group_size") = group_size;
     m.def("thread_ids", &thread_ids);
-    m.def("energy",
-          [](const Cloth& cloth, const Vec3& gravity, const std::optional<Array<double>>& force,
-             const Array<double>& x, const Array<double>& v) {
-              Scene scene;
-              scene.cloth = cloth;
-              scene.gravity = gravity;
-              if (force) scene.force = view(*force);
-              const Energy e = energy(scene, view(x), view(v));
-              return py::make_tuple(e.kinetic, e.elastic, e.gravity, e.force);
+    m.def("energy", [](const Plan& plan, const Array<double>& x, const Array<double>& v, double t) {
+        const Energy e = energy(plan, view(x), view(v), t);
+        return py::make_tuple(e.kinetic, e.elastic, e.gravity, e.force, e.contact);
+    });
+    m.def("contact_bounds",
+          [](const Plan& plan, const Array<double>& x, const Array<double>& v, double t) {
+              const ModeBounds bounds = contact_bounds(plan, view(x), view(v), t);
+              return std::make_pair(bounds.stiffness, bounds.damping);
           });
+    // Minus the derivatives of contact by x and by v, of shape (points, 3, 3) each.
+    m.def("contact_derivatives",
+          [](const Plan& plan, const Array<double>& x, const Array<double>& v, double t) {
+              const py::ssize_t points = plan.cloth.points();
+              std::array<Array<double>, 2> all;
+              for (auto& blocks : all) {
+                  blocks = Array<double>({points, py::ssize_t(3), py::ssize_t(3)});
+                  std::fill_n(blocks.mutable_data(), 9 * points, 0.0);
+              }
+              const PointsView velocities = view(v), places = view(x);
+              each_contact(plan, t, each_free_of(plan.cloth, places),
+                           [&](std::size_t, const PenaltyContact& contact, int i, const auto&) {
+                               const auto d = contact.derivatives(Vec3(places.row(i)),
+                                                                  Vec3(velocities.row(i)));
+                               for (int k = 0; k < 9; ++k) {
+                                   all[0].mutable_data()[9 * i + k] += d.by_x.data()[k];
+                                   all[1].mutable_data()[9 * i + k] += d.by_v.data()[k];
+                               }
+                           });
+              return py::make_tuple(all[0], all[1]);
+          });
+    m.def("contact_depths", [](const Plan& plan, const Array<double>& x, double t) {
+        std::vector<std::pair<double, int>> all;
+        for (const Depth& d : contact_depths(plan, t, each_free_of(plan.cloth, view(x))))
+            all.emplace_back(d.depth, d.point);
+        return all;
+    });
     m.def("largest_stretch", [](const Cloth& cloth, const Array<double>& x) {
         return largest_stretch(cloth, view(x));
     });

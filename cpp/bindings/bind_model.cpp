@@ -6,6 +6,8 @@
 #include "bindings/bindings.hpp"
 #include "contact/continuous.hpp"
 #include "driver/energy_watch.hpp"
+#include "engines/coefficients.hpp"
+#include "forces/penalty.hpp"
 #include "integrators/methods.hpp"
 #include "measure/diagnostics.hpp"
 #include "memory/plan.hpp"
@@ -13,7 +15,7 @@
 namespace clothsim {
 namespace {
 
-constexpr int contact_values = 23;  // of `contact_table`
+constexpr std::size_t contact_values = 28;  // of an obstacle in `contact_table`
 
 using FamilyValues = std::map<std::string, double>;
 using PinValues = std::vector<std::tuple<int, Vec3, int>>;
@@ -69,7 +71,9 @@ Array<double> motion_states(const Motion& motion, const Array<double>& times) {
 
 Sphere make_sphere(const Vec3& center, double radius, double offset, const std::string& response,
                    bool as_printed, double restitution, double friction, const Motion& motion,
-                   bool cells, double push_out_speed, const Vec3& normal, double spread) {
+                   bool cells, double push_out_speed, const Vec3& normal, double spread,
+                   double thickness, double stiffness, double dissipation, double slip_speed,
+                   double speed) {
     const auto name = std::find(response_names.begin(), response_names.end(), response);
     if (name == response_names.end())
         throw std::invalid_argument("no response has the name " + response);
@@ -79,6 +83,11 @@ Sphere make_sphere(const Vec3& center, double radius, double offset, const std::
             .restitution = restitution,
             .friction = friction,
             .response = Response(name - response_names.begin()),
+            .thickness = thickness,
+            .stiffness = stiffness,
+            .dissipation = dissipation,
+            .slip_speed = slip_speed,
+            .speed = speed,
             .as_printed = as_printed,
             .cells = cells,
             .push_out_speed = push_out_speed,
@@ -106,32 +115,70 @@ Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> sphe
     return plan;
 }
 
-// Every sphere at every time, shape (times, spheres, values), as the shader takes it
-// (gpu/shaders/contact.wgsl) but for the rounded part of its place. `origin`: of the positions.
-Array<double> contact_table(const Plan& plan, const std::vector<double>& times, const Vec3& origin,
-                            double dt, bool single) {
+// A penalty obstacle in the step from t on, as gpu/shaders/penalty.wgsl takes it.
+void append_layer(std::vector<double>& values, const Sphere& s, double t, double dt, double unit) {
+    const auto append = [&](const Vec3& v) { values.insert(values.end(), v.begin(), v.end()); };
+    for (const double part : {0.0, 0.5, 1.0}) {
+        const StageTime time = StageTime::of_stage(t, dt, part);
+        append(s.surface_at(time));
+        append(s.velocity_at(time));
+    }
+    append(s.normal);
+    values.insert(
+        values.end(),
+        {s.curvature(), s.offset + s.thickness, unit * s.stiffness / (s.thickness * s.thickness),
+         s.dissipation, s.friction, s.slip_speed * s.slip_speed, 2 * s.thickness});
+}
+
+// Any other sphere or plane after the step from t0 to t1, as gpu/shaders/contact.wgsl takes it but
+// for the rounded part of its place.
+void append_contact(std::vector<double>& values, const Sphere& sphere, const Cloth& cloth,
+                    double t0, double t1, double dt, bool single) {
     const double rounding = single ? 0x1p-23 : 0x1p-52,
                  of_cells = single ? cell_rounding<float> : cell_rounding<double>;
+    const bool path = sphere.response == Response::continuous;
+    SweptSphere s = swept(sphere, cloth, path ? t0 : t1, t1, dt, path ? rounding : 0, single);
+    if (!path) Eigen::Map<Vec3>(s.velocity) = sphere.velocity_at(t1);
+    for (const auto* vector : {&s.end, &s.velocity, &s.normal})
+        values.insert(values.end(), std::begin(*vector), std::end(*vector));
+    values.insert(values.end(),
+                  {s.curvature, s.least, s.innermost, s.band, s.tolerance, s.most_of_cells,
+                   s.restitution, s.friction, s.push, s.dt, s.near_level, s.near_curvature,
+                   s.curvature * of_cells, 1 + ContactBand::excess});
+}
+
+// Every obstacle at every time, shape (times, obstacles, values). `origin`: of the positions;
+// `normals`: of the surface points of penalty obstacles.
+Array<double> contact_table(const Plan& plan, const std::vector<double>& times, const Vec3& origin,
+                            const std::vector<Vec3>& normals, double dt, bool single) {
     std::vector<double> values;
     for (std::size_t i = 0; i < times.size(); ++i)
-        for (Sphere sphere : plan.spheres) {
+        for (std::size_t k = 0; k < plan.spheres.size(); ++k) {
+            Sphere sphere = plan.spheres[k];
             sphere.origin = origin;
-            const bool path = sphere.response == Response::continuous;
-            const double t0 = path && i > 0 ? times[i - 1] : times[i];
-            SweptSphere s =
-                swept(sphere, plan.cloth, t0, times[i], dt, path ? rounding : 0, single);
-            if (!path) Eigen::Map<Vec3>(s.velocity) = sphere.velocity_at(times[i]);
-            for (const auto* vector : {&s.end, &s.velocity, &s.normal})
-                values.insert(values.end(), std::begin(*vector), std::end(*vector));
-            values.insert(values.end(),
-                          {s.curvature, s.least, s.innermost, s.band, s.tolerance, s.most_of_cells,
-                           s.restitution, s.friction, s.push, s.dt, s.near_level, s.near_curvature,
-                           s.curvature * of_cells, 1 + ContactBand::excess});
+            if (sphere.penalty()) {
+                sphere.normal = normals[k];
+                append_layer(values, sphere, times[i], dt, coefficient_scale(plan));
+            } else {
+                append_contact(values, sphere, plan.cloth, times[i > 0 ? i - 1 : 0], times[i], dt,
+                               single);
+            }
+            values.resize((i * plan.spheres.size() + k + 1) * contact_values);
         }
-    const py::ssize_t rows = py::ssize_t(times.size()), spheres = py::ssize_t(plan.spheres.size());
-    Array<double> table({rows, spheres, py::ssize_t(contact_values)});
+    Array<double> table({times.size(), plan.spheres.size(), contact_values});
     std::copy(values.begin(), values.end(), table.mutable_data());
     return table;
+}
+
+// The normals of the obstacles, those of penalty spheres towards a place, as StateEngine has them.
+std::vector<Vec3> normals_towards(const Plan& plan, const Vec3& place, const Vec3& origin,
+                                  double t) {
+    std::vector<Vec3> normals;
+    for (Sphere sphere : plan.spheres) {
+        sphere.origin = origin;
+        normals.push_back(sphere.penalty() ? normal_towards(sphere, place, t) : sphere.normal);
+    }
+    return normals;
 }
 
 py::tuple rows_of(const ExplicitMethod& method) {
@@ -186,15 +233,17 @@ void bind_model(py::module_& m) {
     py::class_<Sphere>(m, "Sphere")
         .def(py::init(&make_sphere), py::kw_only(), "center"_a, "radius"_a, "offset"_a,
              "response"_a, "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "cells"_a,
-             "push_out_speed"_a, "normal"_a, "spread"_a = 1.0)
+             "push_out_speed"_a, "normal"_a, "spread"_a = 1.0, "thickness"_a = 0.0,
+             "stiffness"_a = 0.0, "dissipation"_a = 0.0, "slip_speed"_a = 0.0, "speed"_a = 0.0)
         .def_readonly("normal", &Sphere::normal)
         .def_readonly("spread", &Sphere::spread)
         .def("center_at", &Sphere::center_at)
-        .def("velocity_at", &Sphere::velocity_at);
+        .def("velocity_at", [](const Sphere& s, double t) { return s.velocity_at(t); });
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), "cloth"_a, "gravity"_a, "spheres"_a, "force"_a,
              "pin_motions"_a, "driven_pins"_a, "precision"_a, "kernel"_a, "integrator"_a)
         .def("contact_table", &contact_table)
+        .def("normals_towards", &normals_towards)
         .def("runaway_speed",
              [](const Plan& p, double dt, double stable_dt) {
                  return runaway_speed(p.cloth, dt, stable_dt);

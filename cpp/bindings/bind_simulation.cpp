@@ -74,8 +74,9 @@ void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v,
     const auto from = members_of(*simulation, x, v);
     for (std::size_t i = 0; i < simulation->size(); ++i) {
         Engine& member = simulation->member(i);
-        member.load(from.x_of(i), from.v_of(i));
-        if (!simulation->frozen(i)) member.place_pins(time ? *time : simulation->clock.now());
+        const double now = time ? *time : simulation->clock.now();
+        member.load(now, from.x_of(i), from.v_of(i));
+        if (!simulation->frozen(i)) member.place_pins(now);
         simulation->restart(i);
     }
     if (time) simulation->clock = {*time, 0, 0};
@@ -106,6 +107,10 @@ py::object reported(const Outcome& outcome) {
     if (const auto& start = outcome.start)
         result["start"] = py::make_tuple(start->member, start->at.sphere, start->at.points,
                                          start->at.deepest, start->at.depth);
+    if (const auto& below = outcome.below)
+        result["below"] = py::make_tuple(below->member, below->points, below->triangles);
+    if (const auto& stiff = outcome.stiff)
+        result["stiff"] = py::make_tuple(stiff->member, stiff->obstacle, stiff->depth);
     if (outcome.lifted) result["lifted"] = *outcome.lifted;
     if (outcome.grown) {
         result["grown"] = *outcome.grown;
@@ -117,6 +122,8 @@ py::object reported(const Outcome& outcome) {
         result["step"] = unstable->step;
         result["time"] = unstable->time;
         result["trapped"] = unstable->trapped;
+        result["obstacle"] = unstable->obstacle;
+        result["depth"] = unstable->depth;
     }
     return result;
 }
@@ -148,7 +155,7 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
         const auto load = [&](std::size_t i) {
             Engine& member = simulation->member(i);
             member.rounding_of_arrays = std::numeric_limits<T>::epsilon();
-            return member.load(from.x_of(i), from.v_of(i));
+            return member.load(time, from.x_of(i), from.v_of(i));
         };
         outcome = simulation->call(time, load, steps, dt, threads,
                                    [&] { return unlocked.signal_pending(); });
@@ -162,8 +169,8 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
 
 // At a state, see `step`, which `a` does not share memory with; or at the present one.
 template <class T>
-bool accelerations(SharedSimulation& shared, const Array<T>& x, const Array<T>& v, Array<double>& a,
-                   int threads) {
+bool accelerations(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
+                   Array<double>& a, int threads) {
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     double* const out = a.mutable_data();
@@ -172,7 +179,8 @@ bool accelerations(SharedSimulation& shared, const Array<T>& x, const Array<T>& 
     const Unlocked unlocked;
     simulation->each_member(threads, [&](std::size_t i, int) {
         Engine& member = simulation->member(i);
-        if (member.load(from.x_of(i), from.v_of(i))) member.accelerations(out + i * from.size);
+        if (member.load(time, from.x_of(i), from.v_of(i)))
+            member.accelerations(time, out + i * from.size);
         else finite = false;
     });
     return finite;
@@ -183,8 +191,9 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
     double* const out = a.mutable_data();
     threads = granted(threads);
     const Unlocked unlocked;
-    simulation->each_member(
-        threads, [&](std::size_t i, int) { simulation->member(i).accelerations(out + i * size); });
+    simulation->each_member(threads, [&](std::size_t i, int) {
+        simulation->member(i).accelerations(simulation->clock.now(), out + i * size);
+    });
 }
 
 py::object advance_adaptive(SharedSimulation& shared, AdaptiveRun& run, double until,
@@ -219,6 +228,7 @@ py::list watched(SharedSimulation& shared) {
         const Watched& w = simulation->watched(i);
         py::dict one;
         one["in_contact"] = w.in_contact();
+        one["responded"] = w.responded;
         one["first_contact"] = w.in_contact() ? w.first_contact : nan;
         one["point_depth"] = w.point_depth;
         one["triangle_depth"] = std::max(w.triangle_depth, w.point_depth);
@@ -226,11 +236,16 @@ py::list watched(SharedSimulation& shared) {
         one["lift_work"] = w.lift_work;
         one["energy_gained"] = simulation->energy_known(i) ? w.energy_gained : nan;
         std::vector<std::array<double, 3>> impulses;
+        std::vector<double> work;
         for (std::size_t s = 0; s < simulation->plan(i).spheres.size(); ++s) {
-            const Vec3 impulse = simulation->member(i).impulses.on_sphere(s);
+            const ContactSums sums = simulation->member(i).contacts.of(s);
+            Vec3 impulse = simulation->member(i).impulses.on_sphere(s);
+            for (int k = 0; k < 3; ++k) impulse[k] -= sums.impulse[k];
             impulses.push_back({impulse[0], impulse[1], impulse[2]});
+            work.push_back(sums.work);
         }
         one["impulse"] = impulses;
+        one["obstacle_work"] = work;
         members.append(one);
     }
     return members;
@@ -256,7 +271,7 @@ py::dict snapshot(SharedSimulation& shared) {
     const std::size_t members = simulation->size(), parts = parts_of(*simulation),
                       size = 3 * std::size_t(cloth.points());
     std::vector<std::vector<double>> values(parts);
-    std::vector<double> origins, impulses;
+    std::vector<double> origins, impulses, contacts, normals;
     py::list frozen;
     for (std::size_t i = 0; i < members; ++i) {
         const SavedState state = simulation->member(i).saved_state();
@@ -266,6 +281,9 @@ py::dict snapshot(SharedSimulation& shared) {
                                 state.values.begin() + std::ptrdiff_t((part + 1) * size));
         origins.insert(origins.end(), state.origin.begin(), state.origin.end());
         impulses.insert(impulses.end(), state.impulses.begin(), state.impulses.end());
+        contacts.insert(contacts.end(), state.contacts.begin(), state.contacts.end());
+        for (const Vec3& normal : state.normals)
+            normals.insert(normals.end(), normal.begin(), normal.end());
         frozen.append(simulation->frozen(i));
     }
     using Shape = std::vector<py::ssize_t>;
@@ -280,6 +298,13 @@ py::dict snapshot(SharedSimulation& shared) {
     fields["origins"] = array(origins, {count, 3});
     fields["impulses"] =
         array(impulses, {py::ssize_t(impulses.size()) / (3 * rows * groups), rows, groups, 3});
+    py::ssize_t obstacles = 0;  // of members with contacts
+    for (std::size_t i = 0; i < members; ++i)
+        if (simulation->member(i).has_penalty())
+            obstacles += py::ssize_t(simulation->plan(i).spheres.size());
+    fields["contacts"] =
+        array(contacts, {obstacles, obstacles ? py::ssize_t(contacts.size()) / obstacles : 0});
+    fields["normals"] = array(normals, {py::ssize_t(normals.size()) / 3, 3});
     fields["frozen"] = py::module_::import("numpy").attr("array")(frozen);
     fields["time"] = simulation->clock.now();
     fields["clock_origin"] = simulation->clock.origin;
@@ -308,21 +333,35 @@ void restore(SharedSimulation& shared, const py::dict& fields) {
             states[i].values.insert(states[i].values.end(), values.data() + i * size,
                                     values.data() + (i + 1) * size);
     }
-    std::size_t sums = 0;
-    for (std::size_t i = 0; i < members; ++i) sums += simulation->member(i).impulses.sums().size();
+    std::size_t sums = 0, contact_sums = 0, spheres = 0;
+    for (std::size_t i = 0; i < members; ++i) {
+        sums += simulation->member(i).impulses.sums().size();
+        contact_sums += simulation->member(i).contacts.sums().size();
+        spheres += simulation->plan(i).spheres.size();
+    }
     const auto origins = take("origins", 3 * members), frozen = take("frozen", members),
-               impulses = take("impulses", sums);
+               impulses = take("impulses", sums),
+               contacts = fields["contacts"].cast<Array<double>>(),
+               normals = take("normals", 3 * spheres);
     const Clock clock{fields["clock_origin"].cast<double>(),
                       fields["clock_steps"].cast<std::int64_t>(),
                       fields["clock_step"].cast<double>()};
     simulation->clock = clock;
-    const double* sum = impulses.data();
+    const double *sum = impulses.data(), *contact = contacts.data(), *normal = normals.data();
     for (std::size_t i = 0; i < members; ++i) {
         Engine& member = simulation->member(i);
         states[i].origin = Vec3(origins.data() + 3 * i);
         states[i].impulses.assign(sum, sum + member.impulses.sums().size());
         sum += states[i].impulses.size();
-        member.set_saved_state(states[i]);
+        // Processors of another instruction set have another number of lanes.
+        const std::size_t own = contact_sums
+            ? member.contacts.sums().size() * std::size_t(contacts.size()) / contact_sums
+            : 0;
+        states[i].contacts.assign(contact, contact + own);
+        contact += own;
+        for (std::size_t s = 0; s < simulation->plan(i).spheres.size(); ++s, normal += 3)
+            states[i].normals.emplace_back(normal);
+        member.set_saved_state(states[i], clock.now());
         simulation->set_frozen(i, frozen.data()[i] != 0);
         if (!simulation->frozen(i)) member.place_pins(clock.now());
         simulation->restart(i);
@@ -381,11 +420,15 @@ void bind_simulation(py::module_& m) {
         .def("store", &store<float>, exact, exact)
         .def("store", &store<double>, exact, exact)
         .def("advance", &advance)
-        .def("accelerations", &accelerations<double>, exact, exact, exact, any)
-        .def("accelerations", &accelerations<float>, exact, exact, exact, any)
+        .def("accelerations", &accelerations<double>, any, exact, exact, exact, any)
+        .def("accelerations", &accelerations<float>, any, exact, exact, exact, any)
         .def("accelerations", &accelerations_here, exact, any)
         .def("set_stable_dt",
              [](S& s, const std::vector<double>& stable_dt) { s.use()->set_stable_dt(stable_dt); })
+        .def("set_stable_depths",
+             [](S& s, std::size_t i, const std::vector<double>& depths) {
+                 s.use()->set_stable_depths(i, depths);
+             })
         .def("set_sphere",
              [](S& s, std::size_t sphere, const std::vector<Vec3>& centers,
                 const std::vector<Motion>& motions) {

@@ -37,9 +37,9 @@
 #include "contact/state_points.hpp"
 #include "kernels/contact/contact_kernels.hpp"
 #include "kernels/kernel_table.hpp"
+#include "lanes/aligned_vector.hpp"
 #include "measure/diagnostics.hpp"
 #include "measure/impulses.hpp"
-#include "memory/aligned_vector.hpp"
 #include "memory/plan.hpp"
 #include "memory/threads.hpp"
 
@@ -268,7 +268,7 @@ private:
     void respond_at_end(double t, double dt) {
         anything_found_ = false;
         for (const Sphere& sphere : plan_.spheres) {
-            if (sphere.response == Response::continuous) continue;
+            if (sphere.response == Response::continuous || sphere.penalty()) continue;
             const Contact contact(sphere, t, 2 * double(Real(dt / 2)));  // as the shader has it
             const SweptSphere s = swept(sphere, plan_.cloth, t, t, dt, 0, Points::compensated);
             ContactArguments<Real> a = a_;
@@ -308,6 +308,7 @@ private:
     void note_depths_at_end(double t) {
         if (!anything_found_) return;
         for (const Sphere& sphere : plan_.spheres) {
+            if (sphere.penalty()) continue;
             const Vec3 place = sphere.place_at(t);
             for (int r = 0; r < a_.geometry.rows; ++r)
                 for (int j = 0; j < a_.geometry.vectors; ++j)

@@ -87,6 +87,7 @@ private:
         std::vector<std::vector<Vec3>> places;
         for (const Sphere& sphere : spheres) {
             places.emplace_back();
+            if (sphere.penalty()) continue;
             for (int k = 0; k <= longest; ++k)
                 places.back().push_back(sphere.place_at(clock.at(k)));
             if (!widest(place, {}, Vec3::Zero(), sphere, places.back(), 0, clock.dt)) return;
@@ -94,6 +95,7 @@ private:
         for (int k = 0; k < 3; ++k) speed[std::size_t(k)] = kernels_.extent(component(3 + k));
         for (int steps = longest; steps >= shortest && planes_.empty(); steps /= 4) {
             for (std::size_t i = 0; i < spheres.size(); ++i) {
+                if (spheres[i].penalty()) continue;
                 const auto separating_plane =
                     widest(place, speed, gravity, spheres[i], places[i], steps, clock.dt);
                 if (!separating_plane) {

@@ -4,7 +4,7 @@
 #include <cstddef>
 
 #include "contact/response.hpp"
-#include "memory/aligned_vector.hpp"
+#include "lanes/aligned_vector.hpp"
 
 namespace clothsim {
 

@@ -44,6 +44,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
     begin_watches();
     Poll poll(interrupted);
     bool first_trial = true;
+    int passed_in_a_row = 0;
     for (double t = clock.now(), end = t; t < until && outcome.steps < steps;) {
         if (first_trial) {
             end = run.target(t);
@@ -63,6 +64,23 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         const double error = adaptive.try_step(t, h, run.tolerance, threads);
         bool accepted = controller.judge(h, error, adaptive.order());
         const double bounded = accepted ? adaptive.contact_step(t, h, run.near, true) : h;
+        const Passed passed = accepted && bounded >= h && engine.has_penalty()
+            ? passed_in(adaptive.depths_tried(t + h), plans_[0])
+            : Passed{};
+        if (passed.obstacle >= 0) {
+            // Steps that meet the tolerance and still end beyond the layer: the solution does.
+            constexpr int most_trials = 3;
+            if (++passed_in_a_row > most_trials) {
+                outcome.unstable = Outcome::Unstable{0, passed.point, outcome.steps + 1, t + h};
+                outcome.unstable->obstacle = passed.obstacle;
+                outcome.unstable->depth = passed.depth;
+                return outcome;
+            }
+            controller.h = std::min(controller.h, h / 4);
+            accepted = false;
+        } else if (accepted) {
+            passed_in_a_row = 0;
+        }
         if (bounded < h) {
             // A hair less than allowed, as rounding may ask for the same step again.
             controller.h = std::min(controller.h, 0.99 * bounded);
@@ -79,7 +97,12 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
                 return outcome;
             }
             const bool due = (age_ + 1) % steps_between_energies == 0;
-            if (due || next >= until || outcome.steps + 1 == steps) engine.note_large_cells(next);
+            if (due || next >= until || outcome.steps + 1 == steps) {
+                engine.note_large_cells(next);
+                engine.note_contacts();
+                ContactReport::keep_first(engine.contact_report.pinned_inside,
+                                          engine.pinned_below(next));
+            }
             report_contacts(outcome);
             t = next;
             outcome.steps += 1;
@@ -89,7 +112,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
             sample_accepted(t);
             ++age_;
             if (due) {
-                const std::int64_t point = watches_[0].runaway_point(engine, true);
+                const std::int64_t point = watches_[0].runaway_point(engine, t, true);
                 if (point >= 0) {
                     outcome.unstable = Outcome::Unstable{0, point, outcome.steps, t};
                     return outcome;

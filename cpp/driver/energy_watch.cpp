@@ -19,27 +19,35 @@ EnergyWatch::EnergyWatch(const Plan& plan) : plan_(plan) {
     negligible_ = negligible_part * all;
 }
 
-Energy EnergyWatch::energy_of(const Engine& engine) {
+Energy EnergyWatch::energy_of(const Engine& engine, double t) {
     x_.resize(plan_.cloth.points(), 3);
     v_.resize(plan_.cloth.points(), 3);
     engine.store(x_.data(), v_.data());
     const Energy now =
-        energy(plan_, PointsView(x_.data(), x_.rows(), 3), PointsView(v_.data(), v_.rows(), 3));
+        energy(plan_, PointsView(x_.data(), x_.rows(), 3), PointsView(v_.data(), v_.rows(), 3), t);
     largest_ = std::max(largest_, now.kinetic + now.elastic);
     return now;
 }
 
-void EnergyWatch::begin(const Engine& engine) {
+double EnergyWatch::balance(const Engine& engine, const Energy& energy) const {
+    double work = 0;
+    for (std::size_t s = 0; s < plan_.spheres.size(); ++s)
+        if (plan_.spheres[s].penalty()) work += engine.contacts.of(s).work;
+    return energy.total() - work;
+}
+
+void EnergyWatch::begin(const Engine& engine, double t) {
     if (plan_.has_driven_pins()) return;
     if (std::exchange(started_, true)) return;
-    start_ = energy_of(engine).total();
+    start_ = balance(engine, energy_of(engine, t));
     guaranteed_ = swings() && guaranteed();
 }
 
-void EnergyWatch::change_force(const Engine& engine, const std::function<void()>& change) {
-    const double before = started_ ? energy_of(engine).total() : 0;
+void EnergyWatch::change_scene(const Engine& engine, double t,
+                               const std::function<void()>& change) {
+    const double before = started_ ? energy_of(engine, t).total() : 0;
     change();
-    if (started_) start_ += energy_of(engine).total() - before;
+    if (started_) start_ += energy_of(engine, t).total() - before;
 }
 
 void EnergyWatch::set_step(double dt, double stable_dt) {
@@ -67,10 +75,11 @@ bool EnergyWatch::beyond(double part, double made, double moving) const {
     return !(guaranteed_ && swing_ > part && made <= swing_ * moving);
 }
 
-std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {
-    if (!started_ || engine.watched.in_contact()) return -1;
-    const Energy now = energy_of(engine);
-    const double made = now.total() - start_, moving = now.kinetic + now.elastic;
+std::int64_t EnergyWatch::runaway_point(Engine& engine, double t, bool record) {
+    if (!started_ || engine.watched.responded) return -1;
+    const Energy now = energy_of(engine, t);
+    const double made = balance(engine, now) - start_;
+    const double moving = now.kinetic + now.elastic + now.contact;
     guaranteed_ = guaranteed_ && swings() && guaranteed();
     if (record) {
         engine.watched.energy_gained = std::max(engine.watched.energy_gained, made);
@@ -81,12 +90,12 @@ std::int64_t EnergyWatch::runaway_point(Engine& engine, bool record) {
                                                                     : -1;
 }
 
-bool EnergyWatch::lifted(const Engine& engine) {
+bool EnergyWatch::lifted(const Engine& engine, double t) {
     const auto too_much = [&] {
         return engine.watched.lift_work > std::max(lifted_part * largest_, negligible_);
     };
     if (lifted_ || !too_much()) return false;
-    energy_of(engine);
+    energy_of(engine, t);
     return lifted_ = too_much();
 }
 

@@ -9,9 +9,9 @@
 
 namespace clothsim {
 
-// Until a sphere responds, nothing adds to the total energy of a cloth, except an unstable step.
-// The watch ends with the first response: moving spheres do work, and so do lifts off a sphere. A
-// step may be unstable above the stability limit, and below the guaranteed limit at states outside
+// Nothing adds to the total energy of a cloth but the work of moving obstacles, which the contacts
+// sum up, and an unstable step. Responses after a step change the energy, so that the watch ends
+// with the first of them. A step may be unstable above the stability limit, and below the guaranteed limit at states outside
 // the guarantee. The cloth need not fly apart: waves may grow until it has folded into a shape that
 // stops them.
 //
@@ -25,10 +25,11 @@ public:
         largest_ = 0;
     }
     // The run begins at the present state, unless it has begun. Nothing is watched before.
-    void begin(const Engine& engine);
+    void begin(const Engine& engine, double t);
     bool begun() const { return started_; }
-    // Another force on points gives a state another energy, which no step has made.
-    void change_force(const Engine& engine, const std::function<void()>& change);
+    // Another force on points or another place of an obstacle gives a state another energy, which no
+    // step has made.
+    void change_scene(const Engine& engine, double t, const std::function<void()>& change);
 
     // Steps of `dt` follow. Within the guaranteed time step a splitting method keeps an energy of
     // its own, and the true energy swings beside it: see energy_swing. Only more than that swing is
@@ -47,18 +48,20 @@ public:
 
     // The fastest free mass point if the energy has run away, else -1. `record`: what was gained
     // goes into engine.watched.
-    std::int64_t runaway_point(Engine& engine, bool record);
+    std::int64_t runaway_point(Engine& engine, double t, bool record);
     // -1 if all are pinned.
     std::int64_t fastest_free_point(const Engine& engine);
     // Whether lifts have made more than `lifted_part` of the largest kinetic and elastic energy;
     // true once.
-    bool lifted(const Engine& engine);
+    bool lifted(const Engine& engine, double t);
     static constexpr double lifted_part = 0.01;
     // The same of growth at a recorded inspection.
     bool take_growth() { return std::exchange(news_, false); }
 
 private:
-    Energy energy_of(const Engine& engine);
+    // Less the work of the obstacles so far.
+    double balance(const Engine& engine, const Energy& energy) const;
+    Energy energy_of(const Engine& engine, double t);
     // Whether the guarantee of the time step holds at the state of the last energy
     // (docs/stability.md). No spring is shorter than half its rest length, and none turns too fast
     // for its damping.

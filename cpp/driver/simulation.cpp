@@ -23,6 +23,8 @@ constexpr std::int64_t least_steps_of_block = 8;
 // Least mass points of a member for a thread of a team. Such a team is taken to be three quarters
 // as many times faster as it has threads.
 constexpr std::int64_t least_points_per_thread = 512;
+// Of a point on a surface [m]: rounding of places.
+constexpr double negligible_depth = 1e-9;
 
 }  // namespace
 
@@ -33,6 +35,10 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads)
     stable_dt_.assign(plans.size(), std::numeric_limits<double>::infinity());
     frozen_.assign(plans.size(), 0);
     bad_points_.assign(plans.size(), -1);
+    passed_.assign(plans.size(), {});
+    told_below_.assign(plans.size(), 0);
+    told_stiff_.assign(plans.size(), 0);
+    stable_depths_.resize(plans.size());
     all_.resize(plans.size());
     std::iota(all_.begin(), all_.end(), std::size_t(0));
     for (const Plan& plan : plans_) watches_.emplace_back(plan);
@@ -45,6 +51,10 @@ void Simulation::set_stable_dt(std::vector<double> stable_dt) {
     speed_limits_.clear();
 }
 
+void Simulation::set_stable_depths(std::size_t i, std::vector<double> depths) {
+    stable_depths_[i] = std::move(depths);
+}
+
 void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_dt) {
     std::vector<std::unique_ptr<Engine>> members;
     std::vector<EnergyWatch> watches;
@@ -53,7 +63,9 @@ void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_d
         members.push_back(make_engine(plans[i]));
         Engine& member = *members.back();
         member.threads = members_[i]->threads;
-        member.set_saved_state(members_[i]->saved_state());
+        SavedState state = members_[i]->saved_state();
+        state.normals.clear();  // of other obstacles
+        member.set_saved_state(state, clock.now());
         if (!frozen_[i]) member.place_pins(clock.now());
         watches.emplace_back(plans[i]);  // refers to the plan, which stays where it is
     }
@@ -61,14 +73,20 @@ void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_d
     members_.swap(members);
     watches_.swap(watches);
     set_stable_dt(std::move(stable_dt));
-    for (const std::size_t i : all_) restart(i);
+    for (const std::size_t i : all_) {
+        stable_depths_[i].clear();
+        restart(i);
+    }
 }
 
 void Simulation::restart(std::size_t i) {
     watches_[i].restart();
     members_[i]->watched = {};
+    members_[i]->contacts.forget_extremes();
     age_ = 0;
     bad_points_[i] = -1;
+    passed_[i] = {};
+    told_below_[i] = told_stiff_[i] = 0;
     end_block();
 }
 
@@ -89,7 +107,10 @@ std::optional<Outcome> Simulation::call(double time, const Load& load, std::int6
         members_[i]->begin_anew();
         if (!load_state(i)) finite = false;
     });
-    for (const std::size_t i : all_) restart(i);
+    for (const std::size_t i : all_) {
+        restart(i);
+        if (passed_point(i, time).obstacle >= 0) finite = false;
+    }
     if (!finite) return {};
     in_block_ = true;
     input_ = &load_state;
@@ -100,14 +121,17 @@ std::optional<Outcome> Simulation::call(double time, const Load& load, std::int6
 
 void Simulation::set_sphere(std::size_t i, std::size_t sphere, const Vec3& center,
                             const Motion& motion) {
-    plans_[i].spheres[sphere].center = center;
-    plans_[i].spheres[sphere].motion = motion;
-    members_[i]->set_sphere(sphere, center, motion);
+    watches_[i].change_scene(*members_[i], clock.now(), [&] {
+        plans_[i].spheres[sphere].center = center;
+        plans_[i].spheres[sphere].motion = motion;
+        plans_[i].spheres[sphere].speed = motion.at(0).velocity.norm();
+        members_[i]->set_sphere(sphere, center, motion);
+    });
     end_block();
 }
 
 void Simulation::set_force(std::size_t i, const double* force) {
-    watches_[i].change_force(*members_[i], [&] {
+    watches_[i].change_scene(*members_[i], clock.now(), [&] {
         plans_[i].force = PointsView(force, plans_[i].cloth.points(), 3);
         members_[i]->set_force(force);
     });
@@ -135,15 +159,76 @@ void Simulation::run_member(std::size_t i, const Steps& steps, bool copy, int th
     Engine& member = *members_[i];
     member.threads = threads;
     if (copy) member.save_checkpoint();
-    if (!member.advance_in_contact(steps.count, clock, threads, true)) {
+    if (!advance_member(i, clock, steps.count, threads, true)) {
         back_to_start_of_block(i);
         Clock from = clock;
         from.steps -= steps_in_block_;
-        member.advance_in_contact(steps_in_block_ + steps.count, from, threads, false);
+        advance_member(i, from, steps_in_block_ + steps.count, threads, false);
     }
     if (steps.inspect) inspect(i, age_ + steps.count, steps.each);
     if (sample_every_ > 0 && (age_ + steps.count) % sample_every_ == 0)
         sample(i, clock.at(steps.count));
+}
+
+// A straight path between two places outside the layer goes through an obstacle only if it is longer
+// than the chord of a sphere at the depth h in it.
+bool Simulation::may_pass(std::size_t i, double dt) const {
+    const double speed = members_[i]->has_penalty() ? members_[i]->speed_bound() : 0;
+    return std::any_of(plans_[i].spheres.begin(), plans_[i].spheres.end(), [&](const Sphere& s) {
+        const double chord =
+            std::min(2 * s.radius, std::sqrt(8 * s.radius * std::max(s.thickness, 0.0)));
+        // A point may double its speed within a block.
+        return s.penalty() && !s.flat() && 2 * (speed + s.speed) * dt > chord;
+    });
+}
+
+bool Simulation::advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads,
+                                bool behind_planes) {
+    Engine& member = *members_[i];
+    if (!may_pass(i, from.dt))
+        return member.advance_in_contact(steps, from, threads, behind_planes);
+    const Plan& plan = plans_[i];
+    Points before(plan.cloth.points(), 3), after = before;
+    member.store(after.data(), nullptr);
+    Clock now = from;
+    for (std::int64_t k = 0; k < steps; ++k, ++now.steps) {
+        before.swap(after);
+        if (!member.advance_in_contact(1, now, threads, false)) return false;
+        member.store(after.data(), nullptr);
+        for (std::size_t s = 0; s < plan.spheres.size(); ++s) {
+            const Sphere& sphere = plan.spheres[s];
+            if (!sphere.penalty() || sphere.flat()) continue;
+            const double least = sphere.contact_radius() - sphere.thickness;
+            const Vec3 center = sphere.center_at(now.at(0)), end = sphere.center_at(now.at(1));
+            for (int p = 0; p < plan.cloth.points(); ++p) {
+                if (plan.cloth.pinned[std::size_t(p)]) continue;
+                const Vec3 a = before.row(p).transpose() - center;
+                const Vec3 way = after.row(p).transpose() - end - a;
+                const double length2 = way.squaredNorm();
+                const double part = length2 > 0 ? std::clamp(-a.dot(way) / length2, 0.0, 1.0) : 0;
+                if ((a + part * way).squaredNorm() >= least * least) continue;
+                passed_[i] = {p, std::int64_t(s), std::sqrt(length2)};
+                return true;
+            }
+        }
+    }
+    return true;
+}
+
+Simulation::Passed Simulation::passed_in(const std::vector<Depth>& depths, const Plan& plan) {
+    Passed passed;
+    for (std::size_t s = 0; s < depths.size(); ++s)
+        if (beyond_layer(plan.spheres[s], depths[s].depth) && depths[s].depth > passed.depth)
+            passed = {depths[s].point, std::int64_t(s), depths[s].depth};
+    return passed;
+}
+
+Simulation::Passed Simulation::passed_point(std::size_t i, double t) const {
+    if (!members_[i]->has_penalty() || passed_[i].obstacle >= 0) return passed_[i];
+    std::vector<Depth> depths = members_[i]->depths(t);
+    for (std::size_t s = 0; s < depths.size(); ++s)
+        depths[s].depth = std::max(depths[s].depth, members_[i]->contacts.of(s).deepest);
+    return passed_in(depths, plans_[i]);
 }
 
 void Simulation::each_member_of(const std::vector<std::size_t>& members, int threads,
@@ -196,6 +281,7 @@ void Simulation::back_to_start_of_block() {
         if (!frozen_[i]) back_to_start_of_block(i);
         members_[i]->contact_report = {};
         bad_points_[i] = -1;
+        passed_[i] = {};
     }
     clock.steps -= steps_in_block_;
     age_ -= steps_in_block_;
@@ -217,9 +303,15 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) 
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
         const ContactReport contact = members_[std::size_t(bad)]->contact_report;
+        const Passed passed = passed_[std::size_t(bad)];
         back_to_start_of_block();
-        outcome.unstable = {bad, point >= 0 ? point : contact.trapped, outcome.steps + 1,
-                            clock.at(1), point < 0};
+        outcome.unstable = {bad, point, outcome.steps + 1, clock.at(1)};
+        if (point < 0) {
+            outcome.unstable->trapped = contact.trapped >= 0;
+            outcome.unstable->point = contact.trapped >= 0 ? contact.trapped : passed.point;
+            outcome.unstable->obstacle = passed.obstacle;
+            outcome.unstable->depth = passed.depth;
+        }
         break;
     }
     for (auto& member : members_) member->contact_report = {};
@@ -239,19 +331,26 @@ std::int64_t Simulation::energy_period() const {
 
 void Simulation::begin_watches() {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (watch_energy_ && !frozen_[i]) watches_[i].begin(*members_[i]);
+        if (watch_energy_ && !frozen_[i]) watches_[i].begin(*members_[i], clock.now());
 }
 
 void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
     bad_points_[i] = -1;
     if (frozen_[i]) return;
     bad_points_[i] = members_[i]->first_bad_point(speed_limits_[i]);
-    members_[i]->note_large_cells(clock.at(age - age_));
+    const double now = clock.at(age - age_);
+    members_[i]->note_large_cells(now);
+    if (members_[i]->has_penalty() && bad_points_[i] < 0) {
+        members_[i]->note_contacts();
+        passed_[i] = passed_point(i, now);
+        ContactReport::keep_first(members_[i]->contact_report.pinned_inside,
+                                  members_[i]->pinned_below(now));
+    }
     const bool due = age % energy_period(i) == 0;
     // A block begins where states are sampled, at a good one.
     const bool sampled = sample_every_ > 0 && age % sample_every_ == 0;
     if (bad_points_[i] < 0 && (due || sampled || each || clock.dt > stable_dt_[i]))
-        bad_points_[i] = watches_[i].runaway_point(*members_[i], due);
+        bad_points_[i] = watches_[i].runaway_point(*members_[i], now, due);
 }
 
 void Simulation::sample(std::size_t i, double t) {
@@ -264,7 +363,8 @@ void Simulation::sample(std::size_t i, double t) {
     for (const Sphere& sphere : plan.spheres) {
         const Penetration depth = penetration(plan.cloth.rows, plan.cloth.columns, view, sphere, t);
         member.watched.triangle_depth = std::max(member.watched.triangle_depth, depth.triangles);
-        if (age_ == 0 && t == clock.now())  // later the contact pass sees each step
+        // Later the steps themselves note how deep points are.
+        if (age_ == 0 && t == clock.now())
             member.watched.point_depth = std::max(member.watched.point_depth, depth.points);
     }
 }
@@ -276,13 +376,15 @@ void Simulation::sample() {
         if (sample_every_ > 0) {
             sample(i, clock.now());
         }
-        watches_[i].runaway_point(*members_[i], true);
+        watches_[i].runaway_point(*members_[i], clock.now(), true);
     }
 }
 
 std::int64_t Simulation::first_bad_member() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (bad_points_[i] >= 0 || members_[i]->contact_report.trapped >= 0) return std::int64_t(i);
+        if (bad_points_[i] >= 0 || members_[i]->contact_report.trapped >= 0 ||
+            passed_[i].obstacle >= 0)
+            return std::int64_t(i);
     return -1;
 }
 
@@ -295,6 +397,22 @@ std::int64_t Simulation::steps_of_block() const {
     return steps;
 }
 
+void Simulation::note_depths(std::size_t i, Outcome& outcome) {
+    if (!members_[i]->has_penalty()) return;
+    const Watched& watched = members_[i]->watched;
+    if (!outcome.below && !told_below_[i] &&
+        std::max(watched.point_depth, watched.triangle_depth) > negligible_depth) {
+        told_below_[i] = 1;
+        outcome.below = {std::int64_t(i), watched.point_depth, watched.triangle_depth};
+    }
+    for (std::size_t s = 0; s < stable_depths_[i].size() && !told_stiff_[i]; ++s) {
+        const double deepest = members_[i]->contacts.of(s).deepest;
+        if (outcome.stiff || !(deepest > stable_depths_[i][s])) continue;
+        told_stiff_[i] = 1;
+        outcome.stiff = {std::int64_t(i), std::int64_t(s), deepest};
+    }
+}
+
 void Simulation::report_contacts(Outcome& outcome) {
     for (std::size_t i = 0; i < members_.size(); ++i) {
         ContactReport& found = members_[i]->contact_report;
@@ -305,7 +423,9 @@ void Simulation::report_contacts(Outcome& outcome) {
             outcome.pinned_inside = {std::int64_t(i), pinned};
         if (large >= 0 && !outcome.large_cell) outcome.large_cell = {std::int64_t(i), large};
         if (start.points > 0 && !outcome.start) outcome.start = {std::int64_t(i), start};
-        if (watches_[i].lifted(*members_[i]) && !outcome.lifted) outcome.lifted = std::int64_t(i);
+        note_depths(i, outcome);
+        if (watches_[i].lifted(*members_[i], clock.now()) && !outcome.lifted)
+            outcome.lifted = std::int64_t(i);
     }
 }
 

@@ -20,6 +20,8 @@ struct Outcome {
         std::int64_t step;  // of this call, the first whose result is not finite or has run away
         double time;
         bool trapped = false;  // finite, but the spheres leave this point no place
+        std::int64_t obstacle = -1;  // finite, but the point has gone through the layer of this one
+        double depth = 0;  // there, or the way of the step where it went past [m]
     };
     std::optional<Unstable> unstable;  // state: the last good one, one step before
     struct MemberPoint {
@@ -32,6 +34,18 @@ struct Outcome {
         ContactReport::Start at;
     };
     std::optional<Start> start;  // a continuous sphere has started on the cloth
+    // A free point or a triangle is below the true surface of a penalty obstacle.
+    struct Below {
+        std::int64_t member;
+        double points, triangles;  // m
+    };
+    std::optional<Below> below;
+    // A point is so deep in a layer that the time step may be too long for it.
+    struct Stiff {
+        std::int64_t member, obstacle;
+        double depth;  // m
+    };
+    std::optional<Stiff> stiff;
     std::optional<std::int64_t> lifted;  // a member to which lifts have added energy
     // A member whose energy has grown out of nothing (EnergyWatch); steps may be left to do.
     std::optional<std::int64_t> grown;
@@ -39,7 +53,7 @@ struct Outcome {
     // All steps were done, and no event has to be reported.
     bool complete() const {
         return !interrupted && !unstable && !pinned_inside && !large_cell && !start && !lifted &&
-            !grown;
+            !grown && !below && !stiff;
     }
 };
 
@@ -114,6 +128,8 @@ public:
     // The guaranteed time step of each member [s]: only above it a point can be too fast. Default:
     // infinite.
     void set_stable_dt(std::vector<double> stable_dt);
+    // The depths in the layers of a member's obstacles up to which the time step is stable [m].
+    void set_stable_depths(std::size_t i, std::vector<double> depths);
 
     // From now on.
     void set_sphere(std::size_t i, std::size_t sphere, const Vec3& center, const Motion& motion);
@@ -146,7 +162,7 @@ public:
     // Whether Watched::energy_gained has a meaning: until a sphere responds, from the first step
     // on.
     bool energy_known(std::size_t i) const {
-        return watches_[i].begun() && !members_[i]->watched.in_contact();
+        return watches_[i].begun() && !members_[i]->watched.responded;
     }
 
 private:
@@ -163,6 +179,20 @@ private:
     void set_step(double dt);
     std::int64_t steps_of_block() const;
     void report_contacts(Outcome& outcome);
+    // Of penalty obstacles, see Outcome::below and Outcome::stiff.
+    void note_depths(std::size_t i, Outcome& outcome);
+    // Steps of a member, one by one and by their paths where a point may pass an obstacle in one.
+    bool advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads,
+                        bool behind_planes);
+    bool may_pass(std::size_t i, double dt) const;
+    // A point that has left a layer on its inner side.
+    struct Passed {
+        std::int64_t point = -1, obstacle = -1;
+        double depth = 0;
+    };
+    static Passed passed_in(const std::vector<Depth>& depths, const Plan& plan);
+    // At the time t, or in a step before.
+    Passed passed_point(std::size_t i, double t) const;
     // Whether a member's state is finite, and its energy where that is due, at the end of a call
     // above the guaranteed time step, and after `each` repeated step.
     void inspect(std::size_t i, std::int64_t age, bool each);
@@ -195,6 +225,9 @@ private:
     // Brings the state at the start of the block; null: copies in the engines.
     const Load* input_ = nullptr;
     std::vector<EnergyWatch> watches_;
+    std::vector<Passed> passed_;
+    std::vector<std::vector<double>> stable_depths_;
+    std::vector<std::uint8_t> told_below_, told_stiff_;
     bool watch_energy_ = true;
     std::int64_t age_ = 0;  // steps since the state was set
     std::int64_t sample_every_ = 0;  // steps; 0: nothing is sampled

@@ -114,6 +114,8 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     int lag, several;  // rows between two stages, and of one at a time; all rows: stage by stage
     EdgeArguments<Real> stages[4];
     double stages_dt = std::numeric_limits<double>::quiet_NaN();  // that of `stages`
+    std::vector<PenaltyArguments<Real>> obstacles[4];  // at the stages of a step
+    std::vector<std::uint64_t> near_rows[4];  // of each row, see PenaltyRows
     std::int64_t step = 0;  // to which the state belongs
     Clock clock;  // of the call
     // The number of a step's stage, counted over all steps.
@@ -368,7 +370,7 @@ void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
     const std::int64_t number = band.number_of(s);
     const auto run_to = [&](int row) {
         if (begin >= row) return;
-        edge_rows_(band.stages[s], begin, row);
+        sum_rows(edge_rows_, band.stages[s], begin, row);
         end_pins(band, s, std::max(begin - 1, 0), row - 1);
         begin = row;
     };
@@ -391,7 +393,7 @@ void EdgeEngine<Real>::run_last_rows(Band& band, int s, int begin, int end) {
         band.wait_far(band.version(number));
         band.fetch_beyond_far(number);
     }
-    (band.far ? edge_rows_ : kernels().edge_of_any)(e, begin, end);
+    sum_rows(band.far ? edge_rows_ : kernels().edge_of_any, e, begin, end);
     if (end == n) kernels().edge_finish(e);
     end_pins(band, s, std::max(begin - 1, 0), end < n ? end - 1 : n);
     if (end == n && band.far && hands_on(s)) band.hand_far(number + 1);
@@ -402,8 +404,9 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
     if (!plan_.has_driven_pins() || begin >= end) return;
     const std::int64_t before = band.step - step_;
     const double dt = band.clock.dt;
-    const PinTime time = s == 3 ? PinTime::of_end(band.clock.at(before + 1), dt)
-                                : PinTime::of_stage(band.clock.at(before), dt, s == 2 ? 1 : 0.5);
+    const StageTime time = s == 3
+        ? StageTime::of_end(band.clock.at(before + 1), dt)
+        : StageTime::of_stage(band.clock.at(before), dt, s == 2 ? 1 : 0.5);
     const auto [first, last] = band.RowBand::rows(begin, end);
     const int start = layout_.start(band.strip), own = layout_.own(band.strip),
               own_end = layout_.own(band.strip + 1);
@@ -428,8 +431,23 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
 }
 
 template <class Real>
+void EdgeEngine<Real>::place_contacts(Band& band) {
+    constexpr double part[] = {0, 0.5, 0.5, 1}, weight[] = {1. / 6, 1. / 3, 1. / 3, 1. / 6};
+    const double t = band.clock.at(band.step - step_), dt = band.clock.dt;
+    if (band.step > step_ && !this->obstacles_move()) return this->note_time(t, band.obstacles[0]);
+    for (int s = 0; s < 4; ++s) {
+        this->place_obstacles(StageTime::of_stage(t, dt, part[s]), force_unit(), weight[s] * dt,
+                              s == 0, band.obstacles[s]);
+        band.stages[s].contacts = this->penalty_rows(band.obstacles[s], this->contacts);
+        band.near_rows[s].resize(std::size_t(band.size()));
+        band.stages[s].contacts.near = band.near_rows[s].data();
+    }
+}
+
+template <class Real>
 void EdgeEngine<Real>::step_band(Band& band) {
     const int n = band.size();
+    if (this->has_penalty()) place_contacts(band);
     const bool strips = layout_.strips > 1;
     if (!band.near)
         for (int s = 0; s < 4; ++s) begin_stage(band, s);
@@ -494,6 +512,7 @@ void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const
 template <class Real>
 void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threads) {
     const int team = granted_threads(RowBand::team(rows(), threads));
+    this->choose_sides(clock.at(0));
     for (const auto& band : bands(team)) band->begin_call();
     run_team(team, [&](int thread) { run_bands(team, thread, steps, clock); });
     step_ += steps;
@@ -501,7 +520,7 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
 }
 
 template <class Real>
-void EdgeEngine<Real>::accelerations(double* a) {
+void EdgeEngine<Real>::accelerations(double t, double* a) {
     const FieldLayout f = field();
     AlignedVector<Real> found(std::size_t(f.acceleration_size), Real(0));
     const bool strips = layout_.strips > 1;
@@ -512,6 +531,10 @@ void EdgeEngine<Real>::accelerations(double* a) {
     }
     FieldBand<Real> all;
     all.end = rows();
+    ContactTally sums = this->contacts;
+    this->choose_sides(t);
+    this->place_obstacles(StageTime::at_rest(t), force_unit(), 0, false, all.obstacles);
+    all.contacts = this->penalty_rows(all.obstacles, sums);
     for (int strip = 0; strip < layout_.strips; ++strip) {
         for (int r = 0; strips && r < rows(); ++r) bands(1)[std::size_t(strip)]->take_border(r);
         begin_sweep(memory_.data() + strip * layout_.strip_size(), found.data(), all, strip);
@@ -562,6 +585,9 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldB
             acceleration + band.row(i) * layout_.vectors * 3 * layout_.lanes, band.row(i), strip);
     EdgeArguments<Real>& e = band.edge = arguments(Stage::evaluate, 0, band.values.data());
     e.rows = band.pointers.data();
+    e.contacts = band.contacts;
+    band.near_rows.resize(std::size_t(n));
+    e.contacts.near = band.near_rows.data();
     if (n * layout_.row_size() * std::ptrdiff_t(sizeof(Real)) > bytes_kept_in_cache()) {
         e.ahead = rows_before_use;
         e.ahead_end = layout_.stride;
@@ -579,8 +605,8 @@ template <class Real>
 int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldBand<Real>& band) {
     const int n = band.size(), whole = band.pointers[std::size_t(n)].state ? n : n - 2,
               inner = std::clamp(whole, begin, end);
-    edge_rows_(band.edge, begin, inner);
-    kernels().edge_of_any(band.edge, inner, end);
+    sum_rows(edge_rows_, band.edge, begin, inner);
+    sum_rows(kernels().edge_of_any, band.edge, inner, end);
     if (end < n) return end - 1;  // the kernel finishes a row with the next one
     kernels().edge_finish(band.edge);
     return end;

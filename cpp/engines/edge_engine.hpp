@@ -22,7 +22,7 @@ public:
     explicit EdgeEngine(const Plan& plan, bool in_strips = false);
     ~EdgeEngine() override;
     void advance(std::int64_t steps, const Clock& clock, int threads) override;
-    void accelerations(double* a) override;
+    void accelerations(double t, double* a) override;
 
 protected:  // for cpp/integrators
     using Base = StateEngine<Real, TransposedLayout>;
@@ -34,6 +34,8 @@ protected:  // for cpp/integrators
     // It reads two rows more and returns how many of the rows are done. The state of a row that is
     // done is not read again.
     void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band, int strip = 0);
+    // What a force of 1 N is in the sums of the kernel.
+    double force_unit() const { return coefficient_scale(plan_) / unit_; }
     int sweep_rows(int begin, int end, FieldBand<Real>& band);
 
 private:
@@ -47,21 +49,31 @@ private:
     void step_band(Band& band);
     // Parts of a step's stage s = 0..3.
     void begin_stage(Band& band, int s);
+    // The obstacles at the times of the stages of the band's next step.
+    void place_contacts(Band& band);
     void run_rows(Band& band, int s, int begin, int end);
     void run_last_rows(Band& band, int s, int begin, int end);
     // Puts driven pins to their places at the end of stage s, in rows [begin, end) of the band.
     void end_pins(Band& band, int s, int begin, int end);
     // With strips the next step's state is sent when their halos are filled.
     bool hands_on(int s) const { return s < 3 || layout_.strips == 1; }
+    // Rows [begin, end) of a stage, by one of the two kernels.
+    void sum_rows(EdgeRowsKernel<Real> kernel, EdgeArguments<Real>& e, int begin, int end) const {
+        if (e.contacts.count > 0 && begin < end)
+            e.forces = kernels().edge_near(e, begin, end) ? kernels().edge_forces : nullptr;
+        kernel(e, begin, end);
+    }
     EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
     // Of a strip's row, whose state and work lie there.
     EdgeRowPointers<Real> row_pointers(Real* state, Real* work, int row, int strip) const {
         const std::ptrdiff_t index = std::ptrdiff_t(strip) * rows() + row;
         return {
-            state, work,
+            state,
+            work,
             inverse_mass_.empty() ? nullptr : inverse_mass_.data() + index * layout_.width(),
             applied_.empty() ? nullptr : applied_.data() + 3 * index * layout_.width(),
-            row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr};
+            row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr,
+            row};
     }
     // Data that a row passes on: a force for each point and one vector more. A stage has three of
     // it, and the pending forces.

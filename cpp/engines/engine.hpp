@@ -1,12 +1,15 @@
 // One cloth's state inside the core, and the loop that advances it.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <limits>
 #include <memory>
 #include <vector>
 
 #include "contact/contact_report.hpp"
+#include "forces/contact_sums.hpp"
+#include "forces/contacts.hpp"
 #include "integrators/adaptive.hpp"
 #include "measure/impulses.hpp"
 #include "memory/plan.hpp"
@@ -25,6 +28,8 @@ struct SavedState {
     std::vector<double> values;
     Vec3 origin = Vec3::Zero();  // m
     std::vector<double> impulses;  // of Impulses [N s]
+    std::vector<double> contacts;  // of Tally
+    std::vector<Vec3> normals;  // of the surface points from which gaps are measured, in single
 };
 
 // Extremes over the states of a run: the initial one, and each at the end of a step.
@@ -38,6 +43,8 @@ struct Watched {
     // Most that the total was above that of the start, where it is watched [J].
     double energy_gained = 0;
 
+    bool responded = false;  // an obstacle that is no part of the equation
+
     bool in_contact() const { return first_contact < std::numeric_limits<double>::infinity(); }
 };
 
@@ -47,6 +54,7 @@ struct Tally {
     std::int64_t contact_responses = 0;  // of the spheres to mass points
     Watched watched;  // depths only when asked for; the first contact always
     Impulses impulses;  // of all responses
+    ContactTally contacts;  // of obstacles with the response "penalty"
 };
 
 class Engine : public Tally {
@@ -71,16 +79,17 @@ public:
     double rounding_of_arrays = 0;
     int threads = 1;  // that the newest steps might use, and copies of the state may too
 
-    // Arrays of shape (rows, columns, 3), C order; whether all their numbers are finite in this
+    // Arrays of shape (rows, columns, 3), C order, of time t [s]; whether all their numbers are finite in this
     // precision. Velocities of held pins are taken as 0. A null array is not stored.
-    virtual bool load(const float* x, const float* v) = 0;
-    virtual bool load(const double* x, const double* v) = 0;
+    virtual bool load(double t, const float* x, const float* v) = 0;
+    virtual bool load(double t, const double* x, const double* v) = 0;
     virtual void store(float* x, float* v) const = 0;
     virtual void store(double* x, double* v) const = 0;
 
     // Steps k = 1..steps of the clock without contacts.
     virtual void advance(std::int64_t steps, const Clock& clock, int threads) = 0;
-    virtual void accelerations(double* a) = 0;
+    // At the time t.
+    virtual void accelerations(double t, double* a) = 0;
 
     // Counts begin again, before another state is loaded.
     void begin_anew() {
@@ -89,7 +98,16 @@ public:
         contact_report = {};
         watched = {};
         impulses.begin_anew();
+        contacts.clear();
     }
+    // The deepest free points in the layers of penalty obstacles at the time t; of each obstacle.
+    virtual std::vector<Depth> depths(double t) const = 0;
+    // A pinned point below the true surface of a penalty obstacle at the time t, or -1.
+    virtual int pinned_below(double t) const = 0;
+    // No point is faster [m/s].
+    virtual double speed_bound() const = 0;
+    // Note what the steps so far have met in `watched`.
+    virtual void note_contacts() = 0;
 
     // Put driven pins to their places, with their velocities; a new state leaves that to the
     // caller.
@@ -108,7 +126,8 @@ public:
 
     // An engine of another layout or scene of this shape and precision may continue it.
     virtual SavedState saved_state() const = 0;
-    virtual void set_saved_state(const SavedState& state) = 0;
+    // `t`: its time. Without normals they are chosen anew.
+    virtual void set_saved_state(const SavedState& state, double t) = 0;
 
     // A copy that the engine keeps, with its counts and extremes; see driver/simulation.hpp.
     virtual void save_checkpoint() = 0;
@@ -122,7 +141,9 @@ public:
     // Take the step that `adaptive()` has tried, from t0 to t1, with the contact pass at its end.
     // Where the spheres leave a point no place (contact_report), the state is that at t0.
     virtual void accept_in_contact(double t0, double t1, int threads) = 0;
+    // Whether there are obstacles that respond after a step; obstacles of response "penalty".
     virtual bool has_contacts() const = 0;
+    virtual bool has_penalty() const = 0;
 };
 
 std::unique_ptr<Engine> make_engine(const Plan& plan);

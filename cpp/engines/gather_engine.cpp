@@ -120,10 +120,17 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
         arguments(Stage::first, clock.dt), arguments(Stage::second, clock.dt),
         arguments(Stage::third, clock.dt), arguments(Stage::fourth, clock.dt)};
     const int team = granted_threads(std::min(threads, grid_.groups()));
+    this->choose_sides(clock.at(0));
     Barrier barrier(team);
     run_team(team, [&](int thread) {
+        constexpr double part[] = {0, 0.5, 0.5, 1}, weight[] = {1. / 6, 1. / 3, 1. / 3, 1. / 6};
+        std::vector<PenaltyArguments<Real>> obstacles;
         for (std::int64_t k = 1; k <= steps; ++k) {
-            for (const GatherArguments<Real>& stage : stages) {
+            for (int s = 0; s < 4; ++s) {
+                GatherArguments<Real> stage = stages[s];
+                this->place_obstacles(StageTime::of_stage(clock.at(k - 1), clock.dt, part[s]),
+                                      force_unit(), weight[s] * clock.dt, s == 0, obstacles);
+                stage.contacts = this->penalty_rows(obstacles, this->contacts);
                 for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(stage, tile); });
                 barrier.wait();
             }
@@ -133,8 +140,14 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
 }
 
 template <class Real>
-void GatherEngine<Real>::accelerations(double* a) {
-    kernel_(arguments(Stage::evaluate, 0), {0, rows(), 0, columns()});
+void GatherEngine<Real>::accelerations(double t, double* a) {
+    ContactTally sums = this->contacts;
+    std::vector<PenaltyArguments<Real>> obstacles;
+    GatherArguments<Real> g = arguments(Stage::evaluate, 0);
+    this->choose_sides(t);
+    this->place_obstacles(StageTime::at_rest(t), force_unit(), 0, false, obstacles);
+    g.contacts = this->penalty_rows(obstacles, sums);
+    kernel_(g, {0, rows(), 0, columns()});
     for (int r = 0; r < rows(); ++r)
         for (int c = 0; c < columns(); ++c)
             for (int k = 0; k < 3; ++k) *a++ = double(first_acceleration_[layout_.at(r, c, k)]);
@@ -159,6 +172,7 @@ void GatherEngine<Real>::begin_sweep(const Real* state, Real* acceleration, Fiel
     band.gather = arguments(Stage::evaluate, 0);
     band.gather.source = state + layout_.origin;
     band.gather.first_acceleration = acceleration + layout_.origin;
+    band.gather.contacts = band.contacts;
 }
 
 template <class Real>

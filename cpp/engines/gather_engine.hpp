@@ -39,7 +39,7 @@ class GatherEngine : public StateEngine<Real, PaddedLayout> {
 public:
     explicit GatherEngine(const Plan& plan);
     void advance(std::int64_t steps, const Clock& clock, int threads) override;
-    void accelerations(double* a) override;
+    void accelerations(double t, double* a) override;
 
 protected:  // for cpp/integrators; see EdgeEngine
     using Base = StateEngine<Real, PaddedLayout>;
@@ -48,6 +48,7 @@ protected:  // for cpp/integrators; see EdgeEngine
     FieldLayout field() const;
     void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band);
     int sweep_rows(int begin, int end, FieldBand<Real>& band);
+    double force_unit() const { return coefficient_scale(plan_); }
 
 private:
     void build_coefficients();

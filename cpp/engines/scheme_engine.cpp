@@ -42,7 +42,8 @@ public:
           stage_field_(field_) {
         stage_field_.compensation = 0;
         const Cloth& cloth = this->plan_.cloth;
-        const bool damped = cloth.drag > 0 || cloth.has_spring_damping();
+        const bool damped =
+            cloth.drag > 0 || cloth.has_spring_damping() || this->has_damping_contact();
         explicit_ = damped && method_.damped ? method_.damped : method_.runge_kutta;
         if (!method_.runge_kutta && !method_.splitting) {
             implicit_ = std::make_unique<ImplicitMidpoint>(this->plan_);
@@ -52,6 +53,7 @@ public:
         const int count = !explicit_ ? 1 : explicit_->stages + (adaptive ? 1 : 0);
         for (int i = 0; i < count; ++i) slot_.push_back(i);
         accelerations_.assign(std::size_t(count * field_.acceleration_size), Real(0));
+        first_contacts_ = end_contacts_ = step_contacts_ = this->contacts;
         // Copies of the engine's memory, for its padding.
         if (explicit_)
             for (auto& stage : stages_) stage = this->memory_;
@@ -61,10 +63,11 @@ public:
     }
 
     void advance(std::int64_t steps, const Clock& clock, int threads) override {
+        this->choose_sides(clock.at(0));
         if (implicit_) {
             for (std::int64_t k = 1; k <= steps; ++k) {
                 advance_implicit(clock.at(k - 1), clock.dt);
-                this->place_pins(PinTime::of_end(clock.at(k), clock.dt), 0, this->rows(),
+                this->place_pins(StageTime::of_end(clock.at(k), clock.dt), 0, this->rows(),
                                  this->memory_);
                 this->watch(0, this->rows());
             }
@@ -81,9 +84,10 @@ public:
                     continue;
                 }
                 advance_splitting(band, barrier, t, clock.dt, known);
-                this->place_pins(PinTime::of_end(clock.at(k), clock.dt), band.begin, band.end,
+                this->place_pins(StageTime::of_end(clock.at(k), clock.dt), band.begin, band.end,
                                  this->memory_);
-                known = method_.splitting->first_same_as_last();
+                known = method_.splitting->first_same_as_last() &&
+                    !this->kink_at(t, clock.at(k), clock.dt);
                 this->watch(band.begin, band.end);
                 barrier.wait();
             }
@@ -100,6 +104,7 @@ public:
 
     double try_step(double t, double h, const Tolerance& tolerance, int threads) override {
         const ExplicitMethod& m = *explicit_;
+        this->choose_sides(t);
         plan_stages(h, this->memory_);
         std::array<Combination<Real>, 2> errors;
         for (std::size_t e = 0; e < m.errors.size(); ++e)
@@ -113,10 +118,11 @@ public:
             run_stages(band, barrier, t, this->state_known_, [&](int begin, int end) {
                 this->kernels().advance(field_, begin, end, this->memory_.data(), result_.data(),
                                         result_sum_);
-                this->place_pins(PinTime::of_stage(t, h, 1), begin, end, result_);
+                this->place_pins(StageTime::of_stage(t, h, 1), begin, end, result_);
                 if (!m.error_needs_end) estimate(begin, end);
             });
-            if (m.error_needs_end) sweep(band, barrier, result_, m.stages, estimate);
+            if (m.error_needs_end)
+                sweep(band, barrier, result_, m.stages, StageTime::of_stage(t, h, 1), estimate);
         });
         this->state_known_ = true;
         step_ = h;
@@ -135,12 +141,11 @@ public:
         this->planes_.drop();
         previous_.swap(this->memory_);
         this->memory_.swap(result_);
+        add_contacts_of_step(0, this->rows());
+        if (explicit_->error_needs_end) std::swap(first_contacts_, end_contacts_);
+        const bool kink = this->kink_at(step_begin_, t, step_);
         // From here on the velocity after a kink counts, and so another acceleration.
-        const double before = PinTime::of_stage(step_begin_, step_, 1).inside;
-        const PinTime after = PinTime::of_end(t, step_);
-        bool kink = false;
-        for (const Motion& motion : this->plan_.pin_motions)
-            kink |= motion.at(t, before).velocity != motion.at(t, after.inside).velocity;
+        const StageTime after = StageTime::of_end(t, step_);
         this->place_pins(after, 0, this->rows(), this->memory_);
         // The acceleration at the end is the first one of the next step.
         if (explicit_->error_needs_end) std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
@@ -149,14 +154,24 @@ public:
 
     double contact_step(double t, double h, double near, bool tried) override {
         double allowed = h;
-        for (const Sphere& sphere : this->plan_.spheres)
+        for (const Sphere& sphere : this->plan_.spheres) {
+            if (sphere.penalty()) continue;
             // The sphere's own speed depends on the step.
             for (double before = 2 * h; allowed < 0.9 * before;) {
                 before = allowed;
                 allowed = contact_step(sphere, t, before, near, tried);
             }
-        return tried && h > near ? std::max(allowed, near) : allowed;
+        }
+        allowed = tried && h > near ? std::max(allowed, near) : allowed;
+        for (const Sphere& sphere : this->plan_.spheres)
+            if (sphere.penalty())
+                for (double before = 2 * allowed; allowed < 0.9 * before;) {
+                    before = allowed;
+                    allowed = penalty_step(sphere, t, before, tried);
+                }
+        return allowed;
     }
+    std::vector<Depth> depths_tried(double t) const override { return this->depths_in(result_, t); }
 
     void dense(double t, double* x, double* v, int threads) override {
         const ExplicitMethod& m = *explicit_;
@@ -169,7 +184,7 @@ public:
         const auto finish = [&](int begin, int end) {
             this->kernels().advance(stage_field_, begin, end, previous_.data(), result_.data(),
                                     result_sum_);
-            this->place_pins(PinTime::of_stage(step_begin_, step_, part), begin, end, result_);
+            this->place_pins(StageTime::of_stage(step_begin_, step_, part), begin, end, result_);
         };
         in_bands(threads, [&](FieldBand<Real>& band, Barrier& barrier) {
             if (!interpolated) run_stages(band, barrier, step_begin_, true, finish);
@@ -183,20 +198,51 @@ public:
     }
 
 private:
-    double contact_step(const Sphere& sphere, double t, double h, double near, bool tried) {
-        const Vec3 place = sphere.place_at(t),
-                   travel = (sphere.center_at(t + h) - sphere.center_at(t)) / h;
+    // The mean velocity of an obstacle in a step, and the most by which its velocity differs.
+    struct Travel {
+        Vec3 velocity;
+        double deviation;
+    };
+    static Travel travel_of(const Sphere& sphere, double t, double h) {
+        const Vec3 travel = (sphere.center_at(t + h) - sphere.center_at(t)) / h;
         // A step lies on one piece of the motion. A component of the velocity is monotone there or
         // quadratic, and so differs most from its mean at an end (Legendre polynomials are largest
         // at the ends).
         Vec3 most = Vec3::Zero();
         for (const double part : {0.0, 1.0}) {
-            const PinTime end = PinTime::of_stage(t, h, part);
-            most =
-                most.cwiseMax((sphere.motion.at(end.t, end.inside).velocity - travel).cwiseAbs());
+            const StageTime end = StageTime::of_stage(t, h, part);
+            most = most.cwiseMax((sphere.velocity_at(end) - travel).cwiseAbs());
         }
+        return {travel, most.norm()};
+    }
+    // Conservative advancement: a point closes on the surface by its gap and half the layer at most.
+    double penalty_step(const Sphere& sphere, double t, double h, bool tried) {
+        const Travel travel = travel_of(sphere, t, h);
+        const PenaltyContact contact(sphere, StageTime::of_stage(t, h, 0));
+        const auto speed_of = [&](const Vec3& velocity) {
+            const Vec3 relative = velocity - travel.velocity;
+            return sphere.flat() ? std::max(-relative.dot(sphere.normal), 0.0) : relative.norm();
+        };
+        const std::ptrdiff_t to_velocity = 3 * this->layout_.component();
+        double allowed = h;
+        this->each_free([&](int, std::ptrdiff_t at) {
+            double speed = speed_of(this->vector_at(this->memory_, at + to_velocity));
+            if (tried)
+                speed = std::max(speed, speed_of(this->vector_at(result_, at + to_velocity)));
+            speed += travel.deviation;
+            if (speed * allowed <= sphere.thickness / 2) return;
+            const double depth = contact.at(this->vector_at(this->memory_, at)).depth;
+            const double way = std::max(sphere.thickness - depth, 0.0) + sphere.thickness / 2;
+            if (speed * allowed > way) allowed = way / speed;
+        });
+        return allowed;
+    }
+    double contact_step(const Sphere& sphere, double t, double h, double near, bool tried) {
+        const Vec3 place = sphere.place_at(t);
+        const Travel moved = travel_of(sphere, t, h);
+        const Vec3& travel = moved.velocity;
         const Cloth& cloth = this->plan_.cloth;
-        const double sphere_speed = most.norm(),
+        const double sphere_speed = moved.deviation,
                      least_gap = contact_fraction *
             std::min(sphere.contact_radius(),
                      std::hypot((cloth.rows - 1) * cloth.row_spacing,
@@ -238,7 +284,8 @@ private:
     // makes the next version of them.
     template <class Then>
     void sweep(FieldBand<Real>& band, Barrier& barrier, const AlignedVector<Real>& state, int index,
-               Then then) {
+               const StageTime& time, Then then) {
+        begin_contacts(band, index, time);
         this->begin_sweep(state.data(), acceleration(index), band);
         for (int begin = 0, made = 0; begin < band.size(); begin += rows_at_once_) {
             const int known =
@@ -249,8 +296,31 @@ private:
         if (band.begin == 0) ++this->evaluations;
         barrier.wait();
     }
-    void sweep(FieldBand<Real>& band, Barrier& barrier) {
-        sweep(band, barrier, this->memory_, 0, [](int, int) {});
+    void sweep(FieldBand<Real>& band, Barrier& barrier, const StageTime& time) {
+        sweep(band, barrier, this->memory_, 0, time, [](int, int) {});
+    }
+    // The obstacles for accelerations into slot `index`. What they do in the first stage and at the
+    // end of a step is kept, as the next step may begin with it; other stages add to the step's.
+    void begin_contacts(FieldBand<Real>& band, int index, const StageTime& time) {
+        if (!this->has_penalty()) return;
+        const int stages = explicit_ ? explicit_->stages : 1;
+        const bool first = index == 0, end = index == stages;
+        const double weight = first || end ? 1 : weight_of(index);
+        ContactTally& sums = first ? first_contacts_ : end ? end_contacts_ : step_contacts_;
+        if (first || end) sums.clear_rows(band.begin, band.end);
+        this->place_obstacles(time, this->force_unit(), weight, first || end, band.obstacles);
+        band.contacts = this->penalty_rows(band.obstacles, sums);
+    }
+    // Of a stage's acceleration in the velocity at the end of the planned step [s].
+    double weight_of(int stage) const { return explicit_->result.v[std::size_t(stage)] * planned_; }
+    void begin_step_contacts(const FieldBand<Real>& band) {
+        if (this->has_penalty()) step_contacts_.clear_rows(band.begin, band.end);
+    }
+    // What the obstacles did in the step.
+    void add_contacts_of_step(int begin, int end) {
+        if (!this->has_penalty()) return;
+        this->contacts.add_rows(first_contacts_, weight_of(0), true, begin, end);
+        this->contacts.add_rows(step_contacts_, 1, false, begin, end);
     }
     Combination<Real> combination(const Weights& w, double h, double scale_x = 1,
                                   double scale_v = 1) {
@@ -282,8 +352,13 @@ private:
     // `finish(begin, end)` of rows after the last of them.
     template <class Finish>
     void run_stages(FieldBand<Real>& band, Barrier& barrier, double t, bool known, Finish finish) {
+        const auto time = [&](int s) {
+            const double part = s == 0 ? 0 : explicit_->stage[std::size_t(s)].drift;
+            return StageTime::of_stage(t, planned_, part);
+        };
+        begin_step_contacts(band);
         if (explicit_->stages == 1) {  // the result takes the place of the state
-            sweep(band, barrier);
+            sweep(band, barrier, time(0));
             finish(band.begin, band.end);
             return barrier.wait();
         }
@@ -293,26 +368,28 @@ private:
                 this->kernels().advance(stage_field_, begin, end, from_, stage.data(),
                                         stage_sums_[std::size_t(s)]);
                 const double part = explicit_->stage[std::size_t(s + 1)].drift;
-                this->place_pins(PinTime::of_stage(t, planned_, part), begin, end, stage);
+                this->place_pins(StageTime::of_stage(t, planned_, part), begin, end, stage);
             };
         };
         if (known) {
             next_stage(0)(band.begin, band.end);
             barrier.wait();
         } else {
-            sweep(band, barrier, this->memory_, 0, next_stage(0));
+            sweep(band, barrier, this->memory_, 0, time(0), next_stage(0));
         }
         const int last = explicit_->stages - 1;
-        for (int s = 1; s < last; ++s) sweep(band, barrier, stages_[s & 1], s, next_stage(s));
-        sweep(band, barrier, stages_[last & 1], last, finish);
+        for (int s = 1; s < last; ++s)
+            sweep(band, barrier, stages_[s & 1], s, time(s), next_stage(s));
+        sweep(band, barrier, stages_[last & 1], last, time(last), finish);
     }
     void advance_explicit(FieldBand<Real>& band, Barrier& barrier, double t0, double t) {
         run_stages(band, barrier, t0, false, [&](int begin, int end) {
             this->kernels().advance(field_, begin, end, this->memory_.data(), this->memory_.data(),
                                     result_sum_);
-            this->place_pins(PinTime::of_end(t, planned_), begin, end, this->memory_);
+            this->place_pins(StageTime::of_end(t, planned_), begin, end, this->memory_);
             this->watch(begin, end);
         });
+        add_contacts_of_step(band.begin, band.end);
     }
     // `known`: the acceleration at the start is.
     void advance_splitting(FieldBand<Real>& band, Barrier& barrier, double t, double h,
@@ -326,21 +403,47 @@ private:
         }
         for (std::size_t i = 0; i < s.kicks.size(); ++i) {
             if (i > 0) barrier.wait();
-            if (i > 0 || !known) sweep(band, barrier);
+            if (i > 0 || !known) sweep(band, barrier, StageTime::of_stage(t, h, part));
+            if (this->has_penalty())
+                this->contacts.add_rows(first_contacts_, s.kicks[i] * h, true, band.begin,
+                                        band.end);
             kick_drift(band, s.drifts[i + 1] * h, s.kicks[i] * h,
                        s.drifts[i + 1] * s.kicks[i] * h * h);
             place_stage_pins(band, t, h, part += s.drifts[i + 1]);
         }
     }
     void place_stage_pins(const FieldBand<Real>& band, double t, double h, double part) {
-        this->place_pins(PinTime::of_stage(t, h, part), band.begin, band.end, this->memory_);
+        this->place_pins(StageTime::of_stage(t, h, part), band.begin, band.end, this->memory_);
     }
     void advance_implicit(double t, double h) {
         Points x(this->plan_.cloth.points(), 3), v(this->plan_.cloth.points(), 3);
         this->store(x.data(), v.data());
+        const Points x0 = x, v0 = v;
         this->evaluations += implicit_->step(x, v, t, h);
+        note_implicit_contacts(t, h, x0, v0, x, v);
         for (int i = 0; i < x.rows(); ++i)
             this->points_.set(this->memory_, i, {x.row(i).transpose() - this->origin_, v.row(i)});
+    }
+
+    // The contacts of a step of the midpoint rule, whose stage is the mean of its ends.
+    void note_implicit_contacts(double t, double h, const Points& x0, const Points& v0,
+                                const Points& x1, const Points& v1) {
+        for (std::size_t s = 0; s < this->plan_.spheres.size(); ++s) {
+            const Sphere& sphere = this->plan_.spheres[s];
+            if (!sphere.penalty()) continue;
+            const PenaltyContact begin(sphere, StageTime::of_stage(t, h, 0)),
+                middle(sphere, StageTime::of_stage(t, h, 0.5));
+            for (int i = 0; i < x0.rows(); ++i) {
+                if (this->plan_.cloth.pinned[std::size_t(i)]) continue;
+                double* const block = this->contacts.block(s, i / this->columns());
+                const auto place = [&](const Vec3& x) { return Vec3(x - this->origin_); };
+                const Vec3 f = middle.force(place((x0.row(i) + x1.row(i)).transpose() / 2),
+                                            (v0.row(i) + v1.row(i)).transpose() / 2);
+                const double depth = begin.at(place(x0.row(i).transpose())).depth;
+                this->contacts.add(block, h * f, middle.velocity);
+                if (depth > 0) this->contacts.note_depth(block, depth, t);
+            }
+        }
     }
 
     // Components from `first` on: 0, the position, or 3, the velocity.
@@ -362,6 +465,8 @@ private:
         bytes_at_once / (field_.row * std::ptrdiff_t(sizeof(Real))), 1, 16));
     std::unique_ptr<ImplicitMidpoint> implicit_;
     AlignedVector<Real> accelerations_;
+    // Contacts of the first acceleration, of that at the end of a step, and of those between.
+    ContactTally first_contacts_, end_contacts_, step_contacts_;
     std::vector<int> slot_;  // where the acceleration of a stage lies
     std::array<AlignedVector<Real>, 2> stages_;
     std::vector<FieldBand<Real>> bands_;

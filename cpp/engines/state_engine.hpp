@@ -13,7 +13,7 @@
 #include "contact/state_points.hpp"
 #include "engines/coefficients.hpp"
 #include "engines/engine.hpp"
-#include "memory/aligned_vector.hpp"
+#include "lanes/aligned_vector.hpp"
 #include "memory/row_band.hpp"
 #include "memory/threads.hpp"
 
@@ -31,28 +31,37 @@ struct FieldBand : RowBand {
     std::vector<EdgeRowPointers<Real>> pointers;
     AlignedVector<Real> values;
     GatherArguments<Real> gather{};
+    std::vector<PenaltyArguments<Real>> obstacles;
+    PenaltyRows<Real> contacts;
+    std::vector<std::uint64_t> near_rows;
 };
 
 template <class Real, class Layout>
 class StateEngine : public Engine {
 public:
-    bool load(const float* x, const float* v) final { return load_any(x, v); }
-    bool load(const double* x, const double* v) final { return load_any(x, v); }
+    bool load(double t, const float* x, const float* v) final { return load_any(t, x, v); }
+    bool load(double t, const double* x, const double* v) final { return load_any(t, x, v); }
     void store(float* x, float* v) const final { store_any(x, v); }
     void store(double* x, double* v) const final { store_any(x, v); }
 
     SavedState saved_state() const final {
-        SavedState state{{}, origin_, impulses.sums()};
+        SavedState state{{}, origin_, impulses.sums(), contacts.sums(), {}};
+        for (const Sphere& sphere : plan_.spheres) state.normals.push_back(sphere.normal);
         each_value([&](std::ptrdiff_t at) { state.values.push_back(memory_[at]); });
         return state;
     }
-    void set_saved_state(const SavedState& state) final {
+    void set_saved_state(const SavedState& state, double t) final {
         auto next = state.values.begin();
         each_value([&](std::ptrdiff_t at) { memory_[at] = Real(*next++); });
         stop_held_pins();
         set_origin(state.origin);
+        if (state.normals.empty()) choose_normals(t);
+        else if (compensated)
+            for (std::size_t s = 0; s < plan_.spheres.size(); ++s)
+                set_normal(plan_.spheres[s], state.normals[s]);
         state_replaced();
         impulses.go_on(state.impulses);
+        contacts.go_on(state.contacts);
     }
 
     void save_checkpoint() final {
@@ -104,6 +113,7 @@ public:
     void set_sphere(std::size_t sphere, const Vec3& center, const Motion& motion) final {
         plan_.spheres[sphere].center = center;
         plan_.spheres[sphere].motion = motion;
+        plan_.spheres[sphere].speed = motion.at(0).velocity.norm();
         planes_.drop();
     }
     void set_force(const double* force) final {
@@ -113,7 +123,7 @@ public:
     }
     void place_pins(double t) final {
         if (!plan_.has_driven_pins()) return;
-        place_pins(PinTime::at_rest(t), 0, rows(), memory_);
+        place_pins(StageTime::at_rest(t), 0, rows(), memory_);
         state_known_ = false;
     }
 
@@ -139,7 +149,41 @@ public:
     void note_large_cells(double t) final {
         ContactReport::keep_first(contact_report.large_cell, contact_pass_.large_cell(memory_, t));
     }
-    bool has_contacts() const final { return !plan_.spheres.empty(); }
+    bool has_contacts() const final {
+        return std::any_of(plan_.spheres.begin(), plan_.spheres.end(),
+                           [](const Sphere& sphere) { return !sphere.penalty(); });
+    }
+    bool has_penalty() const final { return !penalty_.empty(); }
+    std::vector<Depth> depths(double t) const final { return depths_in(memory_, t); }
+    int pinned_below(double t) const final {
+        for (const std::size_t number : penalty_) {
+            const Sphere& sphere = plan_.spheres[number];
+            const PenaltyContact contact(sphere, StageTime::at_rest(t));
+            for (const int i : pins_)
+                if (contact.at(points_.position(memory_, i)).depth >
+                    sphere.thickness + sphere.offset)
+                    return i;
+        }
+        return -1;
+    }
+    double speed_bound() const final {
+        double squares = 0;
+        for (int k = 3; k < 6; ++k) {
+            const Extent<Real> extent = kernels().extent(component(k, 0, rows()));
+            const double most = std::max(-double(extent.low), double(extent.high));
+            squares += most * most;
+        }
+        return std::sqrt(squares);
+    }
+    void note_contacts() final {
+        for (const std::size_t number : penalty_) {
+            const Sphere& sphere = plan_.spheres[number];
+            const ContactSums sums = contacts.of(number);
+            watched.first_contact = std::min(watched.first_contact, sums.first);
+            watched.point_depth =
+                std::max(watched.point_depth, sums.deepest - sphere.thickness - sphere.offset);
+        }
+    }
 
 protected:
     static constexpr bool compensated = sizeof(Real) == 4;
@@ -153,15 +197,106 @@ protected:
           planes_(kernels()) {
         auto driven = plan_.driven_pins.begin();
         for (int i = 0; i < plan_.cloth.points(); ++i)
+            if (plan_.cloth.pinned[std::size_t(i)]) pins_.push_back(i);
+        for (int i = 0; i < plan_.cloth.points(); ++i)
             if (driven != plan_.driven_pins.end() && driven->point == i) ++driven;
             else if (plan_.cloth.pinned[std::size_t(i)]) held_pins_.push_back(i);
+        for (std::size_t s = 0; s < plan_.spheres.size(); ++s)
+            if (plan_.spheres[s].penalty()) penalty_.push_back(s);
+        // Bands of the gather kernel may end within a row of groups.
+        const bool gather = !Layout::is_transposed;
+        const int groups = gather ? (columns() + group_size - 1) / group_size : 1;
+        if (!penalty_.empty())
+            contacts = ContactTally(plan_.spheres.size(), rows(), groups,
+                                    gather ? group_size : kernels().lanes);
+    }
+
+    // Of a sphere the axis, and the side of it, on which most points of a sample are clear now.
+    void choose_sides(double t) {
+        for (const std::size_t number : penalty_) {
+            Sphere& sphere = plan_.spheres[number];
+            if (sphere.flat()) continue;
+            const Vec3 center = sphere.center_at(t);
+            int most = -1;
+            for (int side = 0; side < 6; ++side) {
+                int clear = 0;
+                for (const int row : {0, rows() / 2, rows() - 1})
+                    for (const int column : {0, columns() / 2, columns() - 1}) {
+                        const Vec3 x = points_.position(memory_, row * columns() + column);
+                        const double along = (side < 3 ? 1 : -1) * (x - center)[side % 3];
+                        clear += along >= sphere.radius;
+                    }
+                if (clear > most) clear_side_[number] = side;
+                most = std::max(most, clear);
+            }
+        }
+    }
+    // The obstacles at a time, with forces in `unit`: what a force of 1 N is in the sums of the
+    // kernel. `factor`: of forces in the impulse [s]. `noted`: of the state of a step.
+    void place_obstacles(const StageTime& time, double unit, double factor, bool noted,
+                         std::vector<PenaltyArguments<Real>>& obstacles) const {
+        obstacles.resize(penalty_.size());
+        for (std::size_t i = 0; i < penalty_.size(); ++i)
+            obstacles[i] =
+                placed(plan_.spheres[penalty_[i]], penalty_[i], time, unit, factor, noted);
+    }
+    static PenaltyRows<Real> penalty_rows(const std::vector<PenaltyArguments<Real>>& obstacles,
+                                          ContactTally& sums) {
+        return {obstacles.data(), int(obstacles.size()), sums.data(), sums.row(),
+                sums.obstacle(),  sums.lanes(),          nullptr};
+    }
+    // The same obstacles, which stand still, at the state of another step.
+    void note_time(double t, std::vector<PenaltyArguments<Real>>& obstacles) const {
+        for (PenaltyArguments<Real>& p : obstacles) p.time = t;
+    }
+    // Whether a contact takes energy from the cloth by its speed.
+    bool has_damping_contact() const {
+        return std::any_of(penalty_.begin(), penalty_.end(), [&](std::size_t number) {
+            return plan_.spheres[number].dissipation > 0 || plan_.spheres[number].friction > 0;
+        });
+    }
+    // Whether accelerations jump where a step from t0 to t1 of length h ends: the velocity of a pin
+    // or an obstacle does.
+    bool kink_at(double t0, double t1, double h) const {
+        const StageTime before = StageTime::of_stage(t0, h, 1), after = StageTime::of_end(t1, h);
+        const auto jumps = [&](const Motion& motion) {
+            return motion.at(t1, before.inside).velocity != motion.at(t1, after.inside).velocity;
+        };
+        return std::any_of(plan_.pin_motions.begin(), plan_.pin_motions.end(), jumps) ||
+            std::any_of(penalty_.begin(), penalty_.end(),
+                        [&](std::size_t number) { return jumps(plan_.spheres[number].motion); });
+    }
+    bool obstacles_move() const {
+        return std::any_of(penalty_.begin(), penalty_.end(), [&](std::size_t number) {
+            return !plan_.spheres[number].motion.pieces.empty();
+        });
+    }
+    // How deep free points of a state, laid out like memory, are in the layer of each obstacle.
+    std::vector<Depth> depths_in(const AlignedVector<Real>& state, double t) const {
+        return contact_depths(plan_, t, [&](auto see) {
+            each_free([&](int i, std::ptrdiff_t at) { see(i, vector_at(state, at)); });
+        });
+    }
+    // `visit(i, where its first component lies in a state)` of each free point.
+    template <class Visit>
+    void each_free(Visit visit) const {
+        for (int r = 0, i = 0; r < rows(); ++r)
+            for (int c = 0; c < columns(); ++c, ++i)
+                if (!plan_.cloth.pinned[std::size_t(i)]) visit(i, layout_.at(r, c));
+    }
+    // The vector whose first component lies there.
+    Vec3 vector_at(const AlignedVector<Real>& state, std::ptrdiff_t at) const {
+        const auto value = [&](int k) {
+            return points_.value(state, at + k * layout_.component());
+        };
+        return {value(0), value(1), value(2)};
     }
 
     // Bring the plan's force into the form of the kernel.
     virtual void apply_force() = 0;
     Vec3 applied_at(int point) const { return plan_.field_at(point) - plan_.gravity; }
     // Of rows [begin, end) of a state that is laid out like memory.
-    void place_pins(const PinTime& time, int begin, int end, AlignedVector<Real>& state) const {
+    void place_pins(const StageTime& time, int begin, int end, AlignedVector<Real>& state) const {
         plan_.each_driven_pin(time, begin * columns(), end * columns(),
                               [&](int point, const Vec3& place, const Vec3& velocity) {
                                   points_.set(state, point, {place - origin_, velocity});
@@ -187,6 +322,79 @@ protected:
     SeparatingPlanes<Real> planes_;
 
 private:
+    PenaltyArguments<Real> placed(const Sphere& sphere, std::size_t number, const StageTime& time,
+                                  double unit, double factor, bool noted) const {
+        const Vec3 place = sphere.surface_at(time), velocity = sphere.velocity_at(time);
+        PenaltyArguments<Real> p{};
+        for (int k = 0; k < 3; ++k) {
+            p.place[k] = Real(place[k]);
+            p.normal[k] = Real(sphere.normal[k]);
+            p.velocity[k] = Real(velocity[k]);
+        }
+        const double reach = sphere.offset + sphere.thickness;
+        p.curvature = Real(sphere.curvature());
+        p.reach = Real(reach);
+        p.push = Real(unit * sphere.stiffness / (sphere.thickness * sphere.thickness));
+        p.dissipation = Real(sphere.dissipation);
+        p.friction = Real(sphere.friction);
+        p.slip2 = Real(sphere.slip_speed * sphere.slip_speed);
+        fold_constants(p, sphere, place);
+        p.axis = -1;
+        int side = clear_side_[number];
+        double from = reach;
+        if (sphere.flat()) {
+            for (int k = 0; k < 3; ++k)
+                if (std::abs(sphere.normal[k]) == 1) side = sphere.normal[k] > 0 ? k : k + 3;
+        } else {
+            from += sphere.radius;
+        }
+        if (side >= 0) {
+            // Points beyond are clear whatever rounding does to their depth.
+            constexpr double rounding = 32 * std::numeric_limits<Real>::epsilon();
+            const Vec3 middle = sphere.flat() ? place : Vec3(place - sphere.radius * sphere.normal);
+            p.axis = side % 3;
+            p.side = side < 3 ? Real(1) : Real(-1);
+            const double bound = double(p.side) * middle[p.axis] + from;
+            p.bound = Real(bound + rounding * (std::abs(middle[p.axis]) + from));
+        }
+        p.number = int(number);
+        p.weight = factor / unit;
+        p.time = time.t;
+        p.noted = noted;
+        p.moves = !sphere.motion.pieces.empty();
+        return p;
+    }
+    // For the edge kernel.
+    static void fold_constants(PenaltyArguments<Real>& p, const Sphere& sphere, const Vec3& place) {
+        // The radius up to which distances from the centre are good to 1e-14 m.
+        constexpr double near = 100;
+        if (!Layout::is_transposed) return;
+        const double scale = std::cbrt(double(p.push));
+        p.scale = Real(scale);
+        p.direct = !compensated && sphere.radius <= near;
+        if (sphere.flat()) {
+            for (int k = 0; k < 3; ++k) p.place[k] = Real(scale * sphere.normal[k]);
+            p.scaled_reach = Real(scale * (double(p.reach) + place.dot(sphere.normal)));
+        } else if (p.direct) {
+            const Vec3 from_centre = sphere.normal - sphere.curvature() * place;
+            for (int k = 0; k < 3; ++k) p.place[k] = Real(from_centre[k]);
+            p.scaled_radius = Real(scale * sphere.radius);
+            p.scaled_reach = Real(scale * (double(p.reach) + sphere.radius));
+        }
+    }
+    // The surface point from which gaps are measured: in this direction from the centre.
+    static void set_normal(Sphere& sphere, const Vec3& direction) {
+        if (sphere.penalty() && !sphere.flat()) sphere.normal = direction;
+    }
+    // In single, the surface points that are nearest to the cloth's middle.
+    void choose_normals(double t) {
+        if (!compensated || penalty_.empty()) return;
+        Vec3 sum = Vec3::Zero();
+        for (int i = 0; i < plan_.cloth.points(); ++i) sum += points_.position(memory_, i);
+        const Vec3 middle = sum / plan_.cloth.points();
+        for (const std::size_t number : penalty_)
+            set_normal(plan_.spheres[number], normal_towards(plan_.spheres[number], middle, t));
+    }
     void respond(double t0, double t1, double dt, int threads) {
         const double rounding = std::max(std::exchange(rounding_of_arrays, 0.0),
                                          double(std::numeric_limits<Real>::epsilon()));
@@ -196,6 +404,7 @@ private:
         if (report.changed) {  // also by a step that finds no place
             state_known_ = false;
             watched.first_contact = std::min(watched.first_contact, t1);
+            watched.responded = true;
         }
         watched.point_depth = std::max(watched.point_depth, report.depth);
         watched.lift_work += report.lift_work;
@@ -254,7 +463,7 @@ private:
     }
 
     template <class In>
-    bool load_any(const In* x, const In* v) {
+    bool load_any(double t, const In* x, const In* v) {
         set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
         state_replaced();
         in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
@@ -264,6 +473,7 @@ private:
             }
         });
         stop_held_pins();
+        choose_normals(t);
         return finite();
     }
     template <class Out>
@@ -333,7 +543,9 @@ private:
         for (Sphere& sphere : plan_.spheres) sphere.origin = origin;
     }
 
-    std::vector<int> held_pins_;
+    std::vector<int> pins_, held_pins_;
+    std::vector<std::size_t> penalty_;  // numbers of obstacles
+    std::vector<int> clear_side_ = std::vector<int>(plan_.spheres.size(), -1);
     AlignedVector<Real> checkpoint_;
     Tally tally_at_checkpoint_;
 };

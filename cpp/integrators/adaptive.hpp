@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
+#include <vector>
+
+#include "forces/contacts.hpp"
 
 namespace clothsim {
 
@@ -29,6 +32,9 @@ public:
     // than a part of their contact radius. `tried`: also by the velocities at the end of the step
     // that was tried; a trial above `near` asks for no shorter one.
     virtual double contact_step(double t, double h, double near, bool tried) = 0;
+    // The deepest free points in the layers of penalty obstacles at the end, time t, of the step
+    // that was tried.
+    virtual std::vector<Depth> depths_tried(double t) const = 0;
     // The state at time t within the last accepted step, before its collision pass. It comes from
     // the method's interpolant or, without an interpolant, from a step of the method from the same
     // start.

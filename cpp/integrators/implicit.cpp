@@ -40,6 +40,17 @@ Vec3 ImplicitMidpoint::place(const Vector& values, int point) const {
     return k < 0 ? Vec3(v_.row(point)) : Vec3(values.segment<3>(3 * k));
 }
 
+template <class Visit>
+void ImplicitMidpoint::each_contact(double h, const Vector& u, Visit visit) const {
+    for (const PenaltyContact& contact : contacts_)
+        for (int i = 0; i < cloth_.points(); ++i) {
+            const int k = unknown_[std::size_t(i)];
+            if (k < 0) continue;
+            const Vec3 velocity = u.segment<3>(3 * k);
+            visit(k, contact, Vec3(x_.row(i).transpose() + h / 2 * velocity), velocity);
+        }
+}
+
 // M (u - v) - h/2 F(x + h/2 u, u)
 auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
     Vector r(3 * unknowns_);
@@ -62,6 +73,9 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
         const int i = unknown_[std::size_t(from)], j = unknown_[std::size_t(to)];
         if (i >= 0) r.segment<3>(3 * i) -= force;
         if (j >= 0) r.segment<3>(3 * j) += force;
+    });
+    each_contact(h, u, [&](int k, const PenaltyContact& contact, const Vec3& x, const Vec3& v) {
+        r.segment<3>(3 * k) -= h / 2 * contact.force(x, v);
     });
     return r;
 }
@@ -94,6 +108,13 @@ void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
                                           -block(a, b));
             }
     });
+    each_contact(h, u, [&](int k, const PenaltyContact& contact, const Vec3& x, const Vec3& v) {
+        PenaltyContact::Derivatives d = contact.derivatives(x, v);
+        if (!exact) d = contact.definite(d);
+        const Eigen::Matrix3d block = h / 2 * d.by_v + h * h / 4 * d.by_x;
+        for (int a = 0; a < 3; ++a)
+            for (int b = 0; b <= a; ++b) entries_.emplace_back(3 * k + a, 3 * k + b, block(a, b));
+    });
     matrix_.setFromTriplets(entries_.begin(), entries_.end());
 }
 
@@ -112,11 +133,17 @@ int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
     x_ = x;
     v_ = v;
     // The place x + h/2 v of a driven pin is that of the middle of the step.
-    scene_.each_driven_pin(PinTime::of_stage(t, h, 0.5), 0, cloth_.points(),
+    scene_.each_driven_pin(StageTime::of_stage(t, h, 0.5), 0, cloth_.points(),
                            [&](int point, const Vec3& place, const Vec3& velocity) {
                                v_.row(point) = velocity;
                                x_.row(point) = place - h / 2 * velocity;
                            });
+    contacts_.clear();
+    for (const Sphere& sphere : scene_.spheres)
+        if (sphere.penalty()) {
+            contacts_.emplace_back(sphere, StageTime::of_stage(t, h, 0.5));
+            contacts_.back().place += sphere.origin;  // states come relative to 0 here
+        }
     int evaluations = 1;
     Vector u(3 * unknowns_);
     for (int i = 0; i < cloth_.points(); ++i)

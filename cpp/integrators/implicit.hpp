@@ -15,6 +15,7 @@
 
 #include <Eigen/Sparse>
 
+#include "forces/penalty.hpp"
 #include "model/scene.hpp"
 
 namespace clothsim {
@@ -38,6 +39,10 @@ private:
     Vec3 place(const Vector& values, int point) const;
     double size(const Vector& momenta) const;  // norm weighted by 1 / mass
 
+    // `visit(unknown, contact, place, velocity)` of each free mass point and obstacle at the stage.
+    template <class Visit>
+    void each_contact(double h, const Vector& u, Visit visit) const;
+
     const Scene& scene_;
     const Cloth& cloth_;
     std::vector<int> unknown_;  // of a point, -1: pinned
@@ -45,6 +50,7 @@ private:
     Vector mass_;  // per unknown
     double tension_ = 0;  // size of K L, summed over the springs of each point
     Points x_, v_;  // at the start of the step
+    std::vector<PenaltyContact> contacts_;  // at its middle
     Matrix matrix_;
     std::vector<Eigen::Triplet<double>> entries_;
     Eigen::SimplicialLDLT<Matrix> solver_;

@@ -3,10 +3,11 @@
 #include "kernels/kernel_table.hpp"
 
 #include "kernels/contact/contact_kernels.hpp"
+#include "kernels/edge/edge_forces.hpp"
 #include "kernels/edge/edge_general.hpp"
 #include "kernels/gather/gather_impl.hpp"
-#include "kernels/lanes.hpp"
 #include "kernels/row_impl.hpp"
+#include "lanes/lanes.hpp"
 
 namespace clothsim {
 namespace {
@@ -35,7 +36,8 @@ template <class Real>
 constexpr RealKernels<Real> real_kernels() {
     return {rows_kernels<ThisArch, Real>(),    &gather_tile<ThisArch, Real>,
             &edge_rows_of_any<ThisArch, Real>, &edge_halo_of_any<ThisArch, Real>,
-            &edge_finish<ThisArch, Real>,      edge_parts<Real>(),
+            &edge_finish<ThisArch, Real>,      &edge_forces<ThisArch, Real>,
+            &edge_near<ThisArch, Real>,        edge_parts<Real>(),
             root_scale<Real, ThisArch>(),      &reciprocal_at_rest<ThisArch, Real>,
             int(Lanes<Real, ThisArch>::size)};
 }

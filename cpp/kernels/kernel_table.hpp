@@ -11,12 +11,9 @@
 #include "kernels/edge/edge_arguments.hpp"
 #include "kernels/gather/gather_arguments.hpp"
 #include "kernels/row_arguments.hpp"
+#include "lanes/instruction_set.hpp"
 
 namespace clothsim {
-
-// `portable` is built alone, on processors that are not x86-64: xsimd's NEON on AArch64, else plain
-// loops over 16 bytes.
-enum class InstructionSet { portable, sse2, avx2, avx512 };
 
 struct ContactKernels;
 
@@ -49,6 +46,8 @@ struct RealKernels : RowsKernels<Real> {
     EdgeRowsKernel<Real> edge_of_any;
     EdgeHaloKernel<Real> edge_halo;
     EdgeFinishKernel<Real> edge_finish;
+    EdgeForcesKernel<Real> edge_forces;
+    EdgeNearKernel<Real> edge_near;
     // Null: not compiled in versions.
     std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it

@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "kernels/row_arguments.hpp"
-#include "kernels/vector3.hpp"
+#include "lanes/vector3.hpp"
 
 namespace clothsim {
 namespace {

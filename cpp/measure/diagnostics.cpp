@@ -165,6 +165,26 @@ double laplacian_bound(const Cloth& cloth, const std::array<double, family_count
 
 }  // namespace
 
+ModeBounds contact_bounds(const Scene& scene, const PointsView& x, const PointsView& v, double t) {
+    std::vector<ModeBounds> of_point(std::size_t(scene.cloth.points()), {0, 0});
+    each_contact(
+        scene, t, each_free_of(scene.cloth, x),
+        [&](std::size_t, const PenaltyContact& contact, int i, const PenaltyContact::Gap& gap) {
+            const Vec3 u = Vec3(v.row(i)) - contact.velocity;
+            const double slip = (u - u.dot(gap.normal) * gap.normal).norm();
+            const PenaltyContact::Bounds bounds = contact.bounds(gap, slip);
+            const double mass = scene.cloth.mass[std::size_t(i)];
+            of_point[std::size_t(i)].stiffness += bounds.stiffness / mass;
+            of_point[std::size_t(i)].damping += bounds.damping / mass;
+        });
+    ModeBounds most{0, 0};
+    for (const ModeBounds& bounds : of_point) {
+        most.stiffness = std::max(most.stiffness, bounds.stiffness);
+        most.damping = std::max(most.damping, bounds.damping);
+    }
+    return most;
+}
+
 ModeBounds mode_bounds(const Cloth& cloth) {
     return {laplacian_bound(cloth, cloth.stiffness),
             laplacian_bound(cloth, cloth.spring_damping) + cloth.drag * highest_mobility(cloth)};

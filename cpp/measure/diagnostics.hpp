@@ -1,21 +1,27 @@
 // Measures of a state: energies and penetration depth. Always in double, from plain arrays.
 #pragma once
 
+#include "forces/contacts.hpp"
 #include "model/scene.hpp"
 
 namespace clothsim {
 
 struct Energy {
     double kinetic, elastic, gravity, force;  // J; force: the potential -F.x of forces on points
-    double total() const { return kinetic + elastic + gravity + force; }
+    double contact;  // J, of the layers of penalty obstacles
+    double total() const { return kinetic + elastic + gravity + force + contact; }
 };
-Energy energy(const Scene& scene, const PointsView& x, const PointsView& v);
+// At the time t, where obstacles move.
+Energy energy(const Scene& scene, const PointsView& x, const PointsView& v, double t);
 
 // How fast the modes of a cloth can be at most: what a guaranteed time step is derived from.
 struct ModeBounds {
     double stiffness;  // 1/s^2, above every squared frequency
     double damping;    // 1/s, above every damping rate
 };
+
+// The largest sums over penalty obstacles of bounds of a free point over its mass.
+ModeBounds contact_bounds(const Scene& scene, const PointsView& x, const PointsView& v, double t);
 
 ModeBounds mode_bounds(const Cloth& cloth);
 

@@ -73,8 +73,8 @@ void each_kind(const Cloth& cloth, const PointsView& x, Visit visit) {
 
 }  // namespace
 
-Energy energy(const Scene& scene, const PointsView& x, const PointsView& v) {
-    Energy e{0, 0, 0, 0};
+Energy energy(const Scene& scene, const PointsView& x, const PointsView& v, double t) {
+    Energy e{0, 0, 0, 0, 0};
     for (int i = 0; i < scene.cloth.points(); ++i) {
         e.kinetic += scene.cloth.mass[i] / 2 * v.row(i).squaredNorm();
         e.gravity -= scene.cloth.mass[i] * x.row(i).dot(scene.gravity);
@@ -83,6 +83,9 @@ Energy energy(const Scene& scene, const PointsView& x, const PointsView& v) {
     each_kind(scene.cloth, x, [&](const Neighbour& n, double, double squares, double) {
         e.elastic += scene.cloth.stiffness[n.family] / 2 * squares;
     });
+    each_contact(scene, t, each_free_of(scene.cloth, x),
+                 [&](std::size_t, const PenaltyContact& contact, int,
+                     const PenaltyContact::Gap& gap) { e.contact += contact.energy(gap.depth); });
     return e;
 }
 

@@ -2,7 +2,7 @@
 // newest step and after the step before. A strip's neighbours may be a step ahead of it.
 #pragma once
 
-#include "memory/aligned_vector.hpp"
+#include "lanes/aligned_vector.hpp"
 #include "memory/row_band.hpp"
 #include "memory/transposed_layout.hpp"
 

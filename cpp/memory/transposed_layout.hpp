@@ -19,7 +19,7 @@
 #include "kernels/contact/contact_arguments.hpp"
 #include "kernels/edge/edge_arguments.hpp"
 #include "kernels/row_arguments.hpp"
-#include "memory/aligned_vector.hpp"
+#include "lanes/aligned_vector.hpp"
 #include "memory/row_band.hpp"
 #include "model/cloth.hpp"
 

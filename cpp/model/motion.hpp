@@ -2,6 +2,7 @@
 // makes.
 #pragma once
 
+#include <algorithm>
 #include <Eigen/Core>
 #include <vector>
 
@@ -25,6 +26,21 @@ static_assert(sizeof(MotionPiece) == 25 * sizeof(double));
 struct MotionState {
     Vec3 displacement = Vec3::Zero();  // m
     Vec3 velocity = Vec3::Zero();  // m/s
+};
+
+// A time of a step at which pins and obstacles are placed. Where the velocity of a motion jumps at an end
+// of the step, `inside` selects the piece that counts.
+struct StageTime {
+    double t, inside;
+
+    // Of the jumps that lie within this part of a step from its ends, none is inside it.
+    static constexpr double end_part = 1e-6;
+    static StageTime at_rest(double t) { return {t, t}; }
+    static StageTime of_stage(double t0, double h, double part) {
+        return {t0 + part * h, t0 + std::clamp(part, end_part, 1 - end_part) * h};
+    }
+    // The end of a step, where the next one starts.
+    static StageTime of_end(double t1, double h) { return {t1, t1 + end_part * h}; }
 };
 
 struct Motion {

@@ -21,21 +21,6 @@ struct DrivenPin {
     int motion;  // of the scene's
 };
 
-// A time of a step at which driven pins are placed. Where the velocity of a motion jumps at an end
-// of the step, `inside` selects the piece that counts.
-struct PinTime {
-    double t, inside;
-
-    // Of the jumps that lie within this part of a step from its ends, none is inside it.
-    static constexpr double end_part = 1e-6;
-    static PinTime at_rest(double t) { return {t, t}; }
-    static PinTime of_stage(double t0, double h, double part) {
-        return {t0 + part * h, t0 + std::clamp(part, end_part, 1 - end_part) * h};
-    }
-    // The end of a step, where the next one starts.
-    static PinTime of_end(double t1, double h) { return {t1, t1 + end_part * h}; }
-};
-
 struct Scene {
     Cloth cloth;
     Vec3 gravity = Vec3::Zero();  // m/s^2
@@ -47,7 +32,7 @@ struct Scene {
 
     // `visit(pin, place, velocity)` of the driven pins among points [begin, end).
     template <class Visit>
-    void each_driven_pin(const PinTime& time, int begin, int end, Visit visit) const {
+    void each_driven_pin(const StageTime& time, int begin, int end, Visit visit) const {
         auto pin = std::partition_point(driven_pins.begin(), driven_pins.end(),
                                         [begin](const DrivenPin& p) { return p.point < begin; });
         MotionState state;

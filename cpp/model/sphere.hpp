@@ -9,8 +9,10 @@
 
 namespace clothsim {
 
-enum class Response { reflect, ray, continuous };
-inline constexpr std::array<const char*, 3> response_names{"reflect", "ray", "continuous"};
+// "penalty" is a force (forces/penalty.hpp); the others act after a step.
+enum class Response { reflect, ray, continuous, penalty };
+inline constexpr std::array<const char*, 4> response_names{"reflect", "ray", "continuous",
+                                                           "penalty"};
 
 // A sphere, or a plane: a sphere of no curvature.
 struct Sphere {
@@ -20,6 +22,11 @@ struct Sphere {
     double restitution = 1;
     double friction = 0;
     Response response = Response::ray;
+    double thickness = 0;    // penalty: h, of the layer [m]
+    double stiffness = 0;    // penalty: k [N/m]
+    double dissipation = 0;  // penalty: c [s/m]
+    double slip_speed = 0;   // penalty: v_s [m/s]
+    double speed = 0;        // the largest of the motion [m/s]
     bool as_printed = false;  // Kim et al. word for word: absolute velocity, approaching or not
     bool cells = false;  // continuous: each point stands off by what its cells need as they are
     double push_out_speed = 1;  // m/s, of points that the sphere starts on
@@ -31,6 +38,7 @@ struct Sphere {
     double spread = 1;
     Vec3 origin = Vec3::Zero();  // of the positions that the centre is compared with [m]
 
+    bool penalty() const { return response == Response::penalty; }
     bool flat() const { return std::isinf(radius); }
     double curvature() const { return 1 / radius; }
     double contact_radius() const { return radius + offset; }
@@ -42,6 +50,14 @@ struct Sphere {
     // The place from which points are measured.
     Vec3 place_at(double t) const {
         return flat() ? center_at(t) : Vec3(center_at(t) + radius * normal);
+    }
+    // Where a velocity jumps, by the piece of the motion that counts in a step.
+    Vec3 surface_at(const StageTime& time) const {
+        const Vec3 middle = motion.place(center, motion.at(time.t, time.inside)) - origin;
+        return flat() ? middle : Vec3(middle + radius * normal);
+    }
+    Vec3 velocity_at(const StageTime& time) const {
+        return motion.at(time.t, time.inside).velocity;
     }
     // The level of a point that is d from there, and heights over the surface by level
     // (contact/continuous.hpp).

@@ -13,6 +13,7 @@
 #include <limits>
 
 #include "memory/threads.hpp"
+#include "reference/contact.hpp"
 #include "reference/double_double.hpp"
 #include "reference/pins.hpp"
 #include "reference/reference.hpp"
@@ -34,7 +35,8 @@ struct System {
     std::vector<Spring> springs;
 };
 
-void accelerations(const System& system, const State& state, Values& a) {
+void accelerations(const System& system, const State& state, const Real& t, double inside,
+                   Values& a) {
     const Values &x = state.x, &v = state.v;
     const Cloth& cloth = system.scene.cloth;
     for (std::size_t k = 0; k < a.size(); ++k)
@@ -53,6 +55,12 @@ void accelerations(const System& system, const State& state, Values& a) {
             a[3 * s.i + c] += pull * d[c];
             a[3 * s.j + c] -= pull * d[c];
         }
+    }
+    for (const Sphere& sphere : system.scene.spheres) {
+        if (!sphere.penalty()) continue;
+        const PinState<Real> obstacle = motion_state(sphere.motion, sphere.center, t, inside);
+        for (std::size_t k = 0; k < a.size(); k += 3)
+            add_contact(sphere, obstacle, &x[k], &v[k], &a[k]);
     }
     for (std::size_t k = 0; k < a.size(); ++k)
         a[k] = cloth.pinned[k / 3] ? 0 : a[k] / cloth.mass[k / 3] + system.scene.gravity[k % 3];
@@ -87,13 +95,13 @@ void midpoint(const System& system, const State& y, const Values& a0, const Real
     move(w.here, y, y.v, a0, h);
     drive(system, w.here, t + h, inside);
     for (int i = 1; i < n; ++i) {
-        accelerations(system, w.here, w.a);
+        accelerations(system, w.here, t + i * h, inside, w.a);
         move(w.after, w.before, w.here.v, w.a, 2 * h);
         drive(system, w.after, t + (i + 1) * h, inside);
         std::swap(w.before, w.here);
         std::swap(w.here, w.after);
     }
-    accelerations(system, w.here, w.a);
+    accelerations(system, w.here, t + H, inside, w.a);
     move(result, w.before, w.here.v, w.a, h);
     for (std::size_t k = 0; k < result.x.size(); ++k) {
         result.x[k] = (result.x[k] + w.here.x[k]) / 2;
@@ -170,7 +178,7 @@ Extrapolation extrapolate(const Scene& scene, const std::vector<double>& times,
             // The remaining way in equal parts, so that no sliver is left for the end.
             const Real step = (target - t) / std::ceil(double(target - t) / H);
             drive(system, y, t, double(t + step / 2));
-            accelerations(system, y, a0);
+            accelerations(system, y, t, double(t + step / 2), a0);
             // The longest first: what is left at the end is short.
             std::atomic<int> next{columns};
             in_team(settings.threads, [&](int, int) {

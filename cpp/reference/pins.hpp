@@ -1,4 +1,4 @@
-// Driven pins for the oracles: the pieces of model/motion.hpp in any arithmetic, evaluated by
+// Driven pins and moving obstacles for the oracles: the pieces of model/motion.hpp in any arithmetic, evaluated by
 // nothing of the core's own. tests/model/test_motion.py compares the pieces with the formulae of
 // each motion.
 #pragma once
@@ -15,10 +15,11 @@ struct PinState {
     Real x[3], v[3];  // m, m/s
 };
 
-// A pin at time t. Where its velocity jumps, `inside` selects the piece that counts.
+// The state of a motion at time t from a start. Where its velocity jumps, `inside` selects the piece that counts.
 template <class Real>
-PinState<Real> pin_state(const DrivenPin& pin, const Motion& motion, Real t, double inside) {
+PinState<Real> motion_state(const Motion& motion, const Vec3& start, Real t, double inside) {
     using std::cos, std::exp, std::expm1, std::sin;
+    if (motion.pieces.empty()) return {{start[0], start[1], start[2]}, {0, 0, 0}};
     const double period = motion.period > 0 ? motion.period : 1, phase = motion.phase;
     const double whole = motion.period > 0 ? std::floor(inside / period + phase) : 0;
     std::size_t n = motion.pieces.size() - 1;
@@ -33,9 +34,9 @@ PinState<Real> pin_state(const DrivenPin& pin, const Motion& motion, Real t, dou
     for (int k = 0; k < 3; ++k) {
         const Real p0 = piece.p0[k], p1 = piece.p1[k], p2 = piece.p2[k], p3 = piece.p3[k],
                    p4 = piece.p4[k], p5 = piece.p5[k];
-        const Real start = motion.relative ? Real(pin.start[k]) : Real(0),
+        const Real begin = motion.relative ? Real(start[k]) : Real(0),
                    amplitude = piece.amplitude[k];
-        s.x[k] = start +
+        s.x[k] = begin +
             (p0 + u * p1 + u * u * p2 + u * u * u * (p3 + u * p4 + u * u * p5) + amplitude * wave);
         s.v[k] =
             (p1 + 2 * u * p2 + u * u * (3 * p3 + 4 * u * p4 + 5 * u * u * p5) + amplitude * slope) /
@@ -49,7 +50,8 @@ template <class Real, class Values>
 void place_pins(const std::vector<DrivenPin>& pins, const std::vector<Motion>& motions, Real t,
                 double inside, Values&& x, Values&& v) {
     for (const DrivenPin& pin : pins) {
-        const PinState<Real> s = pin_state(pin, motions[std::size_t(pin.motion)], t, inside);
+        const PinState<Real> s =
+            motion_state(motions[std::size_t(pin.motion)], pin.start, t, inside);
         for (int k = 0; k < 3; ++k) {
             x[3 * pin.point + k] = s.x[k];
             v[3 * pin.point + k] = s.v[k];

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "memory/poll.hpp"
+#include "reference/contact.hpp"
 #include "reference/pins.hpp"
 
 namespace clothsim::reference {
@@ -34,9 +35,15 @@ std::vector<Spring> springs(const Cloth& cloth) {
 }
 
 Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x,
-                     const Points& v) {
+                     const Points& v, double t, double inside) {
     const Cloth& cloth = scene.cloth;
     Points force = -cloth.drag * v;
+    for (const Sphere& sphere : scene.spheres) {
+        if (sphere.response != Response::penalty) continue;
+        const auto obstacle = motion_state(sphere.motion, sphere.center, t, inside);
+        for (int i = 0; i < cloth.points(); ++i)
+            add_contact(sphere, obstacle, x.row(i).data(), v.row(i).data(), force.row(i).data());
+    }
     if (scene.has_force()) force += scene.force;
     for (const Spring& s : springs) {
         const Vec3 d = x.row(s.j) - x.row(s.i);
@@ -259,7 +266,7 @@ bool respond(const std::vector<MovingSphere>& spheres, const State& before, Stat
 
 void collide(const Scene& scene, Points& x, Points& v, double t, double dt) {
     for (const Sphere& sphere : scene.spheres) {
-        if (sphere.response == Response::continuous) continue;
+        if (sphere.response == Response::continuous || sphere.penalty()) continue;
         for (int i = 0; i < scene.cloth.points(); ++i) {
             if (scene.cloth.pinned[i]) continue;
             const State after = respond(sphere, t, dt, {x.row(i), v.row(i)});
@@ -269,27 +276,34 @@ void collide(const Scene& scene, Points& x, Points& v, double t, double dt) {
     }
 }
 
+// Where a velocity jumps at an end of the step, the piece within the step counts.
+double inside(double t0, double dt, double part) {
+    return t0 + std::clamp(part, 1e-6, 1 - 1e-6) * dt;
+}
+
 // Driven pins are where their motion has them at the time of every stage: t0 + part of the step.
 void drive(const Scene& scene, Points& x, Points& v, double t0, double dt, double part) {
-    // Where a velocity jumps at an end of the step, the piece within the step counts.
-    const double inside = t0 + std::clamp(part, 1e-6, 1 - 1e-6) * dt;
-    place_pins(scene.driven_pins, scene.pin_motions, t0 + part * dt, inside, x.data(), v.data());
+    place_pins(scene.driven_pins, scene.pin_motions, t0 + part * dt, inside(t0, dt, part), x.data(),
+               v.data());
 }
 
 // One step of RK4.
 void advance(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v, double t0,
              double dt) {
+    const auto slope = [&](const Points& at, const Points& velocity, double part) {
+        return accelerations(scene, list, at, velocity, t0 + part * dt, inside(t0, dt, part));
+    };
     drive(scene, x, v, t0, dt, 0);
-    const Points v1 = v, a1 = accelerations(scene, list, x, v1);
+    const Points v1 = v, a1 = slope(x, v1, 0);
     Points x2 = x + dt / 2 * v1, v2 = v + dt / 2 * a1;
     drive(scene, x2, v2, t0, dt, 0.5);
-    const Points a2 = accelerations(scene, list, x2, v2);
+    const Points a2 = slope(x2, v2, 0.5);
     Points x3 = x + dt / 2 * v2, v3 = v + dt / 2 * a2;
     drive(scene, x3, v3, t0, dt, 0.5);
-    const Points a3 = accelerations(scene, list, x3, v3);
+    const Points a3 = slope(x3, v3, 0.5);
     Points x4 = x + dt * v3, v4 = v + dt * a3;
     drive(scene, x4, v4, t0, dt, 1);
-    const Points a4 = accelerations(scene, list, x4, v4);
+    const Points a4 = slope(x4, v4, 1);
     x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
     v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
 }
@@ -326,14 +340,14 @@ bool advance_in_contact(const Scene& scene, const std::vector<Spring>& list, Poi
 // One step of eq 2-6 as printed: "a" of eq 2-5 already carries the time step; eq 3-6 multiply by it
 // once more.
 void advance_as_printed(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v,
-                        double dt) {
-    const Points v1 = dt * v, a1 = dt * accelerations(scene, list, x, v);
-    const Points w2 = v + dt / 2 * a1, v2 = dt * w2,
-                 a2 = dt * accelerations(scene, list, x + dt / 2 * v1, w2);
-    const Points w3 = v + dt / 2 * a2, v3 = dt * w3,
-                 a3 = dt * accelerations(scene, list, x + dt / 2 * v2, w3);
-    const Points w4 = v + dt * a3, v4 = dt * w4,
-                 a4 = dt * accelerations(scene, list, x + dt * v3, w4);
+                        double t, double dt) {
+    const auto slope = [&](const Points& at, const Points& velocity) {
+        return accelerations(scene, list, at, velocity, t, t);
+    };
+    const Points v1 = dt * v, a1 = dt * slope(x, v);
+    const Points w2 = v + dt / 2 * a1, v2 = dt * w2, a2 = dt * slope(x + dt / 2 * v1, w2);
+    const Points w3 = v + dt / 2 * a2, v3 = dt * w3, a3 = dt * slope(x + dt / 2 * v2, w3);
+    const Points w4 = v + dt * a3, v4 = dt * w4, a4 = dt * slope(x + dt * v3, w4);
     x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
     v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
 }
@@ -351,7 +365,7 @@ bool step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t step
         const double t0 = t + double(n) * dt, t1 = t + double(n + 1) * dt;
         Points touching_x = x, touching_v = v;
         if (as_printed) {
-            advance_as_printed(scene, list, x, v, dt);
+            advance_as_printed(scene, list, x, v, t0, dt);
         } else if (advance_in_contact(scene, list, touching_x, touching_v, t0, t1)) {
             x = touching_x;
             v = touching_v;

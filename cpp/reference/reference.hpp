@@ -20,8 +20,9 @@ struct Spring {
 std::vector<Spring> springs(const Cloth& cloth);
 
 // Accelerations of all mass points; 0 for pinned ones.
+// `inside`: where velocities of obstacles jump at the time t, a time in the piece that counts.
 Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x,
-                     const Points& v);
+                     const Points& v, double t, double inside);
 
 // Classic RK4 steps, the first of them from time t. x and v are advanced. The paper's responses act
 // at the end of a step. A step in which a sphere with the response "continuous" touches a point is

@@ -63,17 +63,20 @@ class OrderWarning(UserWarning):
 
 
 class ContactWarning(UserWarning):
-    """A continuous sphere starts on the cloth, has run into a pinned point, or is smaller than a
-    cell that it touches.
+    """A point or triangle is below the true surface of an obstacle, an obstacle has run into a
+    pinned point, or the cloth starts deep in a layer.
+
+    With the response "continuous" also: a sphere starts on the cloth, or is smaller than a cell
+    that it touches.
 
     Examples
     --------
     >>> import warnings
     >>> with warnings.catch_warnings(record=True) as given:
-    ...     scene = cs.Scene(cs.Cloth((8, 8)), cs.Sphere((0.5, 0.0, 0.5)))
+    ...     scene = cs.Scene(cs.Cloth((8, 8)), cs.Plane((0, 0, 0), thickness=0.1))
     ...     run = cs.simulate(scene, 0.001, dt=1e-4)
-    >>> given[0].category.__name__
-    'ContactWarning'
+    >>> print(given[0].message.args[0].partition(":")[0])
+    mass point (0, 1) starts 0.1 m deep in the layer of spheres[0]
     """
 
 
@@ -136,7 +139,8 @@ class _StepError(ArithmeticError):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class ContactError(_StepError):
-    """Spheres with response "continuous" have trapped a mass point between them.
+    """A free mass point has gone through the layer of an obstacle, or spheres with response
+    "continuous" have trapped it between them.
 
     Parameters
     ----------
@@ -144,6 +148,10 @@ class ContactError(_StepError):
         The failed step, counted from 1 at the start of the call.
     time, point, x, v, member
         As for `UnstableError`, with the state before that step; `run` and `runs` too.
+    obstacle : int, optional
+        Index of the obstacle in ``Scene.spheres`` that the point has passed; None: it is trapped.
+    remedy : str, optional
+        What would hold the point.
 
     Examples
     --------
@@ -152,12 +160,19 @@ class ContactError(_StepError):
 further apart, or make them smaller
     """
 
+    obstacle: int | None = None
+    remedy: str = "keep them further apart, or make them smaller"
+
     def __post_init__(self) -> None:
-        self.args = (
-            f"no place left at step {self.step} (t = {self.time:g} s): mass point "
-            f"{self.point}{self._which} is trapped "
-            "between spheres; keep them further apart, or make them smaller",
-        )
+        when = f"at step {self.step} (t = {self.time:g} s)"
+        text = f"no place left {when}: mass point {self.point}{self._which} is trapped between "
+        text += f"spheres; {self.remedy}"
+        if self.obstacle is not None:
+            text = (
+                f"mass point {self.point}{self._which} has gone through the layer of "
+                f"spheres[{self.obstacle}] {when}; {self.remedy}"
+            )
+        self.args = (text,)
 
 
 @dataclass(kw_only=True, eq=False, repr=False)

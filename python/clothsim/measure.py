@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from . import _core
 from .base import check
+from .engine.options import Options, kept_plan
 from .engine.state import scenes_of, state_arrays
 from .model.scene import Scene, core_sphere
 from .model.sphere import Plane, Sphere
@@ -17,27 +18,32 @@ Value = float | npt.NDArray[np.float64]
 
 
 @check.named
-def energy(scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike) -> dict[str, Value]:
-    """Kinetic and elastic energy, the potentials of gravity and of forces on points, and the total.
+def energy(
+    scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike, t: float | None = None
+) -> dict[str, Value]:
+    """Return the energies of a state, and their total.
 
     ::
 
         kinetic = sum m v^2 / 2,   elastic = sum K (l - L)^2 / 2,   gravity = - sum m g . x,
-        force = - sum F . x
+        force = - sum F . x,   contact = sum k d^4 / (4 h^2)
 
     Parameters
     ----------
     scene : Scene or sequence of Scene
-        Its masses, springs, gravity and force are used. Of a sequence, each for its member of the
+        Its masses, springs, gravity and force are used, and its obstacles of response "penalty",
+        with d the depth of a free point in their layer. Of a sequence, each for its member of the
         batch.
     x, v : array_like
         Positions [m] and velocities [m/s], shape (rows, columns, 3) or (B, rows, columns, 3).
+    t : float, optional
+        Time of the state [s]. Required where an obstacle of response "penalty" moves.
 
     Returns
     -------
     dict
-        "kinetic", "elastic", "gravity", "force" and "total" [J], floats, or arrays of shape (B,)
-        for a batch. The energies of gravity and force are 0 at the origin.
+        "kinetic", "elastic", "gravity", "force", "contact" and "total" [J], floats, or arrays of
+        shape (B,) for a batch. The energies of gravity and force are 0 at the origin.
 
     Examples
     --------
@@ -50,10 +56,13 @@ def energy(scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike) -
     x, v = x.astype(np.float64), v.astype(np.float64)
     batch = (x, v) if x.ndim == 4 else (x[None], v[None])
     scenes = scenes if len(scenes) > 1 else scenes * len(batch[0])
-    parts = np.array(
-        [_core.energy(s.cloth.core, s.gravity, s.force, *one) for s, *one in zip(scenes, *batch)]
-    )
-    values = dict(zip(("kinetic", "elastic", "gravity", "force"), parts.T))
+    obstacles = [s for one in scenes for s in one.spheres if s.response == "penalty"]
+    if t is None and any(s.motion is not None for s in obstacles):
+        raise ValueError("t must be given, as an obstacle moves: give the time of x in seconds")
+    time = 0.0 if t is None else check.number("t", t)
+    plans = [kept_plan(s, Options()) for s in scenes]
+    parts = np.array([_core.energy(plan, *state, time) for plan, state in zip(plans, zip(*batch))])
+    values = dict(zip(("kinetic", "elastic", "gravity", "force", "contact"), parts.T))
     values["total"] = parts.sum(axis=1)
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 

@@ -2,7 +2,7 @@
 #include "kernels/contact/contact_kernels.hpp"
 
 #include "kernels/contact/contact_impl.hpp"
-#include "kernels/lanes.hpp"
+#include "lanes/lanes.hpp"
 
 namespace clothsim {
 namespace {

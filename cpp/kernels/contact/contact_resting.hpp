@@ -16,7 +16,7 @@
 #pragma once
 
 #include "kernels/contact/contact_arguments.hpp"
-#include "kernels/vector3.hpp"
+#include "lanes/vector3.hpp"
 
 namespace clothsim {
 namespace {

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "forces/penalty_arguments.hpp"
 #include "kernels/gather/gather_arguments.hpp"
 
 namespace clothsim {
@@ -36,9 +37,19 @@ struct EdgeRowPointers {
     const Real* inverse_mass;  // null: uniform, and no force on points
     const Real* applied;  // accelerations by forces on points, three vectors each; null: none
     const Real* free;  // 0 for pinned and padding points, else 1; null: there are none
+    int row;           // of the cloth
 };
 
 // One stage over a band of rows.
+template <class Real>
+struct EdgeArguments;
+
+// Adds to the forces on the pending row; whether forces may act on rows [begin, end) of a stage.
+template <class Real>
+using EdgeForcesKernel = void (*)(const EdgeArguments<Real>&);
+template <class Real>
+using EdgeNearKernel = bool (*)(const EdgeArguments<Real>&, int begin, int end);
+
 template <class Real>
 struct EdgeArguments : StepConstants<Real> {
     int vectors;  // per row, at least 2
@@ -63,6 +74,8 @@ struct EdgeArguments : StepConstants<Real> {
     int pending;
     const Real* pending_source;
     Real* force;  // on the pending row
+    EdgeForcesKernel<Real> forces;  // beside the springs; null: there are none
+    PenaltyRows<Real> contacts;
     // So many rows ahead, of `row_count`, a part of each record of the state is fetched from memory
     // while a row is worked on. The part is the elements [ahead_begin, ahead_end). 0: none.
     int ahead;

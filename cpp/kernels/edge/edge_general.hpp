@@ -125,6 +125,7 @@ void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
         sum_row<V>(e, sources, true, row_ahead(e, row));
         e.pending = row;
         e.pending_source = sources.here;
+        if (e.forces) e.forces(e);
     }
 }
 

@@ -2,7 +2,7 @@
 // float and double, and for each CLOTHSIM_PART.
 #include "kernels/edge/edge_row.hpp"
 #include "kernels/kernel_table.hpp"
-#include "kernels/lanes.hpp"
+#include "lanes/lanes.hpp"
 
 namespace clothsim {
 

@@ -349,6 +349,7 @@ __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, i
         std::swap(received, sent_down);
         e.pending = row;
         e.pending_source = sources.here;
+        if (e.forces) e.forces(e);
     }
     e.received[0] = received;
     e.received[1] = sent_down;

@@ -5,7 +5,7 @@
 #include <array>
 
 #include "kernels/edge/edge_arguments.hpp"
-#include "kernels/vector3.hpp"
+#include "lanes/vector3.hpp"
 
 namespace clothsim {
 namespace {

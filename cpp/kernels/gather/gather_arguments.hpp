@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "forces/penalty_arguments.hpp"
 #include "model/stencil.hpp"
 #include "model/thread_grid.hpp"
 
@@ -74,6 +75,7 @@ struct GatherArguments : StepConstants<Real> {
     // Three planes each.
     Real* first_acceleration;
     Real* acceleration_sum;  // a2 + a3
+    PenaltyRows<Real> contacts;  // sums of rows and of groups of columns
 };
 
 }  // namespace clothsim

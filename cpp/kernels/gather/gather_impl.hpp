@@ -16,16 +16,12 @@
 // so that the processor predicts the branches.
 #pragma once
 
+#include "forces/penalty_lanes.hpp"
 #include "kernels/kernel_table.hpp"
-#include "kernels/vector3.hpp"
+#include "lanes/vector3.hpp"
 
 namespace clothsim {
 namespace {
-
-template <class V>
-CLOTHSIM_INLINE V dot(const Vector3<V>& a, const Vector3<V>& b) {
-    return a.z * b.z + (a.y * b.y + a.x * b.x);
-}
 
 template <class V>
 struct SpringLanes {
@@ -130,6 +126,62 @@ CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t
     });
 }
 
+// Adds the forces of the obstacles on a vector of points. Sums go from point to point, so that they
+// are the same for any number of lanes.
+template <class V, class Real>
+__attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int row, int column,
+                                            const Real* free, const Vector3<V>& x,
+                                            const Vector3<V>& v, Vector3<V>& force) {
+    constexpr Arithmetic strict = Arithmetic::strict;
+    constexpr int W = int(V::size), lanes = group_size;
+    const V zero(Real(0));
+    for (int i = 0; i < g.contacts.count; ++i) {
+        const PenaltyArguments<Real>& p = g.contacts.obstacles[i];
+        double* const block = g.contacts.sums + row * g.contacts.row +
+            column / group_size * ContactBlock::size(group_size) + p.number * g.contacts.obstacle;
+        if (p.axis >= 0) {
+            const V along = p.axis == 0 ? x.x : p.axis == 1 ? x.y : x.z;
+            if (xsimd::none(V(p.side) * along < V(p.bound))) continue;
+        }
+        const PenaltyLanes<V> constants(p);
+        const bool flat = p.curvature == 0, rough = p.friction > 0;
+        const PenaltyPlace<V> at = flat ? penalty_place<strict, true>(x, constants)
+                                        : penalty_place<strict, false>(x, constants);
+        const V depth =
+            xsimd::select(V::load_unaligned(free) != zero, xsimd::max(at.depth, zero), zero);
+        if (xsimd::none(depth > zero)) continue;
+        const Vector3<V> f = flat
+            ? (rough ? penalty_force<strict, true, true>(at, depth, v, constants)
+                     : penalty_force<strict, true, false>(at, depth, v, constants))
+            : (rough ? penalty_force<strict, false, true>(at, depth, v, constants)
+                     : penalty_force<strict, false, false>(at, depth, v, constants));
+        force = force + f;
+        double* const sums = block + column % group_size;
+        alignas(64) Real values[4][W];
+        f.x.store_aligned(values[0]);
+        f.y.store_aligned(values[1]);
+        f.z.store_aligned(values[2]);
+        depth.store_aligned(values[3]);
+        for (int l = 0; l < W; ++l) {
+            double work = 0;
+            for (int j = 0; j < 3; ++j) {
+                const double impulse = p.weight * double(values[j][l]);
+                sums[j * lanes + l] += impulse;
+                work += impulse * double(p.velocity[j]);
+            }
+            sums[ContactBlock::work * lanes + l] += work;
+            double& deepest = sums[ContactBlock::depth * lanes + l];
+            if (p.noted && double(values[3][l]) > deepest) deepest = double(values[3][l]);
+        }
+        double* const tail = block + ContactBlock::tail * lanes;
+        tail[ContactBlock::touched] = 1;
+        if (!p.noted || (tail[ContactBlock::met] != 0 && tail[ContactBlock::first] <= p.time))
+            continue;
+        tail[ContactBlock::first] = p.time;
+        tail[ContactBlock::met] = 1;
+    }
+}
+
 template <class V, class Real, bool damped>
 __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const Tile& tile) {
     const V zero(Real(0));
@@ -152,6 +204,7 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const
             Vector3<V> a{zero, zero, zero};
             add_springs<damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)],
                                 present, stride);
+            if (g.contacts.count) add_contacts(g, row, column, g.free + at, x, v, a);
             if (__builtin_expect(g.drag != 0, 0)) {
                 const V c(g.drag);
                 a = {a.x - c * v.x, a.y - c * v.y, a.z - c * v.z};

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..base.text import aligned
-from ..methods.bound import limiting_term
+from ..methods.bound import limit_in_layer, limiting_term
 from ..methods.integrators import METHODS
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
-from ..model.sphere import Plane, Sphere
+from ..model.sphere import Plane, Sphere, kind_name
 from .options import Options, core_plan
 
 
@@ -50,6 +50,17 @@ def _radius_text(sphere: Sphere | Plane, cloth: Cloth) -> str:
     return f"contact radius {sphere.contact_radius(cloth):.6g} m"
 
 
+def _layer_text(scene: Scene, k: int, integrator: str) -> str:
+    layer = scene.spheres[k].layer(scene.cloth)
+    h = layer["thickness"]
+    limit = limit_in_layer(scene, integrator, k, h)
+    return (
+        f"a {kind_name([scene.spheres[k]])}, spheres[{k}]: thickness {h:.3g} m, stiffness "
+        f"{layer['stiffness']:.4g} N/m, dissipation {layer['dissipation']:.3g} s/m, friction "
+        f"{scene.spheres[k].friction:g}; dt up to {limit:.3g} s is stable in all of it"
+    )
+
+
 def explain(
     scene: Scene,
     precision: str = "double",
@@ -62,7 +73,7 @@ def explain(
     integrator = options.integrator
     cloth, method = scene.cloth, METHODS[integrator]
     plan = core_plan(scene, options)
-    stages = method.stages_damped if cloth.damped else method.stages
+    stages = method.stages_damped if scene.damped else method.stages
     everything = {
         **{f"{family} springs": family in cloth.springs for family in FAMILIES},
         "spring damping": any(cloth.family_damping.values()),
@@ -84,6 +95,12 @@ def explain(
             "collision_passes": tuple(
                 f"{s.response}{' (as printed)' if s.as_printed else ''}, {_radius_text(s, cloth)}"
                 for s in scene.spheres
+                if s.response != "penalty"
+            ),
+            "layers": tuple(
+                _layer_text(scene, k, integrator)
+                for k, s in enumerate(scene.spheres)
+                if s.response == "penalty"
             ),
             "integrator": integrator,
             "order": method.order_of(scene),

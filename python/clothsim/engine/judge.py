@@ -11,9 +11,10 @@ import numpy as np
 
 from .. import _core
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError, warn_caller
-from ..methods.bound import limiting_term
+from ..methods.bound import limit_in_layer, limiting_term
 from ..model.scene import Scene
 from ..model.sphere import kind_name
+from .options import Options, kept_plan
 
 
 class Judge:
@@ -35,8 +36,14 @@ class Judge:
         self._core, self._scenes, self._batched = core, scenes, batched
         self._integrator, self._max_stable_dt = integrator, max_stable_dt
         self.least_stable_dt = min(*max_stable_dt, sys.float_info.max)  # inf without springs
+        self._fixed = True  # the steps are the caller's, not those of error control
         self.steps_before = 0  # earlier calls of the run; errors count steps from its start
         self.given: set[str] = set()  # warnings that are given, or kept from the user
+
+    def own_steps(self) -> None:
+        """Keep warnings of the time step from the user: error control chooses the steps."""
+        self._fixed = False
+        self.given |= {"dt", "grown", "stiff"}
 
     def time_step(self, dt: float) -> None:
         """Warn once of a time step above the guarantee of a member that moves."""
@@ -64,12 +71,16 @@ class Judge:
             "pinned_inside": self._pins_text,
             "large_cell": self._cells_text,
             "start": self._start_text,
+            "below": self._below_text,
             "lifted": self._lifts_text,
         }
         for name, text in contacts.items():
             if name in outcome and name not in self.given:
                 self.given.add(name)
                 warn_caller(text(outcome[name]), ContactWarning)
+        if "stiff" in outcome and "stiff" not in self.given:
+            self.given.add("stiff")
+            warn_caller(self._stiff_text(outcome["stiff"], dt), StabilityWarning)
         if "grown" in outcome and "grown" not in self.given:
             self._warn_of_growth(outcome["grown"], dt)
         if "point" in outcome:
@@ -90,10 +101,10 @@ class Judge:
     def _pins_text(self, found: tuple[int, int]) -> str:
         member, point = found
         return (
-            f"a {kind_name(self._scenes[member].spheres)} has run into the pinned mass point "
-            f"{divmod(point, self._scenes[member].cloth.columns)}"
-            f"{self._of(member)}; a pinned point never moves, so it, and triangles at it, "
-            "are inside while it is there"
+            "the pinned mass point "
+            f"{divmod(point, self._scenes[member].cloth.columns)}{self._of(member)} is inside a "
+            f"{kind_name(self._scenes[member].spheres)}; no contact moves it, so it, and triangles "
+            "at it, are inside while it is there"
         )
 
     def _cells_text(self, found: tuple[int, int]) -> str:
@@ -132,12 +143,34 @@ class Judge:
             "offset 'edge'"
         )
 
+    def _below_text(self, found: tuple[int, float, float]) -> str:
+        member, points, triangles = found
+        what, depth = ("a mass point", points) if points >= triangles else ("a triangle", triangles)
+        return (
+            f"{what}{self._of(member)} is {depth:.3g} m below the true surface of an obstacle at "
+            f"t = {self._core.time:g} s; a larger stiffness or thickness of its layer, or a larger "
+            "offset, keeps the cloth out"
+        )
+
+    def _stiff_text(self, found: tuple[int, int, float], dt: float) -> str:
+        member, k, depth = found
+        part = (
+            depth / self._scenes[member].spheres[k].layer(self._scenes[member].cloth)["thickness"]
+        )
+        limit = limit_in_layer(self._scenes[member], self._integrator, k, depth)
+        return (
+            f"dt = {dt:g} s is above {limit:.3g} s, up to which {self._integrator} is guaranteed "
+            f"to be stable with mass points {part:.2g} of its thickness deep in the layer of "
+            f"spheres[{k}]{self._of(member)}, as they are at t = {self._core.time:g} s"
+        )
+
     def _warn_of_growth(self, member: int, dt: float) -> None:
         from ..stability.limit import max_stable_dt
 
-        self.given.add("grown")
+        self.given |= {"dt", "grown", "stiff"}
         try:
-            limit = max_stable_dt(self._scenes[member], self._integrator, *self._state(member))
+            state = self._state(member)
+            limit = max_stable_dt(self._scenes[member], self._integrator, *state, t=self._core.time)
         except ValueError:  # points too near for a direction; no reason to end the run
             limit = self._max_stable_dt[member]
         advice = (
@@ -155,6 +188,27 @@ class Judge:
             StabilityWarning,
         )
 
+    def _holding(self, member: int, k: int, point: int, found: dict[str, Any], dt: float) -> str:
+        """What would hold a point that has gone through the layer of an obstacle."""
+        scene = self._scenes[member]
+        obstacle = scene.spheres[k]
+        layer = obstacle.layer(scene.cloth)
+        mass = float(scene.cloth.mass_per_point.flat[point])
+        velocity = found["v"].reshape(-1, 3)[point] - obstacle.velocity_at(found["time"])
+        speed = float(np.linalg.norm(velocity))
+        thickness, stiffness = layer["thickness"], layer["stiffness"]
+        held = thickness * math.sqrt(stiffness / (2 * mass))
+        if speed <= held and self._fixed:
+            return (
+                f"the layer takes up to {held:.3g} m/s, and the point closes at {speed:.3g} m/s: "
+                f"take a dt of at most {min(dt / 2, thickness / (2 * speed)):.3g} s, or rtol"
+            )
+        return (
+            f"a point at {speed:.3g} m/s is held by a stiffness of "
+            f"{2 * mass * (speed / thickness) ** 2:.3g} N/m, here {stiffness:.3g} N/m, or a "
+            f"thickness of {speed * math.sqrt(2 * mass / stiffness):.3g} m, here {thickness:.3g} m"
+        )
+
     def _raise_error(self, outcome: dict[str, Any], dt: float) -> None:
         member, point = outcome["member"], outcome["point"]
         scene = self._scenes[member]
@@ -169,5 +223,20 @@ class Judge:
         }
         if outcome["trapped"]:
             raise ContactError(**found)
+        if outcome["obstacle"] >= 0:
+            k = outcome["obstacle"]
+            raise ContactError(
+                **found, obstacle=k, remedy=self._holding(member, k, point, found, dt)
+            )
+        limit = self._max_stable_dt[member]
         term = str(limiting_term(scene, self._integrator))
-        raise UnstableError(**found, dt=dt, max_stable_dt=self._max_stable_dt[member], term=term)
+        for k, depth in enumerate(self._depths(member, x, found["time"])):
+            in_layer = limit_in_layer(scene, self._integrator, k, depth) if depth > 0 else math.inf
+            if in_layer < limit:
+                limit = in_layer
+                term = f"mass points are {depth:.3g} m deep in the layer of spheres[{k}]"
+        raise UnstableError(**found, dt=dt, max_stable_dt=limit, term=term)
+
+    def _depths(self, member: int, x: Any, t: float) -> list[float]:
+        plan = kept_plan(self._scenes[member], Options())
+        return [depth for depth, _ in _core.contact_depths(plan, np.ascontiguousarray(x), t)]

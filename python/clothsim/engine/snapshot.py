@@ -143,14 +143,20 @@ def take(
 
 def of_members(core: dict[str, Any], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
     """The fields of the core for each member of a batch, as they are for its scene alone."""
-    found, spheres = [], 0
+    # Fields that have an entry for each obstacle of each member.
+    found = []
+    spheres = contacts = 0
     for k, scene in enumerate(scenes):
         part = {
             name: value[k : k + 1].copy() if isinstance(value, np.ndarray) else value
             for name, value in core.items()
         }
-        part["impulses"] = core["impulses"][
-            spheres : (spheres := spheres + len(scene.spheres))
-        ].copy()
+        end = spheres + len(scene.spheres)
+        for name in ("impulses", "normals"):
+            part[name] = core[name][spheres:end].copy()
+        spheres = end
+        end = contacts + len(scene.spheres) * scene.has_layers
+        part["contacts"] = core["contacts"][contacts:end].copy()
+        contacts = end
         found.append(part)
     return found

@@ -14,7 +14,8 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..base.interrupts import Interrupts
-from ..methods.bound import guaranteed_dt
+from ..errors import ContactWarning, warn_caller
+from ..methods.bound import guaranteed_dt, stable_depths
 from ..methods.integrators import METHODS, warn_of_order
 from ..model.motion import Linear
 from ..model.scene import Scene
@@ -207,6 +208,43 @@ def check_pins(
                 )
 
 
+def check_depths(scenes: Sequence[Scene], x: FloatArray, t: float, start: bool = False) -> None:
+    """Refuse positions with a free point too deep in an obstacle of response "penalty".
+
+    A start must be outside the true surface; any state may be as deep below the contact surface as
+    the layer is thick. Of a start that is deep in a layer a `ContactWarning` tells.
+    """
+    for member, scene in enumerate(scenes):
+        if not scene.has_layers:
+            continue
+        one = np.ascontiguousarray(x[member] if x.ndim == 4 else x, np.float64)
+        depths = _core.contact_depths(kept_plan(scene, Options()), one, t)
+        for k, (depth, point) in enumerate(depths):
+            if not depth > 0:
+                continue
+            obstacle = scene.spheres[k]
+            layer, offset = obstacle.layer(scene.cloth), obstacle.offset_length(scene.cloth)
+            below = depth - layer["thickness"]
+            allowed = min(offset, layer["thickness"]) if start else layer["thickness"]
+            place = divmod(point, scene.cloth.columns)
+            where = f"spheres[{k}]" + (f" of member {member}" if x.ndim == 4 else "")
+            if below > allowed + _PLACE_ROUNDING * max(scene.cloth.size):
+                accepted = "its true surface" if start else "its layer"
+                raise ValueError(
+                    f"{'position' if start else 'x'} must have the free mass points outside "
+                    f"{accepted}, got mass point {place} {below - offset:.3g} m below the true "
+                    f"surface of {where} at t = {t:g} s"
+                )
+            weight = scene.cloth.mass_per_point[place] * 9.8 * max(scene.cloth.spacing)
+            energy = layer["stiffness"] * depth**4 / (4 * layer["thickness"] ** 2)
+            if start and energy > weight:
+                warn_caller(
+                    f"mass point {place} starts {depth:.3g} m deep in the layer of {where}: that "
+                    f"contact has {energy:.3g} J, and throws the point out",
+                    ContactWarning,
+                )
+
+
 def sphere_targets(centers: Any, scenes: Sequence[Scene]) -> dict[int, npt.NDArray[np.float64]]:
     """`centers` of `Stepper.advance` checked."""
     if not isinstance(centers, Mapping):
@@ -288,6 +326,7 @@ class State:
             scenes = scenes * len(x)
         if not own:
             check_driven_pins(scenes, x, time)
+        check_depths(scenes, x, time, start=own)
         state = cls(scenes, x.ndim == 4, x.shape, x.dtype, time, options)
         state.core.load(x, v)
         return state
@@ -296,6 +335,7 @@ class State:
     def own(cls, scenes: list[Scene], batched: bool, t: float, options: Options) -> State:
         """The scenes' own states at a time [s], unchecked."""
         x, v = own_arrays(scenes, batched)
+        check_depths(scenes, x, t, start=True)
         state = cls(scenes, batched, x.shape, x.dtype, t, options)
         state.core.load(x, v)
         return state
@@ -304,6 +344,9 @@ class State:
         """Replace the scenes, and keep the state. An error leaves everything as it was."""
         scenes = scenes_of(scene) * (len(self.scenes) if isinstance(scene, Scene) else 1)
         plans, stable_dt = self._compiled(scenes)
+        x = np.empty(self.shape)
+        self.core.store(x, np.empty(self.shape))
+        check_depths(scenes, x, self.core.time, start=True)
         with Interrupts():  # the core and its record change together
             self.core.set_scene(plans, stable_dt)
             self._adopt(scenes, plans, stable_dt)
@@ -326,8 +369,10 @@ class State:
             cast("Any", self.core).adapter if on_gpu else plans[0].instruction_set
         )
         self.judge = Judge(self.core, scenes, self.batched, self.integrator, stable_dt)
-        self._driven = self._moves = False
+        self._dt_of_depths = math.nan  # the time step whose stable depths the core has
+        self._has_layers = self._driven = self._moves = False
         for scene in scenes:
+            self._has_layers |= scene.has_layers
             self._driven |= bool(scene.cloth.driven)
             self._moves |= self._driven or any(
                 sphere.motion is not None for sphere in scene.spheres
@@ -352,7 +397,8 @@ class State:
         except TypeError:  # arrays that are not contiguous
             outcome = self.core.step(time, *self._arrays(x, v), steps, dt, self.threads, *results)
         if outcome is False:
-            self._arrays(x, v)
+            x, v = self._arrays(x, v)
+            check_depths(self.scenes, x, time)
         if outcome:
             self._go_on(outcome, steps, dt)
             self.core.store(*results)
@@ -368,7 +414,7 @@ class State:
         # Driven pins have the velocity of their motion, and `out` may lie over a part of `x` or
         # `v`.
         whole = out is None and x.flags.c_contiguous and v.flags.c_contiguous and not self._driven
-        if not (whole and self.core.accelerations(x, v, result, self.threads)):
+        if not (whole and self.core.accelerations(time, x, v, result, self.threads)):
             self.core.load(*self._arrays(x, v), time)
             self.core.accelerations(result, self.threads)
         return result
@@ -391,6 +437,8 @@ class State:
         time of the state [s].
         """
         # The form of nearly every call, recognised in a tenth of the time that the checks take.
+        if self._has_layers and dt != self._dt_of_depths:
+            self._set_stable_depths(dt)
         if (
             type(steps) is int
             and type(dt) is float
@@ -414,6 +462,14 @@ class State:
             )
         self.judge.time_step(dt)
         return steps, dt
+
+    def _set_stable_depths(self, dt: Any) -> None:
+        """Tell the core from which depths in layers on it warns of a time step."""
+        if self.options.backend == "gpu" or check.real(dt) is None or not dt > 0:
+            return
+        for k, scene in enumerate(self.scenes):
+            self.core.set_stable_depths(k, stable_depths(scene, self.integrator, float(dt)))
+        self._dt_of_depths = dt
 
     def _go_on(self, outcome: dict[str, Any] | None, steps: int, dt: float) -> None:
         done = 0
@@ -448,6 +504,7 @@ class State:
         if new_x.shape != self.shape:
             raise ValueError(f"x and v must have shape {self.shape}, got {new_x.shape}")
         check_pins(self.scenes, new_x, new_v, own_x, own_v)
+        check_depths(self.scenes, new_x, self.core.time if time is None else time)
         self.core.load(new_x, new_v, time)
 
     def advance_spheres(

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from .. import _core
 from ..model.cloth import Cloth
@@ -39,6 +39,78 @@ def usable_dt(cloth: _core.Cloth, integrator: str) -> float:
 def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     """The guaranteed time step of a scene [s]."""
     return guaranteed_dt(scene.cloth.core, integrator)
+
+
+def limit_in_layer(scene: Scene, integrator: str, k: int, depth: float) -> float:
+    """Return the guaranteed time step with mass points so deep [m] in the layer of an obstacle [s].
+
+    Bounds at depth d: stiffness 6 k (d/h)^2, damping c F0 + 2 mu F0 / v_s, F0 = k d^3 / h^2, over
+    the mass of the lightest free point, beside those of the springs.
+    """
+    thickness, bounds = _layer_bounds(scene, k)
+    return _limit_at(integrator, bounds, depth / thickness)
+
+
+def stable_depths(scene: Scene, integrator: str, dt: float) -> list[float]:
+    """Return, for each obstacle, the depth in its layer up to which a time step is stable [m].
+
+    It is infinite for responses after the step, and where the step is too long without contact.
+    """
+    depths = [math.inf] * len(scene.spheres)
+    if dt <= stable_dt(scene, integrator):
+        for k, obstacle in enumerate(scene.spheres):
+            if obstacle.response == "penalty":
+                thickness, bounds = _layer_bounds(scene, k)
+                depths[k] = thickness * _stable_part(integrator, bounds, dt)
+    return depths
+
+
+class _LayerBounds(NamedTuple):
+    """Bounds of the modes of a cloth, and what a point in a layer adds to them."""
+
+    stiffness: float  # of the springs [1/s^2]
+    damping: float  # of the springs and drag [1/s]
+    square: float  # of the stiffness, times (d/h)^2 [1/s^2]
+    cube: float  # of the damping, times (d/h)^3 [1/s]
+
+
+def _layer_bounds(scene: Scene, k: int) -> tuple[float, _LayerBounds]:
+    """Return the thickness of the layer of an obstacle [m], and the bounds in it."""
+    obstacle, cloth = scene.spheres[k], scene.cloth
+    layer = obstacle.layer(cloth)
+    mass = float(cloth.mass_per_point.min(initial=math.inf, where=~cloth.pinned))
+    thickness, stiffness = layer["thickness"], layer["stiffness"]
+    damping = layer["dissipation"] + 2 * obstacle.friction / layer["slip_speed"]
+    bounds = _LayerBounds(
+        *cloth.core.mode_bounds,
+        square=6 * stiffness / mass,
+        cube=damping * stiffness * thickness / mass,
+    )
+    return thickness, bounds
+
+
+def _limit_at(integrator: str, bounds: _LayerBounds, part: float) -> float:
+    """Return the guaranteed time step at `part` of the thickness of a layer [s]."""
+    stiffness = bounds.stiffness + bounds.square * part**2
+    return box_limit(integrator, math.sqrt(stiffness), bounds.damping + bounds.cube * part**3)
+
+
+_BISECTIONS = 12  # of a depth, to 5e-4 of the thickness
+
+
+@lru_cache(maxsize=4096)
+def _stable_part(integrator: str, bounds: _LayerBounds, dt: float) -> float:
+    """Return the part of the thickness of a layer up to which a time step is stable."""
+    low, high = 0.0, 2.0
+    if _limit_at(integrator, bounds, high) >= dt:
+        return math.inf
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        if _limit_at(integrator, bounds, middle) >= dt:
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 _TIE = 0.95  # families whose removal lowers the bound by this part of the most are named together

@@ -94,7 +94,7 @@ class Integrator:
         >>> [pefrl.order_of(cs.scenes.oscillator(damping=c)) for c in (0.0, 0.1)]
         [4, 1]
         """
-        return self.order_damped if scene.cloth.damped else self.order
+        return self.order_damped if scene.damped else self.order
 
     @property
     def _traits(self) -> tuple[str, str]:
@@ -204,7 +204,7 @@ def warn_of_order(integrator: str, scene: Scene) -> bool:
     was given.
     """
     method = METHODS[integrator]
-    if lower := method.order_of(scene) < method.order:
+    if lower := method.order_damped < method.order and scene.damped:
         warn_caller(
             f"{integrator} is of order {method.order_damped} for a scene with damping, not of "
             f"order {method.order}: its errors are those of a method of order "

@@ -67,6 +67,16 @@ class BaseMotion(Record):
         """This motion as the core takes it."""
         return _core.Motion(self.pieces.view(np.float64), self._period, self._phase, self.relative)
 
+    @cached_property
+    def largest_speed(self) -> float:
+        """The largest speed, within 1e-3 of it [m/s]."""
+        pieces, phase = self.pieces, self._phase
+        parts = np.linspace(0.0, 1.0, 65)
+        times = (pieces["begin"][:, None] + parts * pieces["length"][:, None]).ravel()
+        if self._period:
+            times = (times - phase) * self._period
+        return float(np.linalg.norm(self._velocity(times), axis=-1).max())
+
     @property
     def for_pages(self) -> dict[str, Any]:
         """The pieces as plain data."""

@@ -14,7 +14,7 @@ from ..typing import Family, Numbers, Offset, Response, Shape
 from .cloth import Cloth
 from .motion import Reciprocate
 from .scene import Scene
-from .sphere import Sphere
+from .sphere import RESPONSES, Sphere
 
 PAPER_DT = 5e-6
 """Time step of Table 2 of Kim et al. [s]."""
@@ -31,8 +31,9 @@ def paper_static(
 
     Parameters
     ----------
-    response : {"ray", "reflect", "continuous"}, default "ray"
-        "ray" is the paper's method 2, "reflect" its method 1. The restitution is 1 for each.
+    response : {"ray", "reflect", "penalty", "continuous"}, default "ray"
+        "ray" is the paper's method 2, "reflect" its method 1. The restitution is 1 for each but
+        "penalty", which has none.
     bend : bool, default False
         True adds the 1,920 bend springs.
     offset : {"edge", "cell", "none"} or float, default "edge"
@@ -45,14 +46,7 @@ def paper_static(
     >>> cs.scenes.paper_static("reflect", bend=True).cloth.spring_count()
     5826
     """
-    sphere = Sphere(
-        (0.5, -0.5, 0.5),
-        0.25,
-        response=response,
-        offset=offset,
-        restitution=1.0,
-        as_printed=as_printed,
-    )
+    sphere = _sphere((0.5, -0.5, 0.5), None, response, offset, as_printed)
     return paper_swing(bend).replace(spheres=sphere)
 
 
@@ -87,8 +81,22 @@ def paper_moving(
     [[-0.5, -0.5, 0.5], [0.5, -0.5, 0.5]]
     """
     motion = Reciprocate((1.0, 0.0, 0.0), 1.0, period, deceleration, phase)
-    sphere = Sphere((0.0, -0.5, 0.5), 0.25, motion, response, offset, 1.0, as_printed=as_printed)
+    sphere = _sphere((0.0, -0.5, 0.5), motion, response, offset, as_printed)
     return paper_swing(bend).replace(spheres=sphere)
+
+
+def _sphere(
+    center: Numbers,
+    motion: Reciprocate | None,
+    response: Response,
+    offset: Offset | float,
+    as_printed: bool,
+) -> Sphere:
+    check.choice("response", response, RESPONSES)
+    restitution = None if response == "penalty" else 1.0
+    return Sphere(
+        center, 0.25, motion, response, offset, restitution=restitution, as_printed=as_printed
+    )
 
 
 @check.named

@@ -139,7 +139,10 @@ class Scene(Record):
             and cloth.shape is own.shape
         ):
             if cloth.size is own.size:  # all other arguments fit
-                return self._copy(("engines", "_plans"), cloth=cloth)
+                forget = ["engines", "_plans"]
+                if self.has_layers:
+                    forget.append("core_spheres")  # their layers follow from the cloth
+                return self._copy(forget, cloth=cloth)
         return super().replace(**changes)
 
     @property
@@ -182,6 +185,21 @@ class Scene(Record):
     def core_spheres(self) -> list[_core.Sphere]:
         """The spheres and planes as the core takes them."""
         return [core_sphere(sphere, self) for sphere in self.spheres]
+
+    @cached_property
+    def has_layers(self) -> bool:
+        """Whether an obstacle responds by a force in a layer."""
+        return any(sphere.response == "penalty" for sphere in self.spheres)
+
+    @property
+    def damped(self) -> bool:
+        """Whether forces depend on velocities: those of damped springs, drag, and contact with
+        dissipation or friction.
+        """
+        return self.cloth.damped or any(
+            sphere.response == "penalty" and (sphere.friction > 0 or sphere.dissipation != 0)
+            for sphere in self.spheres
+        )
 
     @cached_property
     def core_pins(self) -> dict[str, Any]:
@@ -310,7 +328,13 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
         up = sphere.unit_normal
     normal = up / np.linalg.norm(up)
     offset, spread = 0.0, 1.0
+    layer: dict[str, float] = {}
     if scene is not None:
+        if sphere.response == "penalty":
+            speed = sphere.motion.largest_speed if sphere.motion else 0.0
+            layer = {**sphere.layer(scene.cloth), "speed": speed}
+            if not isinstance(sphere, Plane):
+                normal = _towards(scene.initial_position, sphere, normal)
         offset = 0.0 if sphere.in_cells else sphere.offset_length(scene.cloth)
         place = sphere.center_at(0.0) + (0 if isinstance(sphere, Plane) else sphere.radius * normal)
         spread = 4 * float(np.hypot(*scene.cloth.size)) + float(
@@ -322,14 +346,24 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
         offset=offset,
         response=sphere.response,
         as_printed=sphere.as_printed,
-        restitution=sphere.restitution,
+        restitution=sphere.restitution or 0.0,
         friction=sphere.friction,
         motion=sphere.motion.core if sphere.motion else _core.Motion(),
         cells=sphere.in_cells,
         push_out_speed=sphere.push_out_speed,
         normal=normal,
         spread=spread,
+        **layer,
     )
+
+
+def _towards(
+    x: npt.NDArray[np.float64], sphere: Sphere, otherwise: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Return the unit vector from the centre of a sphere to the middle of the cloth."""
+    away = x.mean(axis=(0, 1)) - sphere.center_at(0.0)
+    distance = float(np.linalg.norm(away))
+    return np.asarray(away / distance) if 0 < distance < np.inf else otherwise
 
 
 def stops_of(scene: Scene, begin: float, end: float) -> list[float]:

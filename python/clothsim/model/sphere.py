@@ -20,6 +20,14 @@ from .record import Record
 Self = TypeVar("Self", bound="Obstacle")
 RESPONSES: tuple[Response, ...] = get_args(Response)
 _RESTITUTION = {"continuous": 0.0, "ray": 1.0, "reflect": 1.0}  # where none is given
+LAYER = ("thickness", "stiffness", "dissipation", "slip_speed")
+# The defaults of the layer, found on cloths that fall on a sphere (docs/contact.md).
+_THICKNESS = 0.25  # of the smallest structural rest length
+_STIFFNESS = 10.0  # of the largest spring stiffness
+_DISSIPATION = 2.0  # over the speed that the layer takes from a point
+_FASTEST = 1.0  # m/s, of that speed in the default dissipation
+_SLIP = 0.01  # of that speed
+_FASTEST_SLIP = 0.01  # m/s
 OFFSETS: tuple[Offset, ...] = get_args(Offset)
 
 
@@ -36,17 +44,44 @@ class Obstacle(Record):
     motion: Motion | None
     response: Response
     offset: Offset | float
+    thickness: float | None
+    stiffness: float | None
+    dissipation: float | None
+    slip_speed: float | None
+    friction: float
     _has_own_restitution: bool
 
-    def _set_response(self, motion: Any, response: Any, restitution: Any, friction: Any) -> None:
+    def _set_response(
+        self, motion: Any, response: Any, restitution: Any, friction: Any, **layer: Any
+    ) -> None:
+        check.choice("response", response, RESPONSES)
+        penalty = response == "penalty"
+        if penalty and restitution is not None:
+            raise ValueError(
+                f"restitution must be None with response 'penalty', got {restitution!r}: "
+                "dissipation takes its place, 0 for an elastic contact"
+            )
+        for name, value in layer.items():
+            if value is None:
+                continue
+            if not penalty:
+                raise ValueError(
+                    f"{name} must be None with response {response!r}, got {value!r}: it belongs "
+                    "to response 'penalty'; restitution and friction serve here"
+                )
+            layer[name] = check.number(name, value, minimum=0, exclusive=name != "dissipation")
+        has_own = restitution is not None
+        if has_own:
+            restitution = check.number("restitution", restitution, minimum=0, maximum=1)
+        else:
+            restitution = _RESTITUTION.get(response)
         self._set(
             motion=checked_motion("motion", motion),
-            response=check.choice("response", response, RESPONSES),
-            _has_own_restitution=restitution is not None,
-            restitution=_RESTITUTION[response]
-            if restitution is None
-            else check.number("restitution", restitution, minimum=0, maximum=1),
+            response=response,
+            _has_own_restitution=has_own,
+            restitution=restitution,
             friction=check.number("friction", friction, minimum=0),
+            **layer,
         )
 
     def _values(self) -> dict[str, Any]:
@@ -99,9 +134,8 @@ class Obstacle(Record):
         """Length that the contact radius adds to the true radius [m].
 
         For "edge" it is O = sqrt((D/2)^2 + R^2) - R (eq 13 of Kim et al.), with R the radius and D
-        the largest distance between neighbours at rest. "cell" has no fixed length: the value is
-        the most that a corner of an unstretched cell needs, sqrt(rho^2 + R^2) - R. Here rho is half
-        the diagonal of the cell, at most R.
+        the largest distance between neighbours at rest. For "cell" D is the diagonal of a cell at
+        rest, at most 2 R.
 
         Parameters
         ----------
@@ -122,6 +156,61 @@ class Obstacle(Record):
         return _core.edge_offset(
             self.radius, min(length, 2 * self.radius) if self.offset == "cell" else length
         )
+
+    def layer(self, cloth: Cloth) -> dict[str, float]:
+        """Return the parameters of the layer of response "penalty", as resolved for a cloth.
+
+        A parameter that is None follows from the cloth, with h the thickness, k the stiffness, m
+        the mean mass of a point, w the largest speed of the motion and V = h sqrt(k / (2 m)), the
+        speed that the layer takes from a point: h is a quarter of the smallest structural rest
+        length, k the larger of 10 times the largest spring stiffness and 2 m (w/h)^2, the
+        dissipation 2 / min(V, 1 m/s), the slip speed min(V / 100, 0.01 m/s).
+
+        Parameters
+        ----------
+        cloth : Cloth
+            The cloth that meets this obstacle.
+
+        Returns
+        -------
+        dict
+            "thickness" [m], "stiffness" [N/m], "dissipation" [s/m], "slip_speed" [m/s].
+
+        Examples
+        --------
+        >>> layer = cs.Sphere().layer(cs.Cloth(shape=(32, 32), stiffness=35_000.0))
+        >>> round(layer["thickness"], 5), layer["stiffness"], layer["slip_speed"]
+        (0.00806, 350000.0, 0.01)
+        """
+        check.instance("cloth", cloth, Cloth)
+        if self.response != "penalty":
+            raise ValueError(
+                f"response must be 'penalty' for a layer, got an obstacle with {self.response!r}"
+            )
+        mass = float(cloth.mass_per_point.mean())
+        thickness, stiffness = self.thickness, self.stiffness
+        if thickness is None:
+            thickness = _THICKNESS * min(length for length in cloth.spacing if length > 0)
+        if stiffness is None:
+            springs = max(cloth.family_stiffness.values(), default=0.0)
+            speed = self.motion.largest_speed if self.motion else 0.0
+            stiffness = max(_STIFFNESS * springs, 2 * mass * (speed / thickness) ** 2)
+            if stiffness == 0:
+                raise ValueError(
+                    "stiffness must be given for an obstacle of a cloth without springs, got None"
+                )
+        fastest = thickness * math.sqrt(stiffness / (2 * mass))
+        dissipation, slip_speed = self.dissipation, self.slip_speed
+        if dissipation is None:
+            dissipation = _DISSIPATION / min(fastest, _FASTEST)
+        if slip_speed is None:
+            slip_speed = min(_SLIP * fastest, _FASTEST_SLIP)
+        return {
+            "thickness": thickness,
+            "stiffness": stiffness,
+            "dissipation": dissipation,
+            "slip_speed": slip_speed,
+        }
 
     def height(self, x: npt.ArrayLike, t: float = 0.0) -> npt.NDArray[np.float64]:
         """Height of places over the surface at the time `t` [m]; below it negative.
@@ -164,18 +253,15 @@ class Obstacle(Record):
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Sphere(Obstacle):
-    """A sphere that cloth cannot enter, with continuous contact or the two responses of Kim et al.
-    (section 5).
+    """A sphere that keeps cloth out, by a force or by the two responses of Kim et al. (section 5).
 
-    A mass point is in contact when its distance to the centre is less than the contact radius,
-    ``radius`` plus the offset. Responses use the velocity of the point relative to the sphere, and
-    only approaching points respond. With `as_printed` they use the absolute velocity, and leaving
-    points respond too.
-
-    "reflect" and "ray" test the end of a step. Fast points pass between two steps, and the
-    responses can make energy. "continuous" finds the time of impact within the step, with point and
-    sphere on straight lines, in double. The point responds there and moves on for the rest of the
-    step. No point passes at any speed, and an impact makes no energy (docs/contact.md).
+    "penalty" is a smooth force in a layer over the surface, a part of the equation of motion, so
+    that order, error control and derivatives hold through contact. With d the depth in the layer of
+    thickness h, n the normal, u the velocity relative to the sphere and s its part across n, the
+    push is F = k d^3 / h^2 (1 - w / sqrt(1 + w^2)), w = c u.n, and the friction is
+    -mu F s / sqrt(s.s + v_s^2) (docs/contact.md). "reflect" and "ray" test the end of a step; fast
+    points pass between two steps, and the responses can make energy. "continuous" finds the time of
+    impact within the step.
 
     Parameters
     ----------
@@ -187,30 +273,31 @@ class Sphere(Obstacle):
         True radius [m], > 0.
     motion : Linear, Reciprocate, Sinusoid or Keyframes, optional
         Default: the sphere stands still.
-    response : {"continuous", "ray", "reflect"}, default "continuous"
-        "continuous" responds at the time of impact. "reflect" (method 1, eq 7) reflects the
-        velocity and keeps the position. "ray" (method 2, eq 8-12) moves the point back along its
-        velocity to the contact radius, then reflects the velocity.
+    response : {"penalty", "reflect", "ray", "continuous"}, default "penalty"
+        "reflect" (method 1, eq 7) reflects the velocity and keeps the position. "ray" (method 2, eq
+        8-12) moves the point back along its velocity to the contact radius, then reflects the
+        velocity.
     offset : {"cell", "edge", "none"} or float, default "cell"
-        Length that the contact radius adds to `radius`. "cell" is the length of eq 13 for the cells
-        of each point as they are deformed, so that no triangle dips in. A step in which all points
-        touch takes 1.4 times as long as one without spheres (single: 1.6). A cell must be smaller
-        than the sphere, so a small sphere needs a finer cloth; otherwise you get a
-        `ContactWarning`. With "ray" and "reflect" the cells are those at rest. "edge" is the length
-        of eq 13, which keeps the middle of an unstretched structural spring outside. "none" is 0,
-        and a number is that length [m], >= 0.
-    restitution : float, optional
-        Normal velocity after a contact over that before it, 0 <= restitution <= 1. Default: 0 with
-        "continuous", as cloth does not bounce, and 1 with the paper's two responses. The attribute
-        holds the number in use; ``replace(response=...)`` takes the default of the new response.
-        With "continuous", if a point would bounce and return within one step, it stays at the
-        surface and keeps the speed of the bounce.
+        Length that the contact radius adds to `radius`: that of eq 13 for the cells at rest, so
+        that triangles of an unstretched cloth stay out ("cell"); for the structural springs
+        ("edge"); 0 ("none"); or a length [m], >= 0. With "continuous", "cell" takes the cells as
+        they are deformed.
+    thickness, stiffness, dissipation : float, optional
+        With "penalty": h [m] and k [N/m], > 0, and c [s/m], >= 0, where 0 is an elastic contact.
+        `layer` has the defaults, which follow from the cloth. A thinner layer costs evaluations as
+        h^-1/2.
     friction : float, default 0.0
-        Coefficient of Coulomb friction, >= 0.
+        Coefficient of Coulomb friction mu, >= 0.
+    slip_speed : float, optional
+        With "penalty": v_s [m/s], > 0, the slip below which friction falls to 0. Default: see
+        `layer`.
+    restitution : float, optional
+        With the other responses: normal velocity after a contact over that before it, 0 <=
+        restitution <= 1. Default: 1 with the paper's two, 0 with "continuous". The attribute holds
+        the number in use, None with "penalty".
     as_printed : bool, default False
         True follows the paper as printed: a moving sphere's velocity is ignored, and a point's
-        velocity is reflected even if it is leaving. Not with "continuous", which the paper does not
-        have.
+        velocity is reflected even if it is leaving. With "ray" and "reflect" alone.
     push_out_speed : float, default 1.0
         With the response "continuous", speed at which points that start inside the contact radius
         are pushed out [m/s], > 0. It is not added to their velocity.
@@ -229,8 +316,12 @@ class Sphere(Obstacle):
     motion: Motion | None
     response: Response
     offset: Offset | float
-    restitution: float
+    thickness: float | None
+    stiffness: float | None
+    dissipation: float | None
     friction: float
+    slip_speed: float | None
+    restitution: float | None
     as_printed: bool
     push_out_speed: float
 
@@ -240,10 +331,14 @@ class Sphere(Obstacle):
         center: Numbers = (0.0, 0.0, 0.0),
         radius: float = 0.25,
         motion: Motion | None = None,
-        response: Response = "continuous",
+        response: Response = "penalty",
         offset: Offset | float = "cell",
-        restitution: float | None = None,
+        thickness: float | None = None,
+        stiffness: float | None = None,
+        dissipation: float | None = None,
         friction: float = 0.0,
+        slip_speed: float | None = None,
+        restitution: float | None = None,
         as_printed: bool = False,
         push_out_speed: float = 1.0,
     ) -> None:
@@ -256,10 +351,20 @@ class Sphere(Obstacle):
                 "push_out_speed", push_out_speed, minimum=0, exclusive=True
             ),
         )
-        self._set_response(motion, response, restitution, friction)
-        if self.as_printed and response == "continuous":
+        self._set_response(
+            motion,
+            response,
+            restitution,
+            friction,
+            thickness=thickness,
+            stiffness=stiffness,
+            dissipation=dissipation,
+            slip_speed=slip_speed,
+        )
+        if self.as_printed and response not in ("ray", "reflect"):
             raise ValueError(
-                "as_printed must be False with response 'continuous', which the paper does not have"
+                f"as_printed must be False with response {response!r}, which the paper does not "
+                "have; accepted with 'ray' and 'reflect'"
             )
 
 
@@ -281,9 +386,9 @@ class Plane(Obstacle):
         Direction out of the plane, of any length > 0.
     motion : Linear, Reciprocate or Keyframes, optional
         Default: the plane stands still.
-    response : {"continuous", "ray", "reflect"}, default "continuous"
+    response : {"penalty", "reflect", "ray", "continuous"}, default "penalty"
         As for `Sphere`.
-    restitution, friction : float, optional
+    thickness, stiffness, dissipation, friction, slip_speed, restitution : float, optional
         As for `Sphere`.
 
     Examples
@@ -298,8 +403,12 @@ class Plane(Obstacle):
     normal: tuple[float, float, float]
     motion: Motion | None
     response: Response
-    restitution: float
+    thickness: float | None
+    stiffness: float | None
+    dissipation: float | None
     friction: float
+    slip_speed: float | None
+    restitution: float | None
 
     radius, as_printed, push_out_speed = math.inf, False, 1.0  # what a sphere has of its own
     offset = "none"
@@ -310,15 +419,28 @@ class Plane(Obstacle):
         point: Numbers = (0.0, 0.0, 0.0),
         normal: Numbers = (0.0, 1.0, 0.0),
         motion: Motion | None = None,
-        response: Response = "continuous",
-        restitution: float | None = None,
+        response: Response = "penalty",
+        thickness: float | None = None,
+        stiffness: float | None = None,
+        dissipation: float | None = None,
         friction: float = 0.0,
+        slip_speed: float | None = None,
+        restitution: float | None = None,
     ) -> None:
         self._set(point=check.vector("point", point), normal=check.vector("normal", normal))
         if not any(self.normal):
             raise ValueError(f"normal must not be the zero vector, got {normal!r}")
         self._set(center=self.point)
-        self._set_response(motion, response, restitution, friction)
+        self._set_response(
+            motion,
+            response,
+            restitution,
+            friction,
+            thickness=thickness,
+            stiffness=stiffness,
+            dissipation=dissipation,
+            slip_speed=slip_speed,
+        )
 
     @property
     def unit_normal(self) -> npt.NDArray[np.float64]:
@@ -353,7 +475,8 @@ def continuous(obstacle: Sphere | Plane, **changes: Any) -> Sphere | Plane:
     """The sphere or plane with response "continuous", which the paper does not have, and with
     further `changes`.
     """
-    mended = {"as_printed": False} if obstacle.as_printed else {}
+    mended: dict[str, Any] = {"as_printed": False} if obstacle.as_printed else {}
+    mended |= dict.fromkeys(LAYER)
     return obstacle.replace(response="continuous", **mended, **changes)
 
 

@@ -3,7 +3,7 @@
 
 #include <cstddef>
 
-#include "kernels/lanes.hpp"
+#include "lanes/lanes.hpp"
 
 namespace clothsim {
 namespace {
@@ -18,6 +18,11 @@ struct Vector3 {
         return {a.x - b.x, a.y - b.y, a.z - b.z};
     }
 };
+
+template <Arithmetic arithmetic = Arithmetic::strict, class V>
+CLOTHSIM_INLINE V dot(const Vector3<V>& a, const Vector3<V>& b) {
+    return multiply_add<arithmetic>(a.z, b.z, multiply_add<arithmetic>(a.y, b.y, a.x * b.x));
+}
 
 template <class V, class Real>
 CLOTHSIM_INLINE Vector3<V> load3(const Real* p, std::ptrdiff_t plane) {
