@@ -27,7 +27,8 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base.extras import needed
 from ..base.text import aligned
-from ..methods.bound import stable_dt
+from ..methods.bound import limit_in_layer, stable_dt
+from ..model.cloth import Cloth
 from ..model.fields import change_scene, check_name, units
 from ..model.scene import Scene, stops_of
 from ..model.sphere import Plane, Sphere
@@ -113,24 +114,36 @@ def _numbers(scene: Scene) -> dict[str, list[float]]:
     }.items():
         for part in ("point", "normal"):
             vectors[f"{prefix}_{part}"] = [getattr(plane, part) for plane in planes]
-        for part in ("restitution", "friction"):
-            found[f"{prefix}_{part}"] = [getattr(plane, part) for plane in planes]
+        found |= _contact_numbers(prefix, planes, cloth)
     for prefix, spheres in {
         "sphere": scene.spheres,
         **{f"sphere{k}": [one] for k, one in enumerate(scene.spheres)},
     }.items():
-        parts = ["restitution", "friction"]
+        found |= _contact_numbers(prefix, spheres, cloth)
         if all(isinstance(one, Sphere) for one in spheres):  # no plane
             vectors[f"{prefix}_center"] = [sphere.center for sphere in spheres]
-            parts.append("radius")
-        for part in parts:
-            found[f"{prefix}_{part}"] = [getattr(sphere, part) for sphere in spheres]
+            found[f"{prefix}_radius"] = [sphere.radius for sphere in spheres]
     found |= {
         f"{name}_{c}": [float(v[k]) for v in some]
         for name, some in vectors.items()
         for k, c in enumerate("xyz")
     }
     return {name: values for name, values in found.items() if values}
+
+
+def _contact_numbers(
+    prefix: str, obstacles: Sequence[Sphere | Plane], cloth: Cloth
+) -> dict[str, list[float]]:
+    """Return the numbers of contact of some obstacles, layers as resolved for the cloth."""
+    found = {f"{prefix}_friction": [one.friction for one in obstacles]}
+    if all(one.response == "penalty" for one in obstacles):
+        layers = [one.layer(cloth) for one in obstacles]
+        for name in ("thickness", "stiffness", "dissipation", "slip_speed"):
+            found[f"{prefix}_{name}"] = [layer[name] for layer in layers]
+    restitutions = [one.restitution for one in obstacles if one.restitution is not None]
+    if len(restitutions) == len(obstacles):
+        found[f"{prefix}_restitution"] = restitutions
+    return found
 
 
 def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
@@ -205,7 +218,13 @@ class Clock:
 
     def counts(self, scene: Scene) -> npt.NDArray[np.int64]:
         """Steps up to each stop."""
-        longest = _LONGEST * stable_dt(scene, METHOD) / self.finer
+        # Friction of a layer is stiffer than springs: twice as deep contacts are rare.
+        limits = [stable_dt(scene, METHOD)]
+        for k, obstacle in enumerate(scene.spheres):
+            if obstacle.response == "penalty":
+                depth = obstacle.layer(scene.cloth)["thickness"] / 2
+                limits.append(limit_in_layer(scene, METHOD, k, depth))
+        longest = _LONGEST * min(limits) / self.finer
         return np.maximum(np.ceil(np.diff(self.stops, prepend=0.0) / longest), 1).astype(np.int64)
 
     def run(self, scenes: Sequence[Scene], counts: npt.NDArray[np.int64]) -> Motion:

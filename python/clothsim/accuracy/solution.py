@@ -129,9 +129,8 @@ def reference(scene: Scene, duration: float, every: float | None = None) -> Refe
     Raises
     ------
     ValueError, TypeError
-        If an argument is not as above, or if a mass point meets a sphere before `duration`. A
-        trajectory after contact is chaotic: perturbations grow a hundred thousand times within a
-        sixth of a second.
+        If an argument is not as above, or if an obstacle of another response than "penalty"
+        responds before `duration`: responses after a step are no part of the equation.
     ArithmeticError
         If the extrapolation cannot continue, because points coincide or the state grows beyond
         bounds.
@@ -168,19 +167,22 @@ def reference_for(scene: Scene, duration: float, given: Reference | None) -> Ref
 @lru_cache(maxsize=32)
 def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
     """The reference with frames at 0 and at `times`."""
-    threads, free = available_threads(), scene.replace(spheres=())
+    layers = [s for s in scene.spheres if s.response == "penalty"]
+    threads, free = available_threads(), scene.replace(spheres=layers)
     # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
     stops = sorted({*times, *stops_of(free, 0.0, times[-1])})
     frames = np.searchsorted(stops, times)
     # A continuous sphere misses no contact between two states, and does nothing without one.
-    # Without spheres the extrapolation comes first: it finds out whether forces are smooth.
-    swept = [continuous(sphere) for sphere in scene.spheres]
-    double = solve_in_double(scene.replace(spheres=swept), stops, threads) if swept else None
+    # Without such spheres the extrapolation comes first: it finds out whether forces are smooth.
+    swept = [s if s.response == "penalty" else continuous(s) for s in scene.spheres]
+    hard = len(layers) < len(swept)
+    double = solve_in_double(scene.replace(spheres=swept), stops, threads) if hard else None
     if double and double.ended.contact:
         raise ValueError(
-            f"duration must end before the cloth meets a {kind_name(scene.spheres)}, at about "
-            f"{double.ended.known:.4g} s, got {times[-1]:g} s. After contact trajectories are "
-            "chaotic and there is no reference: compare outcomes (penetration, energy)"
+            f"duration must end before a {kind_name(scene.spheres)} responds after a step, at "
+            f"about {double.ended.known:.4g} s, got {times[-1]:g} s: such responses are no part of "
+            "the equation and have no reference; take response 'penalty', or compare outcomes "
+            "(penetration, energy)"
         )
     x, v = (one[frames] for one in extrapolation(free, stops, **_TRUSTED, threads=threads))
     control = extrapolation(free, stops, **_CONTROL, threads=threads)[0][frames]
@@ -230,10 +232,17 @@ def motion(
             failure = f"a run ended after {t:.4g} s: {error}"
             break
         x[:, k], t = stepper.positions, end
-    contact = float(np.fmin.reduce([one["first_contact"] for one in stepper._state.core.watched]))
-    if not math.isnan(contact):
-        met = f"the cloth meets a {kind_name(scenes[0].spheres)} at {contact:.4g} s"
-        return Motion(x, contact, f"{met}: motions part there", True)
+    watched = stepper._state.core.watched
+    responses = [one["first_contact"] for one in watched if one["responded"]]
+    if responses:
+        # They fall at the end of a step, for whatever happened within it.
+        contact = min(responses)
+        k = min(int(np.searchsorted(times, contact)), len(times) - 1)
+        begin = contact - (times[k] - (times[k - 1] if k else 0.0)) / counts[k]
+        met = (
+            f"a {kind_name(scenes[0].spheres)} responds after the step that begins at {begin:.4g} s"
+        )
+        return Motion(x, begin, f"{met}: motions part there", True)
     return Motion(x, t if failure else math.inf, failure)
 
 

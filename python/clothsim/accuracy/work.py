@@ -188,7 +188,7 @@ def work_precision(
     once = 0.0  # wall time of the last run
     with ProgressBar(progress, total=sum(map(len, levels)) * (1 + windows), unit="run") as bar:
         solution = reference_for(scene, duration, reference)
-        start = energy(scene, solution.x[-1], solution.v[-1])["total"]
+        start = energy(scene, solution.x[-1], solution.v[-1], duration)["total"]
         for m, n in np.ndindex(shape):
             # The first run is not timed: it compiles code and fills caches.
             if n < len(levels[m]) and not (n and once > _LONGEST):
@@ -201,7 +201,7 @@ def work_precision(
                         solution.error_of(x)[k] for k in ("rms", "max")
                     )
                     table["force_evaluations"][m, n] = evaluations
-                    table["energy_drift"][m, n] = energy(scene, x, v)["total"] - start
+                    table["energy_drift"][m, n] = energy(scene, x, v, duration)["total"] - start
                     frames = [float(table["rms_error"][m, n])]
                     for k, t in enumerate(solution.t[1:-1].tolist(), 1):
                         at_frame = _solved(chosen[m], scene, t, levels[m][n])[0]

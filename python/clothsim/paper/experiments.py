@@ -153,10 +153,10 @@ def follow(
     the number of new ones.
     """
     cases, members = [Case(name, scene) for name, scene in scenes.items()], list(scenes.values())
-    scene, sphere = members[0], members[0].spheres[0]
+    sphere = members[0].spheres[0]
     touching = NEAR + np.array([one.spheres[0].contact_radius(one.cloth) for one in members])
     stepper = cs.Stepper(members, threads=threads)
-    start = np.asarray(cs.energy(scene, stepper.positions, stepper.velocities)["total"])
+    start = np.asarray(cs.energy(members, stepper.positions, stepper.velocities, 0.0)["total"])
     passed = Passed(stepper.positions - sphere.center_at(0.0), sphere.radius)
     for look in range(looks + 1):
         if look:
@@ -164,7 +164,7 @@ def follow(
         x, v, t = stepper.positions, stepper.velocities, float(stepper.time)
         from_center = x - sphere.center_at(t)
         passed.see(from_center)
-        depth, energy = cs.penetration(x, sphere, t), cs.energy(scene, x, v)
+        depth, energy = cs.penetration(x, sphere, t), cs.energy(members, x, v, t)
         found = {
             **depth,
             "energy_gained": energy["total"] - start,

@@ -25,7 +25,7 @@ import numpy as np
 
 from ..base import Floats
 from ..engine.options import Options
-from ..errors import UnstableError
+from ..errors import ContactError, UnstableError
 from ..methods.bound import usable_dt
 from ..methods.integrators import METHODS
 from ..model.scene import Scene, stops_of
@@ -48,6 +48,9 @@ RUNS = 8
 # The smallest tolerance of a step, over the size: some fifty roundings of a position in double.
 # Single precision keeps what a step adds with fewer digits, and compensates the sum.
 SMALLEST = {"double": 1e-14, "single": 1e-8}
+# Distance of runs over the size from which on they count as parted, if it does not fall with their
+# local errors: a hundred times what rounding leaves of most motions.
+LOST = 1e-7
 # Below this error over the size, rounding may be a part of a difference, and does not fall with m.
 ROUNDING = 1e-9
 # Tolerance of a step of a short run over the error that is asked for.
@@ -68,12 +71,13 @@ MOST = 3.0
 _FALL, _LEAST_FALL = REFINEMENT**-ORDER, SMALL**4
 
 # Why an error is unknown, or larger than what was asked for.
-CONTACT = "a sphere responded: nearby trajectories part, and no error can be told"
+CONTACT = "an obstacle responded after a step, which is no part of the equation: no error is told"
 MISSED = "this run misses a sphere that a better run meets: no error can be told"
 LEAST = (
     f"runs with more steps come no closer to each other, or cost more than {MOST:g} runs at "
     "the smallest tolerance"
 )
+APART = "runs with smaller errors of each step do not approach each other: they end {:.2g} m apart"
 UNSTABLE = "runs with more steps are unstable"
 NOT_REACHED = f"{RUNS} runs did not reach the error that was asked for"
 NO_FINER = (
@@ -117,6 +121,8 @@ class Controlled(NamedTuple):
     evaluations: int
 
 
+FAILED = (UnstableError, ContactError)  # how a fixed step that is too long ends a run
+
 Search = Generator[Job, Trajectory, tuple[Trajectory, Estimate]]
 Step = Generator[Job, Trajectory, Trajectory]  # a part of a search, which finds a run
 
@@ -142,6 +148,7 @@ def estimate_of(job: Job, run: Trajectory) -> Controlled:
 
 def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled:
     finished = recorder = watch.recorder
+    given: set[str] = set()
     go_on: Callable[[Any], Job] = search.send
     answer: Any = None
     try:
@@ -151,12 +158,18 @@ def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled
             except StopIteration as end:
                 best, error = end.value
                 break
+            recorder = Recorder(job, watch if job.shown else Watch())
+            recorder.state.judge.given |= given  # each warning once for all runs of the search
             try:
-                recorder = Recorder(job, watch if job.shown else Watch())
                 done.append(recorder.run().trajectory())
                 go_on, answer, finished = search.send, done[-1], watch.recorder
             except UnstableError as failure:
                 go_on, answer = search.throw, failure
+            except ContactError as failure:
+                if job.dt is None:  # steps that meet their tolerance: the solution goes through
+                    raise
+                go_on, answer = search.throw, failure
+            given |= recorder.state.judge.given - {"dt", "grown"}
     except KeyboardInterrupt:  # the last run that came to its end is handed over
         watch.recorder = finished or watch.recorder or recorder
         raise
@@ -203,7 +216,9 @@ def _longest_dt(job: Job, integrator: str) -> float:
 
 def _fixed(job: Job, dt: float) -> Job:
     """A run at a time step that is not the caller's."""
-    return replace(job, dt=job.duration / math.ceil(job.duration / dt), own_step=True)
+    longest = _longest_dt(job, job.options.integrator)
+    step = job.duration / math.ceil(job.duration / dt)
+    return replace(job, dt=step, own_step=True, longest=longest)
 
 
 # dop853 in double: grids that are refined (Shampine, Watts: Global error estimation for ordinary
@@ -223,7 +238,7 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | Non
     if first.contacts:
         return first, Estimate(reason=CONTACT)
     if plain is not None:
-        with suppress(UnstableError):
+        with suppress(*FAILED):
             run = yield _fixed(replace(job, options=plain), _longest_dt(job, plain.integrator))
             error = Estimate.of(run.x[-1], first.x[-1], MARGIN)
             if error.rms <= asked and not run.contacts:
@@ -231,19 +246,32 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | Non
     best, error, least = first, Estimate(), math.inf
     finer = _Finer(job, first)
     most = MOST * finer.evaluations_of_finest
+    growth = 0.0  # of errors: the largest distance of a pair over the local errors of its first run
+    parting = Parting(size_of(job.scene))
+
+    def ended(reason: str) -> tuple[Trajectory, Estimate]:
+        return best, parting.judged(error._replace(reason=reason))
+
     for number in range(1, RUNS):
         if _evaluations(done) + finer.evaluations > most:
-            return best, error._replace(reason=LEAST)
+            return ended(LEAST)
         try:
             after = yield from finer.run()
         except UnstableError:
             if finer.is_finest or number == RUNS - 1:
-                return best, error._replace(reason=UNSTABLE)
+                return ended(UNSTABLE)
             finer.refine(finer.fall * _FALL)
             continue
         if after.contacts:
             return after, Estimate(reason=CONTACT)
-        pair = _Pair(before, after, finer.by_grid)
+        if _alike(before, after):  # which says nothing about the error of either
+            if finer.is_finest:
+                return ended(LEAST)
+            finer.refine(finer.fall * SMALL**2)
+            continue
+        pair = _Pair(before, after, finer.by_grid, growth)
+        growth = max(growth, pair.growth)
+        parting.note(before, pair.distance)
         if pair.before.rms <= asked:
             return before, pair.before
         if pair.extrapolates and pair.after.rms <= asked and asked >= ROUNDING * size_of(job.scene):
@@ -260,10 +288,44 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | Non
                 error, Estimate.of(best.x[-1], after.x[-1], MARGIN), key=lambda one: one.rms
             )
         if finer.is_finest or hopeless:
-            return best, error._replace(reason=LEAST)
+            return ended(LEAST)
         finer.choose(pair, asked, SMALL**2 if stalled else _FALL)
         before = after
-    return best, error._replace(reason=NOT_REACHED)
+    return ended(NOT_REACHED)
+
+
+def _alike(before: Trajectory, after: Trajectory) -> bool:
+    """Return whether two runs took all but the same steps: where motions set them, tolerances do
+    not.
+    """
+    return (
+        after.steps < (1 + REFINEMENT) / 2 * before.steps
+        and after.local_error > SMALL * before.local_error
+    )
+
+
+class Parting:
+    """Whether runs with smaller local errors approach each other."""
+
+    def __init__(self, size: float) -> None:
+        self._floor, self._lost = LOST * size, SMALL**2 * size
+        self._pairs: list[tuple[float, float]] = []  # local error and distance, of each pair
+
+    def note(self, run: Trajectory, distance: float) -> None:
+        self._pairs.append((run.local_error, distance))
+
+    def judged(self, error: Estimate) -> Estimate:
+        """Return the estimate, without a number where the distances did not fall, or are so large
+        that the runs tell nothing of each other.
+        """
+        if not self._pairs or not error.rms > self._floor:
+            return error
+        left, distance = self._pairs[-1]
+        if distance > self._lost or any(
+            d <= distance and left <= e / 2 for e, d in self._pairs[:-1]
+        ):
+            return Estimate(reason=APART.format(distance))
+        return error
 
 
 def _first_tolerance(job: Job, asked: float) -> Generator[Job, Trajectory, float]:
@@ -285,16 +347,22 @@ def _first_tolerance(job: Job, asked: float) -> Generator[Job, Trajectory, float
 class _Pair:
     """Two runs, the second one with smaller local errors: the errors of both."""
 
-    def __init__(self, before: Trajectory, after: Trajectory, by_grid: bool) -> None:
+    def __init__(self, before: Trajectory, after: Trajectory, by_grid: bool, growth: float) -> None:
+        """`growth`: of errors, in the pairs before. A pair that is closer than they let expect may
+        be so by chance.
+        """
         x, better = before.x[-1], after.x[-1]
+        self.distance = rms(x - better)
+        self.growth = self.distance / max(before.local_error, 1e-300)
+        chance = max(SMALL * growth / max(self.growth, 1e-300), 1.0)
         self.left = before.local_error, after.local_error
         found = self.left[1] / max(self.left[0], 1e-300)
         m = min((before.steps / after.steps) ** ORDER if by_grid else found, 1 - SMALL)
         self.proportional = by_grid and 1 / MARGIN <= found / m <= MARGIN
         self.extrapolates = self.proportional and m >= SMALL and after.steps >= FEW
-        self.before = Estimate.of(x, better, MARGIN / (1 - m))
+        self.before = Estimate.of(x, better, chance * MARGIN / (1 - m))
         m = min(max(found, m), 1 - SMALL)
-        self.after = Estimate.of(x, better, MARGIN * m / (1 - m))
+        self.after = Estimate.of(x, better, chance * MARGIN * m / (1 - m))
 
 
 class _Finer:
@@ -371,7 +439,7 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
             found = yield from better.error_of(run)
             if found.rms >= error.rms / 2 and better.tighten(min(asked / found.rms, 1.0)):
                 found = yield from better.error_of(run)
-        except UnstableError:
+        except FAILED:
             if setting <= least or number == RUNS - 1:
                 if best is None:
                     raise

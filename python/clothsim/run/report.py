@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .. import _core
-from ..base import Floats
+from ..engine.options import kept_plan
 from ..model.scene import Scene
 from ..model.sphere import kind_name
 from .error_control import NOT_ASKED, Controlled, Estimate
@@ -19,7 +19,7 @@ _SUMS = {
     *("steps", "rejected_steps", "force_evaluations", "solution_evaluations"),
     *("wall_time", "force_work", "lift_work"),
 }
-_PARTS = ("kinetic", "elastic", "gravity", "force", "total")
+_PARTS = ("kinetic", "elastic", "gravity", "force", "contact", "total")
 
 
 def report(
@@ -52,7 +52,7 @@ def report(
         "reason": "not a run to rest: settle finds the rest state",
         "error_estimate": estimate,
         "tolerance": {"asked": asked, "reached": bool(estimate["rms"] <= asked)},
-        "energy": {**_gained(scene, watched), **_energies(scene, run.x, run.v)},
+        "energy": {**_gained(scene, watched), **_energies(run)},
         "force_work": run.force_work,
         "penetration": {
             "points": watched["point_depth"],
@@ -66,6 +66,7 @@ def report(
         },
         "impulse": watched["impulse"],
         "impulse_reason": missing,
+        "obstacle_work": watched["obstacle_work"],
         "lift_work": watched.get("lift_work", math.nan),
         "kernel": state.kernel,
         "integrator": options.integrator,
@@ -78,14 +79,14 @@ def report(
     }
 
 
-def _energies(scene: Scene, x: Floats, v: Floats) -> dict[str, Any]:
+def _energies(run: Trajectory) -> dict[str, Any]:
     """The energies at the start and at the end; NaN with a reason where they are not finite."""
-    cloth, found = scene.cloth.core, dict[str, Any]()
+    plan, found = kept_plan(run.scene, run.options), dict[str, Any]()
     for moment, k in (("start", 0), ("end", -1)):
-        parts = _core.energy(cloth, scene.gravity, scene.force, x[k], v[k])
+        parts = _core.energy(plan, run.x[k], run.v[k], run.t[k])
         values = [*parts, sum(parts)]
         if not math.isfinite(values[-1]):
-            values, found["reason"] = [math.nan] * 5, "an energy is too large for a finite number"
+            values, found["reason"] = [math.nan] * 6, "an energy is too large for a finite number"
         found[moment] = dict(zip(_PARTS, values, strict=True))
     return found
 
@@ -96,7 +97,7 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
         pins = "driven pins do work on the cloth" if scene.cloth.driven else ""
         contact = (
             f"a {kind_name(scene.spheres)} responded, and responses change the energy"
-            if watched["in_contact"]
+            if watched["responded"]
             else "no step was taken"
         )
         reason = watched.get("reason", "") or pins or contact
@@ -123,6 +124,7 @@ def joined(one: Any, two: Any) -> dict[str, Any]:
         if math.isnan(one["first_contact"]["time"])
         else one["first_contact"],
         "impulse": [[p + q for p, q in zip(*both)] for both in zip(one["impulse"], two["impulse"])],
+        "obstacle_work": [p + q for p, q in zip(one["obstacle_work"], two["obstacle_work"])],
     }
     for name in ("penetration", "stretch"):
         found[name] = {

@@ -53,7 +53,7 @@ class Run:
     Notes
     -----
     Every report has the same keys. A number that is not known is NaN, and its "reason" says why.
-    With the backend "gpu" all extremes are NaN.
+    With the backend "gpu" depths are those of frames, and most other extremes NaN (docs/gpu.md).
 
     =========================  =====================================================================
     "steps", "rejected_steps"  accepted and rejected steps
@@ -66,14 +66,14 @@ class Run:
     "error_estimate"           "max" and "rms" [m] of the last positions over the mass points: the
                                distance from a better run (docs/integrators.md). If it is larger
                                than asked for, "reason" says why error control could not reduce it.
-                               After a contact it is NaN: nearby states diverge
+                               After a response of the paper's it is NaN: nearby states diverge
     "tolerance"                "asked" [m, rms], NaN without error control, and "reached": whether
                                the estimate is at most that
     "energy"                   "start" and "end", see `energy`; "gained" [J]: the largest excess of
                                the total over its start, or 0, at stored frames and at one state in
-                               128 (in 16 with error control, or above `max_stable_dt`). Until a
-                               sphere responds only an error of the method can add energy;
-                               afterwards it is NaN
+                               128 (in 16 with error control, or above `max_stable_dt`). Only an
+                               error of the method can add energy, until a response after the step
+                               changes it; afterwards it is NaN
     "force_work"               work of the argument `force` of `simulate` on the cloth [J], with the
                                positions of frames
     "penetration"              "points" and "triangles" [m]: greatest depths over all spheres; see
@@ -85,6 +85,8 @@ class Run:
     "impulse"                  one (x, y, z) per sphere [N s]: minus the momentum that its responses
                                gave to the cloth; see `Stepper.impulses`. A resumed run counts its
                                own. "impulse_reason"
+    "obstacle_work"            work on the cloth by the motion of each obstacle of response
+                               "penalty" [J]; the reason of a NaN is "impulse_reason"
     "lift_work"                energy that cells which grew on a sphere have made by lifting mass
                                points [J]; the reason of a NaN is "impulse_reason"
     "residual", "reason"       of `settle`
@@ -254,8 +256,8 @@ class Run:
         Returns
         -------
         dict
-            "kinetic", "elastic", "gravity", "force" and "total" [J], arrays of shape (frames,); see
-            `clothsim.energy`.
+            "kinetic", "elastic", "gravity", "force", "contact" and "total" [J], arrays of shape
+            (frames,); see `clothsim.energy`.
 
         Examples
         --------
@@ -265,7 +267,7 @@ class Run:
         ((11,), True)
         """
         found = [
-            energy(self.scene, *one) for one in zip(self.x, self.v)
+            energy(self.scene, *one) for one in zip(self.x, self.v, self.t)
         ]  # Ctrl-C acts between two frames
         return {name: np.array([one[name] for one in found]) for name in found[0]}
 

@@ -23,7 +23,7 @@ from ..engine.state import State, scenes_of
 from ..engine.stepper import Stepper
 from ..engine.stepping import acceleration
 from ..errors import ContactError, UnstableError
-from ..methods.bound import stable_dt
+from ..methods.bound import limit_in_layer, stable_dt
 from ..model.scene import Scene
 from ..model.sphere import continuous, held
 from .report import report
@@ -88,8 +88,9 @@ def settle(
     ----------
     scene : Scene or sequence of Scene
         Scenes of one shape give a list of runs. Spheres and driven pins are held at their places at
-        the time `t`. Every sphere responds as "continuous" without restitution does, because a
-        cloth that bounces does not rest.
+        the time `t`. Spheres with the responses of the paper respond as "continuous" without
+        restitution does, because a cloth that bounces does not rest. The friction of a
+        layer is 0 at rest: a free sheet on a ball, or one that it alone holds, has no rest.
     tolerance : float, default 1e-6
         Largest unbalanced force of a mass point after contact forces, over the largest weight of a
         mass point. Without gravity, over the largest given force. At least 1e-12.
@@ -169,7 +170,13 @@ class _Relaxation:
             t,
             options,
         )
-        still = [continuous(sphere, restitution=0.0) for sphere in scene.spheres]
+        # The friction of a layer is 0 at rest, and would only slow the way there.
+        still = [
+            sphere.replace(friction=0.0)
+            if sphere.response == "penalty"
+            else continuous(sphere, restitution=0.0)
+            for sphere in scene.spheres
+        ]
         self._plain = scene.replace(spheres=still)
         self._mass = scene.cloth.mass_per_point[..., None]
         self._free = ~scene.cloth.pinned
@@ -177,7 +184,12 @@ class _Relaxation:
         self._slow = math.sqrt(self._scale / float(self._mass.max()) / max(scene.cloth.size))
         self._start = scene.initial_position
         damped = self._with_drag(self._slow)
-        stable = _STEP * stable_dt(damped, _INTEGRATOR)
+        limits = [stable_dt(damped, _INTEGRATOR)]
+        for k, sphere in enumerate(still):
+            if sphere.response == "penalty":
+                depth = sphere.layer(damped.cloth)["thickness"] / 2
+                limits.append(limit_in_layer(damped, _INTEGRATOR, k, depth))
+        stable = _STEP * min(limits)
         self._dt = stable if math.isfinite(stable) else 0.1 / self._slow
         self._stepper = self._stepper_of(damped, self._start)
         self._steps, self._seconds = 0, 0.0
@@ -207,7 +219,7 @@ class _Relaxation:
         stepper = Stepper(
             scene, x, np.zeros_like(x), t=0.0, integrator=_INTEGRATOR, threads=self._options.threads
         )
-        stepper._state.judge.given |= {"dt", "grown"}
+        stepper._state.judge.own_steps()
         return stepper
 
     def _unbalanced(self, x: Floats) -> float:
@@ -277,6 +289,7 @@ class _Relaxation:
         self._stepper.set_scene(
             self._with_drag(min(max(omega, _SLOWEST * self._slow), _FASTEST * self._slow))
         )
+        self._stepper._state.judge.own_steps()
 
     def _left(self, x: Floats) -> bool:
         if not self._free.all():
@@ -308,5 +321,6 @@ class _Relaxation:
         found["residual"] = self._residual if math.isfinite(self._residual) else math.nan
         found["reason"] = reason
         found["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]
+        found["obstacle_work"] = [math.nan] * len(self.scene.spheres)
         found["impulse_reason"] = "impulses of a relaxation have no meaning"
         return Run(self.scene, np.array(t), x, v, found)

@@ -171,6 +171,7 @@ class Job:
     force: Force | None = None
     dt: float | None = None  # [s]
     own_step: bool = False
+    longest: float = math.inf  # own steps between two kinks are equal parts of steps of this [s]
     shown: bool = True
     tolerance: float = math.nan  # of a step [m]
     grid: tuple[float, ...] = ()  # prescribed ends of steps
@@ -209,7 +210,7 @@ class Trajectory:
 
     @property
     def contacts(self) -> bool:
-        return bool(self.watched["in_contact"])
+        return bool(self.watched["responded"])
 
     def refined(self, ratio: float) -> tuple[float, ...]:
         """Ends of a grid with `ratio` times as many steps between two kinks, with times
@@ -296,6 +297,16 @@ class _Stack:
                 stack.resize((count, *stack.shape[1:]), refcheck=False)
 
 
+def _steps(begin: float, end: float, dt: float, longest: float) -> int:
+    """Return how many equal steps of at most `dt` there are: so many parts of each of the longest,
+    so that a shorter step is shorter between all kinks.
+    """
+    if not longest < math.inf:
+        longest = dt
+    whole = math.ceil((end - begin) / longest - NEGLIGIBLE)
+    return whole * math.ceil(longest / dt - NEGLIGIBLE)
+
+
 class Recorder:
     """A job in progress: advances `state`, and keeps the frames and the counts of its runs.
 
@@ -310,7 +321,7 @@ class Recorder:
         if job.resumed:
             snapshot, self._earlier = job.resumed
             core = {
-                name: 0 * value if name == "impulses" else value
+                name: 0 * value if name in ("impulses", "contacts") else value
                 for name, value in snapshot.core.items()
             }
             self.state.core.restore(core)  # a report has the impulses of its own run
@@ -328,7 +339,7 @@ class Recorder:
         self._path = self._new_path() if job.dt is None else None
         if job.dt is not None:
             if job.own_step:
-                self.state.judge.given |= {"dt", "grown"}
+                self.state.judge.own_steps()
             every = min(_MOST_STEPS_BETWEEN_SAMPLES, job.duration / job.dt // _SAMPLES)
             self.state.core.set_watch(int(max(1, every)), 0.0)
         self._chunk, self._pause = 1, PAUSE.get()
@@ -340,14 +351,41 @@ class Recorder:
         elif self.job.dt is not None:
             # A step ends where the force changes.
             for part in pairwise(self.moments) if self._force else [self.moments]:
-                self._pass_frames(part, self.job.dt)
+                if self.job.own_step:
+                    self._pass_kinks(part, self.job.dt)
+                else:
+                    self._pass_frames(part, self.job.dt)
         return self
 
     # Fixed steps
 
-    def _pass_frames(self, moments: Sequence[Moment], dt: float) -> None:
+    def _pass_kinks(self, moments: Sequence[Moment], dt: float) -> None:
+        """Take equal steps of at most `dt` between the kinks of motions, so that none is within a
+        step, and store frames as `_pass_frames` does.
+        """
+        (_, begin), (_, end), start = moments[0], moments[-1], self.job.start
+        kinks = {t for scene in self.job.scenes for t in stops_of(scene, begin, end)}
+        if not kinks:
+            return self._pass_frames(moments, dt)
+        stops = [begin, *sorted(kinks), end]
+        if every := self.job.frames.steps:
+            counts = [_steps(a, b, dt, self.job.longest) for a, b in pairwise(stops)]
+            ends = [np.linspace(*way, n + 1)[1:] for way, n in zip(pairwise(stops), counts)]
+            inner = np.concatenate(ends)[every - 1 : -1 : every].tolist()
+            moments = [moments[0], *((t - start, t) for t in inner), moments[-1]]
+        for low, high in pairwise(stops):
+            near = NEGLIGIBLE * (high - low)
+            inner = [m for m in moments[1:-1] if low + near < m[1] < high - near]
+            at_end = [m for m in moments[1:] if abs(m[1] - high) <= near]
+            last = at_end[-1] if at_end else (high - start, high)
+            part = [(low - start, low), *inner, last]
+            dt_here = (high - low) / _steps(low, high, dt, self.job.longest)
+            self._pass_frames(part, dt_here, stored=bool(at_end))
+
+    def _pass_frames(self, moments: Sequence[Moment], dt: float, stored: bool = True) -> None:
         """Take steps of `dt` from the first moment to the last, and store a frame at each of the
-        others. The last step is shorter where the step does not divide the time.
+        others; at the last if it is `stored`. The last step is shorter where the step does not
+        divide the time.
         """
         begin, origin = moments[0]
         length = moments[-1][0] - begin
@@ -379,7 +417,8 @@ class Recorder:
                 between = origin + steps * dt, dt if steps < whole else rest, before, self.arrays()
             self._keep(seconds, t, *interpolated(t, self.state.scenes, *between), ahead=True)
         advance(whole + last)
-        self.store(*moments[-1])
+        if stored:
+            self.store(*moments[-1])
 
     def advance(self, steps: int, dt: float) -> None:
         """Take `steps` steps of `dt`. Members of a batch that fail stop; the others go on."""
@@ -444,7 +483,7 @@ class Recorder:
                     since = 0
             if core.time <= until:
                 self.store(seconds, until)
-            elif not core.watched[0]["in_contact"]:
+            elif not core.watched[0]["responded"]:
                 self._keep(seconds, until, *self._dense(until), ahead=True)
             else:
                 step = path.begin, core.time - path.begin, self._dense(path.begin), self.arrays()
@@ -468,7 +507,7 @@ class Recorder:
         else:
             tolerance, rate, controller = before.control
         self._control_values = tolerance, rate
-        state.judge.given.add("grown")  # the steps are the method's own
+        state.judge.own_steps()
         state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, job.duration / _SAMPLES)
         (_, begin), *inner, (_, end) = self.moments
         stops = {*stops_of(job.scene, begin, end), end}

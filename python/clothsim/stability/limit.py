@@ -37,8 +37,10 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
+from .. import _core
 from ..base import Floats, check
-from ..engine.state import scenes_of
+from ..engine.options import Options, kept_plan
+from ..engine.state import scenes_of, start_time
 from ..methods.bound import stable_dt
 from ..methods.integrators import METHODS, integrator_name
 from ..methods.region import mode_limit, notched, splitting_step
@@ -74,6 +76,7 @@ def max_stable_dt(
     integrator: Integrator = "rk4",
     x: npt.ArrayLike | None = None,
     v: npt.ArrayLike | None = None,
+    t: float | None = None,
 ) -> float: ...
 @overload
 def max_stable_dt(scene: Sequence[Scene], *arguments: Any, **options: Any) -> Floats: ...
@@ -83,6 +86,7 @@ def max_stable_dt(
     integrator: Integrator = "rk4",
     x: npt.ArrayLike | None = None,
     v: npt.ArrayLike | None = None,
+    t: float | None = None,
 ) -> float | Floats:
     """The largest stable time step: guaranteed for all states except extreme states, or at a given
     state.
@@ -110,6 +114,8 @@ def max_stable_dt(
         Positions [m], shape (rows, columns, 3).
     v : array_like, optional
         With `x`: velocities [m/s], same shape. Default: at rest.
+    t : float, optional
+        With `x`: time of the state [s]. Required where an obstacle of response "penalty" moves.
 
     Returns
     -------
@@ -139,24 +145,33 @@ def max_stable_dt(
             for name, a in (("x", x), ("v", v))
         ]
         return np.array(
-            [max_stable_dt(one, integrator, *state) for one, *state in zip(scenes, *states)]
+            [max_stable_dt(one, integrator, *state, t) for one, *state in zip(scenes, *states)]
         )
     integrator = integrator_name(integrator)
     if x is None:
         if v is not None:
             raise ValueError("v must be None without x, got velocities alone")
+        if t is not None:
+            raise ValueError(f"t must be None without x, got {check.shown(t)}")
         return stable_dt(scene, integrator)
+    time = start_time(t, [scene] if has_layers(scene) else [])
     shape = (*scene.cloth.shape, 3)
     x = check.array("x", x, shape)
     v = np.zeros(shape) if v is None else check.array("v", v, shape)
-    return _SAFETY * spectral_limit(integrator, scene, x, v)
+    return _SAFETY * spectral_limit(integrator, scene, x, v, time)
 
 
-def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
+def has_layers(scene: Scene) -> bool:
+    """Return whether an obstacle acts by a force."""
+    return any(obstacle.response == "penalty" for obstacle in scene.spheres)
+
+
+def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operator, Operator]:
     """Products with K [1/s^2] and C [1/s] at a state, of vectors of shape (n, 3 points).
 
-    Both are scaled with the roots of the masses on either side; pinned points are left out. Springs
-    without length have no direction and exert no force; they are left out too.
+    Contact at the time `t` is included. Both are scaled with the roots of the masses on either
+    side; pinned points are left out. Springs without length have no direction and exert no force;
+    they are left out too.
     """
     cloth, table = scene.cloth, scene.cloth.spring_table()
     scale = np.where(cloth.pinned, 0.0, cloth.mass_per_point**-0.5).reshape(-1, 1)
@@ -198,26 +213,39 @@ def tangent(scene: Scene, x: Floats, v: Floats) -> tuple[Operator, Operator]:
         y = y.reshape(len(y), -1, 3) * scale
         return np.subtract(y[:, j], y[:, i])
 
+    layers = None
+    if has_layers(scene):
+        plan = kept_plan(scene, Options())
+        layers = _core.contact_derivatives(
+            plan, x.reshape(*cloth.shape, 3), v.reshape(*cloth.shape, 3), t
+        )
+
+    def contact(y: Floats, blocks: Floats) -> Floats:
+        at_points = y.reshape(len(y), -1, 3) * scale
+        return np.asarray((np.einsum("pij,npj->npi", blocks, at_points) * scale).reshape(y.shape))
+
     def stiffness(y: Floats) -> Floats:
         u = apart(y)
         radial = along * (u * n).sum(axis=2) + damping * (u * turning).sum(axis=2)
-        return -to_points(across[:, None] * u + radial[..., None] * n)
+        force = to_points(across[:, None] * u + radial[..., None] * n)
+        return -force if layers is None else contact(y, layers[0]) - force
 
     def damping_(y: Floats) -> Floats:
         radial = damping * (apart(y) * n).sum(axis=2)
         at_points = (y.reshape(len(y), -1, 3) * scale**2).reshape(y.shape)
-        return np.asarray(cloth.drag * at_points - to_points(radial[..., None] * n))
+        force = np.asarray(cloth.drag * at_points - to_points(radial[..., None] * n))
+        return force if layers is None else force + contact(y, layers[1])
 
     return stiffness, damping_
 
 
-def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats) -> float:
+def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> float:
     """The largest stable time step [s] of the motion linearised about a state, to about 1 %.
 
     With dopri5 and more than 400 free coordinates it may miss slow modes of little damping, which
     grow by up to some 1e-3 a step.
     """
-    operators = tangent(scene, x, v)
+    operators = tangent(scene, x, v, t)
     free = np.flatnonzero(np.repeat(~scene.cloth.pinned.ravel(), 3))
     size = 3 * scene.cloth.pinned.size
     if not len(free):

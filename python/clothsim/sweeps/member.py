@@ -66,8 +66,9 @@ class Maker:
 
     def __init__(self, base: Scene, options: SweepOptions) -> None:
         self._base, self._options, self._known = base, options, dict[str, dict[str, Any]]()
-        for kept in ("initial_position", "initial_velocity", "driven_pins", "core_spheres"):
-            getattr(base, kept)  # which members share
+        shared = "initial_position", "initial_velocity", "driven_pins", "core_spheres", "has_layers"
+        for name in shared:
+            getattr(base, name)  # which caches it for all members
         _ = base.cloth.core  # with the arrays that it is made of
 
     def __call__(self, index: int, values: Mapping[str, Any]) -> Member:

@@ -154,10 +154,12 @@ def tidy(axes: Any) -> None:
 
 
 def touching(scene: Scene, x: Floats, t: float) -> int:
-    """Number of mass points that touch a sphere at the time `t`."""
-    near = TOUCH * max(scene.cloth.spacing)
+    """Return the number of mass points that touch a sphere or are in its layer at the time `t`."""
     touched = np.zeros(scene.cloth.shape, bool)
     for sphere in scene.spheres:
+        near = TOUCH * max(scene.cloth.spacing)
+        if sphere.response == "penalty":
+            near = sphere.layer(scene.cloth)["thickness"]
         touched |= sphere.height(x, t) <= sphere.offset_length(scene.cloth) + near
     return int(touched.sum())
 
