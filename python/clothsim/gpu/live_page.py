@@ -32,7 +32,7 @@ from ..methods.region import border_of_region
 from ..model.mesh import GROUP
 from ..model.scene import Scene, core_sphere
 from ..model.scene_files import text_of
-from ..model.sphere import RESPONSES, Sphere, lengths_of_offsets
+from ..model.sphere import LAYER, RESPONSES, Sphere, lengths_of_offsets
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
@@ -49,12 +49,14 @@ from .shader import (
     rest_lengths,
     source,
 )
+from .simulation import middles, planes_of, split
 
 UNLIMITED_DT = 1e-3  # s, the time step of a scene that nothing limits
 STORED = 2.0  # s of the run that a browser without WebGPU plays
 STORED_STEPS = 2e7  # of single mass points that it may take: about half a second
 STORED_POINTS = 28_000  # in all of its frames, which keeps the page below 400 kB
 METHODS = (
+    ("penalty", "penalty", False),
     ("1 (reflect)", "reflect", False),
     ("1, as printed", "reflect", True),
     ("2 (ray)", "ray", False),
@@ -72,6 +74,7 @@ CHANGED = (
     "response",
     "as_printed",
     "offset",
+    *LAYER,
 )
 
 
@@ -144,7 +147,7 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
     live = filled(
         "live.html",
         methods="".join(names),
-        state=_packed(_state(scene)),
+        state=_packed(_state(scene).astype("<f8").tobytes()),
         toml=_packed(_toml(scene).encode()),
         data=json_text(data),
     )
@@ -178,7 +181,8 @@ def _toml(scene: Scene) -> str:
     data = scene.to_dict()
     data["gravity"] = "@gravity"
     data["cloth"] |= {name: f"@{name}" for name in ("stiffness", "damping", "drag")}
-    for k, (obstacle, values) in enumerate(zip(scene.spheres, data.get("spheres", ()))):
+    obstacles = zip(scene.spheres, data.get("spheres", ()), strict=True)
+    for k, (obstacle, values) in enumerate(obstacles):
         own = [name for name in CHANGED if name in obstacle.__match_args__]
         values |= {name: f"@spheres.{k}.{name}" for name in own}
         if values.get("motion", {}).get("centers"):
@@ -190,24 +194,24 @@ def _packed(content: bytes) -> str:
     return b64encode(zlib.compress(content, 9)).decode("ascii")
 
 
-def _state(scene: Scene) -> bytes:
-    """The planes of the initial state in float64."""
+def _state(scene: Scene) -> np.ndarray:
+    """The planes of the initial state, shape (1, 6, points)."""
     x, v = (
         scene.initial_position,
         np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity),
     )
-    return np.concatenate([x, v], axis=2).transpose(2, 0, 1).astype("<f8").tobytes()
+    return planes_of(x, v, [scene])
 
 
 def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
     """Names of the page's collision methods, the WGSL and the responses of each, and the index of
     the scene's own.
     """
-    features = Features.of(scene)
+    features, layered = Features.of(scene), _in_layers(scene)
 
     def method(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
         return {
-            "wgsl": replace(features, spheres=tuple(spheres)).after_contacts(),
+            "wgsl": replace(features, spheres=tuple(spheres)).contacts(),
             "responses": [sphere.response for sphere in spheres],
             "printed": [sphere.as_printed for sphere in spheres],
         }
@@ -215,6 +219,8 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
     names, methods = [], []
     for name, response, as_printed in METHODS:
         if response == "continuous" and not scene.spheres:
+            continue
+        if response == "penalty" and not (scene.spheres and layered):
             continue
         names.append(name)
         methods.append(
@@ -260,6 +266,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "drag": cloth.drag,
         # What a slider goes up to four times of, where the scene has none: a tenth of the critical
         # damping of a spring.
+        "usualDissipation": 0.5,  # s/m
         "usualDamping": 0.2 * math.sqrt(stiffest * lightest),
         "gravity": list(scene.gravity),
         "springs": [
@@ -274,7 +281,10 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "pins": np.flatnonzero(cloth.pinned).tolist(),
         "longest": 2 * math.hypot(*cloth.spacing),
         "extent": core_plan(scene, Options()).runaway_speed(1.0, 0.0),
-        "spheres": [_sphere(sphere, scene) for sphere in scene.spheres],
+        "spheres": [
+            {**_sphere(sphere, scene), **layer}
+            for sphere, layer in zip(scene.spheres, _layers(scene), strict=True)
+        ],
         "restitutions": {response: Sphere(response=response).restitution for response in RESPONSES},
         "firstSpring": FIRST_SPRING,
         "firstWeight": FIRST_WEIGHT,
@@ -283,11 +293,29 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "epsilon": eps,
         "largestFloat": float(np.finfo(np.float32).max),
         "constants": features.constants(),
-        "wgsl": source(features, "single", False).removesuffix(features.after_contacts()),
+        "wgsl": source(features, "single", False).removesuffix(features.contacts()),
         "methods": methods,
         "names": names,
         "method": own,
     }
+
+
+def _in_layers(scene: Scene) -> Scene | None:
+    """The scene with obstacles of response "penalty" alone and all their parameters; None where the
+    cloth gives them no stiffness.
+    """
+    obstacles = []
+    for sphere in scene.spheres:
+        changes: dict[str, Any] = {}
+        if sphere.response != "penalty":
+            changes = {"response": "penalty", "restitution": None}
+            changes |= {"as_printed": False} if sphere.as_printed else {}
+        obstacle = sphere.replace(**changes)
+        try:
+            obstacles.append(obstacle.replace(**obstacle.layer(scene.cloth)))
+        except ValueError:
+            return None
+    return scene.replace(spheres=obstacles)
 
 
 def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
@@ -309,3 +337,22 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
         "centers": sphere.motion.to_dict().get("centers") if sphere.motion else None,
         "motion": sphere.motion.for_pages if sphere.motion else None,
     }
+
+
+def _layers(scene: Scene) -> list[dict[str, Any]]:
+    """Of each obstacle the parameters of its layer, those that the scene gives, and the normal at
+    the surface point from which the core in single measures the initial state.
+    """
+    layered = _in_layers(scene)
+    if layered is None:
+        return [{} for _ in scene.spheres]
+    places = middles(split(_state(scene), single=True))
+    normals = core_plan(layered, Options()).normals_towards(places[0], np.zeros(3), 0.0)
+    return [
+        {
+            **{name: getattr(layer, name) for name in LAYER},
+            "given": {name: getattr(sphere, name) for name in LAYER},
+            "towards": list(normal),
+        }
+        for sphere, layer, normal in zip(scene.spheres, layered.spheres, normals, strict=True)
+    ]

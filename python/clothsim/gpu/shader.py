@@ -22,7 +22,7 @@ from .device import Device
 
 FIRST_SPRING = 5
 FIRST_WEIGHT = FIRST_SPRING + 3 * len(_core.spring_kinds)
-CONTACT_SIZE = 26
+CONTACT_SIZE = 28
 
 
 def springs(neighbours: Sequence[tuple[int, int, str, int]] = _core.neighbours) -> str:
@@ -97,7 +97,7 @@ class Features:
             cells=any(one.in_cells for one in scene.spheres),
             spheres=tuple(
                 SphereFeatures(
-                    s.response, s.as_printed, s.response != "continuous" and s.friction > 0
+                    s.response, s.as_printed, s.response in ("reflect", "ray") and s.friction > 0
                 )
                 for s in scene.spheres
             ),
@@ -109,16 +109,27 @@ class Features:
         names = ("spring_damping", "drag", "mass_per_point", "pinned", "moving", "cells")
         return switches | {name: float(getattr(self, name)) for name in names}
 
-    def after_contacts(self) -> str:
-        """WGSL of the collision pass: the classic responses of spheres in their order, then the
-        continuous ones.
+    def contacts(self) -> str:
+        """WGSL of the forces of penalty obstacles, in their order, and of the collision pass: the
+        classic responses of spheres in their order, then the continuous ones.
         """
+        lines = [
+            "fn pushed(force: vec3<real>, x: vec3<real>, v: vec3<real>, id: vec3<u32>) "
+            "-> vec3<real> {",
+            "    var result = force;",
+        ]
+        lines += [
+            f"    result = pressed(result, x, v, id, {k}u);"
+            for k, s in enumerate(self.spheres)
+            if s.response == "penalty"
+        ]
+        lines += ["    return result;", "}"]
         continuous = [k for k, s in enumerate(self.spheres) if s.response == "continuous"]
-        lines: list[str] = []
         if continuous:
             is_one = " || ".join(f"k == {k}u" for k in continuous)
             lines += [
                 f"const spheres = {len(self.spheres)}u;",
+                f"const first_continuous = {continuous[0]}u;",
                 f"fn is_continuous(k: u32) -> bool {{ return {is_one}; }}",
                 shader_text("continuous"),
             ]
@@ -128,7 +139,7 @@ class Features:
         ]
         lines.append("    if (!is_pinned(id)) {")
         for k, s in enumerate(self.spheres):
-            if k not in continuous:
+            if s.response in ("reflect", "ray"):
                 flags = ", ".join(
                     str(flag).lower() for flag in (s.response == "ray", s.as_printed, s.rough)
                 )
@@ -203,8 +214,8 @@ def source(features: Features, precision: str, float64: bool) -> str:
         f"const {name} = {value}u;"
         for name, value in {"group_size": _core.group_size, **shared}.items()
     ]
-    names = ["layout", "contact", "wide" if float64 else "narrow", "step", "check"]
-    return "\n".join([*lines, springs(), *map(shader_text, names), features.after_contacts()])
+    names = ["layout", "contact", "wide" if float64 else "narrow", "penalty", "step", "check"]
+    return "\n".join([*lines, springs(), *map(shader_text, names), features.contacts()])
 
 
 class Pipelines:
@@ -234,7 +245,7 @@ class Pipelines:
         self.rounds = [
             pipeline("raise", {**constants, "stage": k}) for k in (5, 6, 7) if features.cells
         ]
-        self.check = pipeline("check", {})
+        self.check = pipeline("check", constants)
 
 
 pipelines = cache(Pipelines)  # compiling is slow

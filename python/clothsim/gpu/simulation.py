@@ -17,7 +17,9 @@ import numpy as np
 
 from .. import _core
 from ..base.interrupts import Interrupts
-from ..engine.options import Options, core_plan
+from ..engine.options import Options, kept_plan
+from ..measure import penetration
+from ..methods.bound import stable_depths
 from ..model.mesh import GROUP
 from ..model.scene import Scene
 from . import device as devices
@@ -38,6 +40,11 @@ RUNS_WITH_EQUAL_ROUNDS = 16
 STEPS_PER_SUBMISSION = 32
 # The state is inspected after as many steps as this takes [s], or fewer.
 SECONDS_BETWEEN_CHECKS = 0.02
+# Findings of the adapter, in the order of layout.wgsl.
+FINDINGS = ("bad", "pinned_inside", "large_cell", "trapped", "passed", "contact")
+# Depth below a true surface up to which nobody is warned, as in the core [m].
+NEGLIGIBLE_DEPTH = 1e-9
+NOT_WATCHED = {"points": 0.0, "triangles": 0.0, "first_contact": math.inf}
 
 
 class Clock(NamedTuple):
@@ -74,10 +81,13 @@ class Simulation:
         self.contacts = [0] * len(scenes)  # responses to mass points so far
         self.evaluations = [0] * len(scenes)  # not counted: a step of rk4 takes four
         self._origins = np.zeros((len(scenes), 3))
+        self._normals = list(map(normals_of, scenes))
+        self._extremes = [dict(NOT_WATCHED) for _ in scenes]
         self._busy = threading.Lock()
         self._steps_unchecked = 1
         # The state in host memory, as `split` gives it; up to date for frozen members.
         self._parts: list[np.ndarray] = []
+        self._downloaded = False  # the present state
         self._block: Block | None = None
         with self._used():
             self._make_block(scenes)
@@ -86,10 +96,26 @@ class Simulation:
         """Make the block of the members that are not frozen; None: all are."""
         members = [member for member, frozen in enumerate(self.frozen) if not frozen]
         chosen, origins = [scenes[member] for member in members], self._origins[members]
+        normals = [self._normals[member] for member in members]
         self._block = (
-            Block(self.device, members, chosen, origins, self._precision) if members else None
+            Block(self.device, members, chosen, origins, normals, self._precision)
+            if members
+            else None
         )
         self._step_set = 0.0
+
+    def _choose_normals(self, scenes: Sequence[Scene], parts: Sequence[np.ndarray]) -> None:
+        """Choose the surface points from which gaps are measured, as the core does."""
+        if not self._single:
+            self._normals = list(map(normals_of, scenes))
+            return
+        self._normals = [
+            np.reshape(
+                kept_plan(scene, Options()).normals_towards(middle, origin, self._clock.at(0)),
+                (-1, 3),
+            )
+            for scene, middle, origin in zip(scenes, middles(parts), self._origins, strict=True)
+        ]
 
     def load(self, x: np.ndarray | None, v: np.ndarray | None, time: float | None = None) -> None:
         """Set positions and velocities, shape ([B,] rows, columns, 3), and the time; None leaves a
@@ -102,15 +128,19 @@ class Simulation:
                     one if given is None else given for one, given in zip(own, (x, v), strict=True)
                 )
             planes = planes_of(x, v, self._scenes)
+            moved = False
             if time is not None:
                 self._clock = Clock(time)
             if self._single:
                 origins = far_origins(planes[:, :3])
-                if (origins != self._origins).any():
-                    self._origins = origins
-                    self._make_block(self._scenes)
+                moved, self._origins = (origins != self._origins).any(), origins
                 planes[:, :3] -= self._origins[:, :, None]
-            self._take(split(planes, self._single))
+            parts = split(planes, self._single)
+            normals = self._normals
+            self._choose_normals(self._scenes, parts)
+            if moved or any((a != b).any() for a, b in zip(normals, self._normals)):
+                self._make_block(self._scenes)
+            self._take(parts)
 
     def step(
         self,
@@ -134,24 +164,26 @@ class Simulation:
         with self._used():
             check_scenes(scenes)
             parts = self._state()
+            self._choose_normals(scenes, parts)
             self._make_block(scenes)
             for part in parts:
                 stop_pinned_points(part, scenes)
-            self._scenes, self.contacts, self._stable_dt = (
-                list(scenes),
-                [0] * len(scenes),
-                list(stable_dt),
-            )
+            self._scenes = list(scenes)
+            self._stable_dt = list(stable_dt)
+            self.contacts = [0] * len(scenes)
+            self._extremes = [dict(NOT_WATCHED) for _ in scenes]
             self._take(parts)
 
     def _take(self, parts: list[np.ndarray]) -> None:
         self._parts = parts
+        self._downloaded = True
         if self._block:
             self._block.upload(parts)
 
     def _state(self) -> list[np.ndarray]:
-        if self._block:
+        if self._block and not self._downloaded:
             self._block.download(self._parts)
+        self._downloaded = True
         return self._parts
 
     def store(self, x: np.ndarray | None, v: np.ndarray | None) -> None:
@@ -163,7 +195,9 @@ class Simulation:
                     array[...] = values.reshape(array.shape)
 
     def snapshot(self) -> dict[str, Any]:
-        """The clock and the whole state, with the fields of the core's; there are no impulses."""
+        """The clock and the whole state, with the fields of the core's; there are no impulses and
+        no sums of contacts.
+        """
         with self._used():
             fields: dict[str, Any] = {}
             for name, part in zip(("", "_low"), self._state()):
@@ -173,6 +207,7 @@ class Simulation:
             clock = self._clock
             fields |= {
                 "origins": self._origins.copy(),
+                "normals": np.concatenate(self._normals),
                 "frozen": np.array(self.frozen),
                 "time": clock.at(0),
             }
@@ -190,10 +225,11 @@ class Simulation:
                 planes_of(fields["positions" + n], fields["velocities" + n], self._scenes)
                 for n in names
             ]
-            self.frozen, self._origins = (
-                [bool(one) for one in fields["frozen"]],
-                np.array(fields["origins"]),
-            )
+            self.frozen = [bool(one) for one in fields["frozen"]]
+            self._origins = np.array(fields["origins"])
+            if self._single:
+                ends = np.cumsum([len(scene.spheres) for scene in self._scenes])
+                self._normals = np.split(fields["normals"], ends[:-1])
             self._make_block(self._scenes)
             self._clock = Clock(
                 float(fields["clock_origin"]),
@@ -234,29 +270,71 @@ class Simulation:
         """Do nothing: the adapter watches no state between calls, and `watched` says so."""
 
     def sample(self) -> None:
-        """Do nothing; see `set_watch`."""
+        """Look at the present state, if no step has."""
+        with self._used():
+            self._look()
+
+    def _look(self) -> dict[str, Any]:
+        """Measure how deep the cloth is in the obstacles; what a user should be told of it, in the
+        core's form.
+        """
+        found: dict[str, Any] = {}
+        x, _ = vectors(joined(self._state(), self._origins), self._shape)
+        for member, (scene, extremes) in enumerate(zip(self._scenes, self._extremes, strict=True)):
+            if self.frozen[member]:
+                continue
+            plan, time = kept_plan(scene, Options()), self._clock.at(0)
+            penetrations = [penetration(x[member], s, time) for s in scene.spheres]
+            for name in ("points", "triangles"):
+                depth = max((float(one[name]) for one in penetrations), default=0.0)
+                extremes[name] = max(extremes[name], depth)
+            if not self._has_penalty(scene):
+                continue
+            below = extremes["points"], extremes["triangles"]
+            if max(below) > NEGLIGIBLE_DEPTH:
+                found.setdefault("below", (member, *below))
+            limits = stable_depths(scene, "rk4", self._clock.dt) if self._clock.dt else []
+            depths = _core.contact_depths(plan, np.ascontiguousarray(x[member]), time)
+            for k, (limit, (depth, _)) in enumerate(zip(limits, depths)):
+                if depth > limit:
+                    found.setdefault("stiff", (member, k, depth))
+        return found
+
+    @staticmethod
+    def _has_penalty(scene: Scene) -> bool:
+        return any(sphere.response == "penalty" for sphere in scene.spheres)
 
     @property
     def watched(self) -> list[dict[str, Any]]:
-        """Extremes per member, with the keys of the core: NaN with a "reason"."""
-        names = ("first_contact", "point_depth", "triangle_depth", "stretch", "energy_gained")
-        return [
-            {
-                **dict.fromkeys(names, math.nan),
-                "reason": "the graphics adapter does not watch the states between frames",
-                **({} if scene.spheres else {"point_depth": 0.0, "triangle_depth": 0.0}),
-                "in_contact": count > 0
-                or any(sphere.response == "continuous" for sphere in scene.spheres),
-                "impulse": [[math.nan] * 3 for _ in scene.spheres],
-            }
-            for scene, count in zip(self._scenes, self.contacts, strict=True)
-        ]
+        """Extremes per member, with the keys of the core: NaN with a "reason" where the adapter
+        does not tell them. Depths are those of the states that have been looked at.
+        """
+        nan = math.nan
+        found = []
+        for scene, count, extremes in zip(self._scenes, self.contacts, self._extremes, strict=True):
+            responded = count > 0 or any(s.response == "continuous" for s in scene.spheres)
+            first = extremes["first_contact"]
+            found.append(
+                {
+                    **dict.fromkeys(("stretch", "energy_gained", "lift_work"), nan),
+                    "point_depth": extremes["points"],
+                    "triangle_depth": extremes["triangles"],
+                    "first_contact": nan if responded or first == math.inf else first,
+                    "responded": responded,
+                    "in_contact": responded or first < math.inf,
+                    "reason": "the graphics adapter does not watch the states between frames",
+                    "impulse": [[nan] * 3 for _ in scene.spheres],
+                    "obstacle_work": [nan for _ in scene.spheres],
+                }
+            )
+        return found
 
     def advance(self, steps: int, dt: float, threads: int) -> dict[str, Any]:
         """Take steps and return the outcome in the core's form: steps done, and the bad point if
         there is one.
         """
         with self._used(), Interrupts() as interrupts:
+            self._downloaded = False
             if dt != self._clock.dt:
                 self._clock = Clock(self._clock.at(0), 0, dt)
             if dt != self._step_set and self._block:
@@ -264,7 +342,10 @@ class Simulation:
             self._step_set = dt
             self._found: dict[str, Any] = {}
             try:
-                return {**self._advance(steps, interrupts), **self._found}
+                outcome = {**self._advance(steps, interrupts), **self._found}
+                if any(map(self._has_penalty, self._scenes)):
+                    outcome = {**self._look(), **outcome}
+                return outcome
             except Exception:
                 if self._block:
                     self._block.take_back()
@@ -277,13 +358,7 @@ class Simulation:
             start = time.monotonic()
             if bad := self._try(count):
                 if count == 1:
-                    found = {
-                        "member": bad[0],
-                        "point": bad[1],
-                        "trapped": bad[2],
-                        "time": self._clock.at(1),
-                    }
-                    return {**found, "step": done + 1, "steps": done}
+                    return {**bad, "time": self._clock.at(1), "step": done + 1, "steps": done}
                 most = (
                     1  # repeated steps give the same bits, so single ones find the one that fails
                 )
@@ -294,18 +369,40 @@ class Simulation:
             interrupts.deliver()
         return {"steps": done}
 
-    def _try(self, steps: int) -> tuple[int, int, bool] | None:
+    def _try(self, steps: int) -> dict[str, Any] | None:
         """Take `steps` steps. If a state is bad, undo them and return what `Block.run` found."""
         if self._block:
             if bad := self._block.run([self._clock.at(k) for k in range(steps + 1)]):
+                if steps == 1 and bad["obstacle"] >= 0:
+                    bad |= self._deepest(bad["member"])
+                    self._downloaded = False
                 self._block.take_back()
                 return bad
             self._block.ahead = False
-            for member, count in zip(self._block.members, self._block.contacts, strict=True):
+            counts = self._block.contacts, self._block.first
+            for member, count, first in zip(self._block.members, *counts, strict=True):
                 self.contacts[member] += int(count)
+                extremes = self._extremes[member]
+                if first != NONE and extremes["first_contact"] == math.inf:
+                    extremes["first_contact"] = self._clock.at(int(first))
             self._found = {**self._block.found, **self._found}
         self._clock = self._clock._replace(steps=self._clock.steps + steps)
         return None
+
+    def _deepest(self, member: int) -> dict[str, int]:
+        """The point of a member that is furthest through a layer after a step, and the obstacle."""
+        scene = self._scenes[member]
+        x, _ = vectors(joined(self._state(), self._origins), (len(self._scenes), -1, 3))
+        depths = _core.contact_depths(
+            kept_plan(scene, Options()), np.ascontiguousarray(x[member]), self._clock.at(1)
+        )
+
+        def through(k: int) -> tuple[bool, float]:
+            depth = depths[k][0]
+            return depth > 2 * scene.spheres[k].layer(scene.cloth)["thickness"], depth
+
+        obstacle = max((k for k, (depth, _) in enumerate(depths) if depth > 0), key=through)
+        return {"obstacle": obstacle, "point": depths[obstacle][1]}
 
     @contextmanager
     def _used(self) -> Any:
@@ -326,7 +423,7 @@ class Simulation:
 class Block:
     """The members of a batch with these indices on the adapter. Their scenes have one shape and
     equal `Features`: a dispatch per stage serves all. `origins` are those of their positions [m],
-    shape (members, 3).
+    shape (members, 3), `normals` those of each member's obstacles.
     """
 
     def __init__(
@@ -335,6 +432,7 @@ class Block:
         members: Sequence[int],
         scenes: Sequence[Scene],
         origins: np.ndarray,
+        normals: Sequence[np.ndarray],
         precision: str,
     ) -> None:
         self.device, self.members = device, list(members)
@@ -342,9 +440,10 @@ class Block:
         self.real = np.float32 if self.single else np.float64
         self.wide = np.float64 if device.float64 else np.float32
         shared = all(scene is scenes[0] for scene in scenes) and (origins == origins[0]).all()
+        shared &= all((one == normals[0]).all() for one in normals)
         self.scenes = [scenes[0]] if shared else list(scenes)
-        self.origins = origins[: len(self.scenes)]
-        self.plans = [core_plan(scene, Options()) for scene in self.scenes]
+        self.origins, self.normals = origins[: len(self.scenes)], normals
+        self.plans = [kept_plan(scene, Options()) for scene in self.scenes]
         self.features = Features.of(scenes[0])
         self.pipelines = pipelines(device, self.features, precision)
         rows, columns = scenes[0].cloth.shape
@@ -382,8 +481,8 @@ class Block:
         self.contact_table = create(
             (tables * per_step or 1) * np.dtype(self.wide).itemsize, "STORAGE", "COPY_DST"
         )
-        self._results = np.zeros(2 + 5 * members, np.uint32)
-        self._results[1 : 1 + 4 * members] = NONE
+        self._results = np.zeros(2 + (1 + len(FINDINGS)) * members, np.uint32)
+        self._results[1 : 1 + len(FINDINGS) * members] = NONE
         self.results = create(self._results.nbytes, *both)
         self.constants = create(96, "UNIFORM", "COPY_DST")
         self.readback = create(self._results.nbytes, "MAP_READ", "COPY_DST")
@@ -447,21 +546,23 @@ class Block:
         table = np.zeros(
             (len(times), len(self.scenes), len(self.features.spheres), CONTACT_SIZE), self.wide
         )
+        penalty = [k for k, s in enumerate(self.features.spheres) if s.response == "penalty"]
         for k, plan in enumerate(self.plans):
-            values, row = (
-                plan.contact_table(list(times), self.origins[k], self._dt, self.single),
-                table[:, k],
+            values = plan.contact_table(
+                list(times), self.origins[k], self.normals[k], self._dt, self.single
             )
+            row = table[:, k]
             row[..., 0:3] = values[..., :3]
             row[..., 3:6] = values[..., :3] - row[..., 0:3]
-            row[..., 6:] = values[..., 3:]
+            row[..., 6:] = values[..., 3:-3]
+            row[:, penalty] = values[:, penalty].astype(self.real)
         self._write(self.contact_table, table)
 
-    def run(self, times: Sequence[float]) -> tuple[int, int, bool] | None:
+    def run(self, times: Sequence[float]) -> dict[str, Any] | None:
         """Save a checkpoint and take the steps between `times`. `take_back` undoes them.
 
-        Return member of the batch and mass point of the first bad state, and whether the point is
-        trapped; or None.
+        Return member of the batch and mass point of the first bad state, whether the point is
+        trapped, and the obstacle through whose layer it has gone, or -1; or None.
         """
         if self.features.moving:
             self._write_contacts(times)
@@ -474,7 +575,7 @@ class Block:
             self._rounds, self._runs = max(1, self._rounds // 2), 0
         return bad
 
-    def _run(self, steps: int) -> tuple[int, int, bool] | None:
+    def _run(self, steps: int) -> dict[str, Any] | None:
         handle, rounds = self.device.handle, self.pipelines.rounds
         step = [*self.pipelines.stages, *rounds[:2] * (self._rounds // 2), *rounds[2:]]
         self._write(self.results, self._results)
@@ -501,24 +602,33 @@ class Block:
             encoder = handle.create_command_encoder()
         return self._read_results()
 
-    def _read_results(self) -> tuple[int, int, bool] | None:
+    def _read_results(self) -> dict[str, Any] | None:
         self.readback.map_sync("READ")
         results = np.array(
             np.frombuffer(self.readback.read_mapped(), np.uint32)[: len(self._results)]
         )
         self.readback.unmap()
         self._settled = not results[-1]
-        *found, self.contacts = results[1:-1].reshape(5, -1)  # layout.wgsl
-        bad, pinned, large, trapped = (
-            next(((self.members[k], int(points[k])) for k in np.flatnonzero(points != NONE)), None)
-            for points in found
-        )
-        self.found = {
-            name: first
-            for name, first in (("pinned_inside", pinned), ("large_cell", large))
-            if first
+        *found, self.contacts = results[1:-1].reshape(1 + len(FINDINGS), -1)  # layout.wgsl
+        self.first = found[FINDINGS.index("contact")]
+        firsts = {
+            name: (self.members[k], int(values[k]))
+            for name, values in zip(FINDINGS, found, strict=True)
+            for k in np.flatnonzero(values != NONE)[:1]
         }
-        return (*bad, False) if bad else (*trapped, True) if trapped else None
+        names = "pinned_inside", "large_cell"
+        self.found = {name: firsts[name] for name in names if name in firsts}
+        for name in ("bad", "trapped", "passed"):
+            if name in firsts:
+                member, value = firsts[name]
+                obstacle, point = divmod(value, self.points)
+                return {
+                    "member": member,
+                    "point": point,
+                    "trapped": name == "trapped",
+                    "obstacle": obstacle if name == "passed" else -1,
+                }
+        return None
 
     def take_back(self) -> None:
         """Return to the checkpoint of `run`, if its steps have not been accepted."""
@@ -566,6 +676,19 @@ def split(planes: np.ndarray, single: bool) -> list[np.ndarray]:
     """Split float64 planes into parts to upload: the state, and in single also its compensation."""
     whole = planes.astype(np.float32)
     return [whole, (planes - whole).astype(np.float32)] if single else [planes]
+
+
+def normals_of(scene: Scene) -> np.ndarray:
+    """Normals of the obstacles of a scene, shape (obstacles, 3)."""
+    return np.reshape([sphere.normal for sphere in scene.core_spheres], (-1, 3))
+
+
+def middles(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Mean positions of the parts of states in single, shape (members, 3), summed point by point
+    as in the core.
+    """
+    x = parts[0][:, :3].astype(np.float64) + parts[1][:, :3]
+    return np.asarray(np.cumsum(x, axis=2)[..., -1] / x.shape[2])
 
 
 def joined(parts: Sequence[np.ndarray], origins: np.ndarray) -> np.ndarray:

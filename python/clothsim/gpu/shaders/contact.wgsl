@@ -20,9 +20,13 @@ struct Response { moved: bool, d: vec3<wide>, velocity: vec3<wide> }
 
 fn contact_vector(at: u32) -> vec3<wide> { return vec3<wide>(contacts[at], contacts[at + 1u], contacts[at + 2u]); }
 
+fn contact_at(member: u32, sphere: u32, steps_ago: u32) -> u32 {
+    let step = select(0u, steps_done() - steps_ago, moving);
+    return member * constants.contact_member_stride + sphere * contact_size + step * constants.contact_step_stride;
+}
+
 fn contact_of(member: u32, sphere: u32, steps_ago: u32) -> Contact {
-    var at = member * constants.contact_member_stride + sphere * contact_size;
-    if (moving) { at += (atomicLoad(&results[0]) - steps_ago) * constants.contact_step_stride; }
+    let at = contact_at(member, sphere, steps_ago);
     let c = at + 12u;
     return Contact(
         Spot(contact_vector(at), contact_vector(at + 3u)), contact_vector(at + 6u), contact_vector(at + 9u),
@@ -118,7 +122,7 @@ fn respond(body: Body, s: Contact, member: u32, ray: bool, as_printed: bool, rou
     let at = spot_of(body);
     let d = spot_from(at, s.place);
     if (!(level(s, d) < s.least)) { return body; }
-    atomicAdd(&results[1u + 4u * constants.members + member], 1u);
+    atomicAdd(&results[1u + 6u * constants.members + member], 1u);
     let velocity = velocity_of(body);
     if (!ray) { return body_at(body, at, reflected(s, velocity, outward_normal(s, d), as_printed, rough)); }
     let r = ray_response(s, d, velocity, as_printed, rough);

@@ -1,7 +1,7 @@
 // Continuous contact of a mass point with moving spheres, after the classic responses: the law of
 // cpp/contact/continuous.hpp. The mean force of the step balances a bounce that flies, in place of spring energies.
 
-// The host writes `spheres`, their number, and `is_continuous`.
+// The host writes `spheres`, their number, `is_continuous`, and `first_continuous`.
 const most_contacts = 16u;  // of a point in a step, and rounds in which it is taken out of the spheres, as in the core
 const most_rounds = 100u;
 
@@ -257,7 +257,7 @@ fn point_radius2(id: vec3<u32>, excess: real) -> real {
 
 fn radii_of(id: vec3<u32>, before: real) -> Radii {
     if (!cells) { return Radii(before, before); }
-    let now = point_radius2(id, real(contact_of(id.z, 0u, 0u).excess));
+    let now = point_radius2(id, real(contact_of(id.z, first_continuous, 0u).excess));
     return Radii(select(before, now, stage == 4u), now);
 }
 
@@ -284,7 +284,7 @@ fn raise(@builtin(global_invocation_id) id: vec3<u32>) {
     let kept = Radii(radii.before, max(radii.before, radii.now));
     for (var k = 0u; k < spheres && accelerations[at] >= real(0.0); k++) {
         let s = contact_of(id.z, k, 0u);
-        let large = s.most_of_cells > wide(0.0) && product(radii.now, real(s.curvature)) > real(s.most_of_cells);
+        let large = is_continuous(k) && s.most_of_cells > wide(0.0) && product(radii.now, real(s.curvature)) > real(s.most_of_cells);
         if (large && level(s, spot_from(was, s.place)) <= surface_of(s, radii).top + s.tolerance) { note(2u, id); }
         if (!is_continuous(k) || !is_low(s, body, radii)) { continue; }
         if (!taken_out(id, spot_of(body_before(at)), kept, &now, &none, false)) { note(3u, id); }
@@ -292,7 +292,7 @@ fn raise(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     if (!same(now, was)) {
         body = body_at(body, now, none);
-        if (stage == 7u) { atomicStore(&results[1u + 5u * constants.members], 1u); }
+        if (stage == 7u) { atomicStore(&results[1u + 7u * constants.members], 1u); }
     }
     if (stage == 7u) { store_state(at, body.position, body.position_low); } else { store(at, body.position, body.position_low); }
 }

@@ -14,7 +14,7 @@ override spring_damping: bool = true;
 override drag: bool = true;
 override mass_per_point: bool = true;
 override pinned: bool = true;
-override moving: bool = true;  // spheres move: each step has contacts of its own
+override moving: bool = true;  // obstacles move: each step has `contacts` of its own
 override cells: bool = true;   // a continuous sphere has the offset "cell"
 
 struct Constants {
@@ -38,17 +38,21 @@ struct Constants {
 @group(0) @binding(5) var<storage, read_write> accelerations: array<real>;
 @group(0) @binding(6) var<storage, read> parameters: array<real>;
 @group(0) @binding(7) var<storage, read> contacts: array<wide>;
-// Steps since the host set it to 0. Then a value of every member: first bad points, first pinned points in a continuous
-// sphere, first points with cells larger than a sphere, first trapped points, and numbers of contact responses. At the end 1
-// if the last round of `raise` has moved a point.
+// First and third stages since the host set it to 0. Then a value of every member: first bad points, pinned points in an
+// obstacle, points with cells larger than a sphere, trapped points and points through a layer (of obstacle after obstacle),
+// steps before the first contact with a layer, contact responses. At the end 1 if the last round of `raise` moved a point.
 @group(0) @binding(8) var<storage, read_write> results: array<atomic<u32>>;
+
+// Whole steps, from the fourth stage on with the present one, whether or not the counting invocation was here before.
+fn steps_done() -> u32 { return (atomicLoad(&results[0]) - u32(stage == 3u)) / 2u; }
 
 fn points() -> u32 { return constants.rows * constants.columns; }
 fn inside(id: vec3<u32>) -> bool { return id.x < constants.columns && id.y < constants.rows; }
 
-fn note(finding: u32, id: vec3<u32>) {
-    atomicMin(&results[1u + finding * constants.members + id.z], id.y * constants.columns + id.x);
+fn note_value(finding: u32, member: u32, value: u32) {
+    atomicMin(&results[1u + finding * constants.members + member], value);
 }
+fn note(finding: u32, id: vec3<u32>) { note_value(finding, id.z, id.y * constants.columns + id.x); }
 
 // Index of a point's value in the first plane.
 fn place(id: vec3<u32>) -> u32 { return id.z * 6u * points() + id.y * constants.columns + id.x; }

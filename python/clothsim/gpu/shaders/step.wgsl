@@ -1,6 +1,6 @@
-// A step of classic RK4 in Nystroem form, one dispatch a stage (cpp/kernels/gather/gather_impl.hpp is the same on
-// the CPU). Every invocation gathers from its point's neighbours, and finishes its own point. The host writes
-// `spring_forces` from `neighbours` (cpp/model/stencil.hpp). Operations and their order are those of the core's gather kernel.
+// A step of classic RK4 in Nystroem form, one dispatch a stage (cpp/kernels/gather/gather_impl.hpp is the same on the
+// CPU). Every invocation gathers from its point's neighbours, and finishes its own point. The host writes `spring_forces` from
+// `neighbours` (cpp/model/stencil.hpp), and `pushed` (penalty.wgsl). Operations and their order are those of the core's kernel.
 //
 //   f = (K (l - L) / l + c (w.d) / l^2) d,  d = x_j - x_i, w = v_j - v_i, l = |d|    (Kim et al., eq 1)
 
@@ -66,7 +66,7 @@ fn is_pinned(id: vec3<u32>) -> bool { return pinned && weight(id) == real(0.0); 
 
 fn acceleration(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {
     let base = id.z * constants.parameter_stride;
-    var a = spring_forces(id, x, v);
+    var a = pushed(spring_forces(id, x, v), x, v, id);
     if (drag) { a = a - scaled(parameters[base + 3u], v); }
     if (mass_per_point) { a = scaled(weight(id), a); }
     a = a + vec3<real>(parameters[base], parameters[base + 1u], parameters[base + 2u]);
@@ -76,7 +76,7 @@ fn acceleration(id: vec3<u32>, x: vec3<real>, v: vec3<real>) -> vec3<real> {
 
 @compute @workgroup_size(group_size, group_size, 1)
 fn advance(@builtin(global_invocation_id) id: vec3<u32>) {
-    if (moving && stage == 1u && all(id == vec3<u32>(0u))) { atomicAdd(&results[0], 1u); }  // for the fourth stage
+    if (stage % 2u == 1u && all(id == vec3<u32>(0u))) { atomicAdd(&results[0], 1u); }
     if (!inside(id)) { return; }
     let at = place(id);
     let v_at = at + 3u * points();

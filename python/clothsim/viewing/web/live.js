@@ -1,10 +1,12 @@
 // The live page: a scene simulated on the graphics adapter (solver.js), and recorded as a run that page.js shows.
 const FASTEST_DRAG = 5;  // m/s; a pointer jumps, and a sphere that jumped would pass cloth within a step
+const FASTEST_GROWTH = 0.25;  // m/s, of a radius; dissipation weakens the push on a cloth that leaves faster
 const FRAME = 1 / 60;    // s of work that a frame asks of the adapter
 const MOST_OVERHEAD = 0.1;  // s of fixed time that steps may match; more would make a slow page slower
 const PAUSES = 0.25;     // s between two drawings of the curves
 const MOST_FRAMES = 600, MOST_BYTES = 2 ** 26;  // of a recording; beyond, every other frame is dropped
 const EASE = 0.4;        // s in which the view follows the cloth
+const LAYER = ["thickness", "stiffness", "dissipation", "slip_speed"];
 // A scene with its state and its recording, as page.js shows runs, and as the controls change it.
 class Live extends PageRun {
   constructor(data, planes, solver, baked) {
@@ -21,7 +23,7 @@ class Live extends PageRun {
   }
   async reset() {
     Object.assign(this, { steps: 0, origin: 0, counted: 0, problem: "", pinned: null, interval: 0, frames: [] });
-    this.moved = this.data.spheres.map(() => ({ by: [0, 0, 0], to: [0, 0, 0] }));
+    this.moved = this.data.spheres.map(({ radius }) => ({ by: [0, 0, 0], to: [0, 0, 0], radius }));
     this.solver.load(this.start);
     Object.assign(this, { planes: new Float32Array(this.start), low: Float32Array.from(this.start, (value) => value - Math.fround(value)) });
     for (const values of [this.t, ...Object.values(this.curves)]) values.length = 0;
@@ -49,27 +51,39 @@ class Live extends PageRun {
   // Another time step: the clock counts from now on, as Python's does.
   setStep(dt) { Object.assign(this, { origin: this.time, steps: 0, dt }); }
   get time() { return this.origin + this.steps * this.dt; }
-  contactOffset(sphere, s) {
+  contactOffset(sphere, s, R) {
     if (this.data.methods[this.method].responses[s] === "continuous" && sphere.cells) return 0;
-    const R = sphere.radius ?? Infinity, half = Math.min(sphere.side, (sphere.cells ? 2 : Infinity) * R) / 2;
+    const half = Math.min(sphere.side, (sphere.cells ? 2 : Infinity) * R) / 2;
     return sphere.side ? half * (half / (Math.hypot(half, R) + R)) : sphere.offset;
   }
-  // The restitution of a sphere: its own, else that of its response to contact.
+  isPenalty(s) { return this.data.methods[this.method].responses[s] === "penalty"; }
+  // The restitution of a sphere: its own, else that of its response to contact, which is null for a penalty.
   restitution(s) { return this.spheres[s].restitution ?? this.data.restitutions[this.data.methods[this.method].responses[s]]; }
-  // Spheres before the next steps and after each. A dragged sphere goes on straight to where the pointer is.
+  // Speed of a hand [m/s]: at most that which a layer takes from a mass point.
+  fastest(s) {
+    const { thickness, stiffness } = this.spheres[s], heaviest = this.data.mass.reduce((a, b) => Math.max(a, b), 0);
+    return this.isPenalty(s) ? Math.min(FASTEST_DRAG, thickness * Math.sqrt(stiffness / (2 * heaviest))) : FASTEST_DRAG;
+  }
+  // Spheres before the next steps and after each, and at the stages of each step. A dragged sphere goes on straight to where the
+  // pointer is, and the cloth is given time to leave where a radius grows.
   path(steps) {
-    const most = FASTEST_DRAG * steps * this.dt;
-    const ways = this.moved.map(({ by, to }) => {
-      const way = to.map((k, i) => k - by[i]), part = Math.min(1, most / (Math.hypot(...way) || 1));
-      return way.map((k) => part * k);
+    const { dt } = this, duration = steps * dt;
+    const ways = this.moved.map(({ by, to, radius }, s) => {
+      const way = to.map((k, i) => k - by[i]), most = this.fastest(s) * duration, part = Math.min(1, most / (Math.hypot(...way) || 1));
+      const more = (this.spheres[s].radius ?? 0) - (radius ?? 0);
+      return { by: way.map((k) => part * k), radius: this.isPenalty(s) ? Math.min(more, FASTEST_GROWTH * duration) : more };
     });
+    const at = (s, n, t, inside) => {
+      const [center, velocity] = motionAt(this.spheres[s], t, inside), way = ways[s].by;
+      return {
+        center: center.map((k, i) => k + this.moved[s].by[i] + way[i] * (n / steps)), velocity: velocity.map((k, i) => k + way[i] / duration),
+      };
+    };
     const path = [];
     for (let n = 0; n <= steps; n++) path.push(this.spheres.map((sphere, s) => {
-      const [center, velocity] = motionAt(sphere, this.origin + (this.steps + n) * this.dt), { by } = this.moved[s];
-      return {
-        ...sphere, radius: sphere.radius ?? Infinity, restitution: this.restitution(s), offset: this.contactOffset(sphere, s), center: center.map((k, i) => k + by[i] + ways[s][i] * (n / steps)),
-        velocity: velocity.map((k, i) => k + ways[s][i] / (steps * this.dt)),
-      };
+      const t = this.origin + (this.steps + n) * dt, { radius: now } = this.moved[s], radius = now === null ? Infinity : now + ways[s].radius * (n / steps);
+      const stages = [0, 0.5, 1].map((part) => at(s, n + part, t + part * dt, t + Math.min(Math.max(part, END_PART), 1 - END_PART) * dt));
+      return { ...sphere, ...at(s, n, t, t), stages, radius, restitution: this.restitution(s), offset: this.contactOffset(sphere, s, radius) };
     }));
     return { path, ways };
   }
@@ -87,13 +101,17 @@ class Live extends PageRun {
       return;
     }
     this.take(read, steps);
-    if (!this.problem) this.moved.forEach((m, s) => { m.by = m.by.map((k, i) => k + ways[s][i]); });
+    if (!this.problem) this.moved.forEach((m, s) => {
+      m.by = m.by.map((k, i) => k + ways[s].by[i]);
+      if (m.radius !== null) m.radius += ways[s].radius;
+    });
   }
   take(read, steps) {
     if (read.bad >= 0) {
       this.solver.takeBack();
       const above = this.dt > this.limit;
       const [what, why] = read.trapped ? ["NO PLACE LEFT", "spheres or planes trap it between them"]
+        : read.passed ? ["THROUGH THE LAYER", "a thicker or stiffer layer, or a shorter time step, holds it"]
         : ["UNSTABLE", `the time step ${this.dt.toPrecision(3)} s is ${above ? "above" : "within"} the guaranteed ${this.limit.toPrecision(3)} s`];
       this.problem = `${what} at step ${this.counted + 1} (t = ${(this.time + this.dt).toPrecision(6)} s), first at ${this.nameOf(read.bad)}: ${why}`;
       return;
@@ -101,14 +119,24 @@ class Live extends PageRun {
     Object.assign(this, { steps: this.steps + steps, counted: this.counted + steps, planes: read.planes, low: read.low });
   }
   // As it is drawn and measured: a plane is a sphere of a large radius.
-  ball(s, { radius, normal } = this.spheres[s], flat = this.baked.spheres[s].radius) {
+  ball(s, { normal } = this.spheres[s], { radius } = this.moved[s], flat = this.baked.spheres[s].radius) {
     return { radius: radius ?? flat, center: this.centerNow(s).map((k, i) => (radius ? k : k - flat * normal[i])) };
+  }
+  // Of each penalty obstacle the energy of a mass point in its layer [J].
+  layers() {
+    return this.spheres.flatMap((sphere, s) => {
+      if (!this.isPenalty(s)) return [];
+      const { normal, stiffness, thickness } = sphere, { radius } = this.moved[s], center = this.centerNow(s);
+      const reach = thickness + this.contactOffset(sphere, s, radius ?? Infinity);
+      const height = (e) => (radius ? Math.hypot(...e) - radius : e[0] * normal[0] + e[1] * normal[1] + e[2] * normal[2]);
+      return (p) => stiffness / 4 * Math.max(0, reach - height(p.map((k, i) => k - center[i]))) ** 4 / thickness ** 2;
+    });
   }
   centerNow(s) { return motionAt(this.spheres[s], this.time)[0].map((k, i) => k + this.moved[s].by[i]); }
   // Keep the state as the last frame. It replaces the one before while that is nearer than `interval` to its own.
   record() {
     const frame = { planes: this.planes.slice(), spheres: this.spheres.map((_, s) => this.ball(s)) };
-    const found = measures(this, frame), lists = [this.t, this.frames], { t } = this;
+    const found = measures(this, frame, this.layers()), lists = [this.t, this.frames], { t } = this;
     for (const name of Object.keys(found)) lists.push(this.curves[name] ??= []);
     if (t.length > this.most) {
       for (const list of lists) list.splice(0, list.length, ...list.filter((_, k) => k % 2 === 0));
@@ -149,13 +177,15 @@ class Live extends PageRun {
   }
 }
 // Energies [J], largest stretch and speed, and deepest mass point and triangle below a sphere [m], as Python has them.
-function measures({ data, points: n, shape: [rows, columns], gravity: g, stiffness }, { planes: v, spheres }) {
-  const found = { total: 0, kinetic: 0, elastic: 0, gravity: 0, stretch: 0, speed: 0, points: 0, triangles: 0 };
+function measures({ data, points: n, shape: [rows, columns], gravity: g, stiffness }, { planes: v, spheres }, layers) {
+  const found = { total: 0, kinetic: 0, elastic: 0, gravity: 0, contact: 0, stretch: 0, speed: 0, points: 0, triangles: 0 };
+  const held = new Set(data.pins);
   for (let p = 0; p < n; p++) {
     const m = data.mass[data.mass.length > 1 ? p : 0], speed2 = v[3 * n + p] ** 2 + v[4 * n + p] ** 2 + v[5 * n + p] ** 2;
     found.kinetic += m / 2 * speed2;
     found.speed = Math.max(found.speed, Math.sqrt(speed2));
     found.gravity -= m * (g[0] * v[p] + g[1] * v[n + p] + g[2] * v[2 * n + p]);
+    if (!held.has(p)) for (const energy of layers) found.contact += energy([v[p], v[n + p], v[2 * n + p]]);
   }
   for (const { row, column, family, rest } of data.pairs) {
     for (let r = Math.max(0, -row); r < Math.min(rows, rows - row); r++) for (let c = Math.max(0, -column); c < Math.min(columns, columns - column); c++) {
@@ -165,7 +195,7 @@ function measures({ data, points: n, shape: [rows, columns], gravity: g, stiffne
       found.stretch = Math.max(found.stretch, more / rest);
     }
   }
-  found.total = found.kinetic + found.elastic + found.gravity;
+  found.total = found.kinetic + found.elastic + found.gravity + found.contact;
   for (const { center, radius } of spheres) {
     const from = (p) => [v[p] - center[0], v[n + p] - center[1], v[2 * n + p] - center[2]], near = radius + data.longest;
     for (let p = 0; p < n; p++) {
@@ -310,7 +340,12 @@ async function startLive() {
   const damp = (k) => { for (const f of families) live.damping[f] = damped ? k / damped * data.damping[f] : k; };
   const damped = Math.max(...Object.values(data.damping)), down = Math.hypot(...data.gravity);
   const pull = down ? data.gravity.map((k) => k / down) : [0, -1, 0];
-  const each = (name, now) => [0, 1, now, (k) => k.toFixed(2), (k) => live.spheres.forEach((s) => { s[name] = k; })];
+  const each = (name, now, most = 1, unit = "") => [
+    0, most, now, (k) => `${k.toFixed(2)}${unit}`, (k) => live.spheres.forEach((s) => { s[name] = k; }),
+  ];
+  const scale = (name) => [-3, 3, 0, times, (k) => live.spheres.forEach((s, n) => { s[name] = data.spheres[n][name] * 2 ** k; })];
+  const first = (penalty) => live.spheres.findIndex((_, s) => live.isPenalty(s) === penalty);
+  const mostDissipation = 4 * (Math.max(0, ...data.spheres.map(({ dissipation }) => dissipation ?? 0)) || data.usualDissipation);
   const spheres = data.spheres.some(({ radius }) => radius !== null);  // else there are planes alone
   const sliders = {  // place, least, most, value, how it is told, what it changes
     stiffness: ["usual", -4, 4, 0, times, stiffen("stiffness")],
@@ -320,35 +355,52 @@ async function startLive() {
     radius: ["usual", -1, 1, 0, times, (k) => live.spheres.forEach((s, n) => { s.radius = data.spheres[n].radius && data.spheres[n].radius * 2 ** k; })],
     ...Object.fromEntries(families.map((f) => [f, ["more", -4, 4, 0, times, stiffen(f)]])),
     drag: ["more", 0, 4 * (data.drag || data.usualDamping), data.drag, damps, (k) => { live.drag = k; }],
-    restitution: ["more", ...each("restitution", () => live.restitution(0))],
+    restitution: ["more", ...each("restitution", () => live.restitution(first(false)))],
     friction: ["more", ...each("friction", () => live.spheres[0].friction)],
+    thickness: ["more", ...scale("thickness")],
+    "layer-stiffness": ["more", ...scale("stiffness")],
+    dissipation: ["more", ...each("dissipation", () => live.spheres[first(true)].dissipation, mostDissipation, " s/m")],
   };
+  const names = { dt: "time step", thickness: "layer thickness", "layer-stiffness": "layer stiffness" };
+  for (const f of families) names[f] = `${f} stiffness`;
   for (const [id, [place, min, max, value, says, change]] of Object.entries(sliders)) {
     const label = document.createElement("label"), input = document.createElement("input"), output = document.createElement("output");
     Object.assign(input, { type: "range", id, min, max, step: "any" });
     output.id = `${id}-says`;
-    label.append(id === "dt" ? "time step" : families.includes(id) ? `${id} stiffness` : id, input, output);
-    label.hidden = id === "radius" ? !spheres : !data.spheres.length && ["restitution", "friction"].includes(id);
+    label.append(names[id] ?? id, input, output);
     $(place).append(label);
     const tellValue = () => { output.textContent = says(input.valueAsNumber); };
     input.addEventListener("input", () => { tellValue(); changed(() => change(input.valueAsNumber)); });
-    sliders[id] = () => { input.value = typeof value === "function" ? value() : value; tellValue(); };
-    if (!label.hidden) sliders[id]();
+    // A function reads the value of an obstacle; where the label is hidden, no obstacle has one.
+    sliders[id] = () => {
+      if (typeof value !== "function") input.value = value;
+      else if (!label.hidden) input.value = value();
+      tellValue();
+    };
   }
   $("dt").parentElement.append($("above"));
-  $("method").addEventListener("change", () => changed(() => {
-    live.method = $("method").selectedIndex;
-    sliders.restitution();
-  }));
+  // Each response has parameters, and values, of its own.
+  function fit() {
+    const { responses } = data.methods[live.method], penalty = first(true) >= 0;
+    const shown = {
+      radius: spheres, friction: responses.length, restitution: first(false) >= 0, thickness: penalty, "layer-stiffness": penalty, dissipation: penalty,
+    };
+    for (const [id, here] of Object.entries(shown)) $(id).parentElement.hidden = !here;
+    for (const id of ["friction", "restitution", "dissipation"]) sliders[id]();
+  }
+  fit();
+  for (const back of Object.values(sliders)) back();
+  $("method").addEventListener("change", () => changed(() => { live.method = $("method").selectedIndex; fit(); }));
   const offsetOf = ({ side, cells, offset }) => data.offsets[$("offset").value] ?? { side, cells, offset };
   $("offset").addEventListener("change", () => changed(() => live.spheres.forEach((s, n) => Object.assign(s, offsetOf(data.spheres[n])))));
   $("method").parentElement.hidden = !data.spheres.length;
   $("offset").parentElement.hidden = !spheres;
   const reset = () => then(async () => {
     live.defaults();
-    for (const [id, back] of Object.entries(sliders)) if (!$(id).parentElement.hidden) back();
     for (const name of Object.keys(factors)) delete factors[name];
     [$("method").selectedIndex, $("offset").selectedIndex] = [data.method, 0];
+    fit();
+    for (const back of Object.values(sliders)) back();
     await live.reset();
     warn();
     seen();
@@ -360,10 +412,14 @@ async function startLive() {
     const toml = new TextDecoder().decode(await inflated("toml")), { responses, printed } = data.methods[live.method];
     const short = (all) => (new Set(Object.values(all)).size > 1 ? all : Object.values(all)[0]);
     const values = { gravity: live.gravity, stiffness: short(live.stiffness), damping: short(live.damping), drag: live.drag };
-    live.spheres.forEach(({ center, radius, restitution, friction }, s) => {
+    const same = JSON.stringify(live.stiffness) === JSON.stringify(data.stiffness);
+    live.spheres.forEach(({ center, radius, restitution, friction, given, ...sphere }, s) => {
       const by = (c) => c.map((k, i) => k + live.moved[s].by[i]), offset = $("offset").selectedIndex ? $("offset").value : data.spheres[s].named;
-      const sphere = { center: by(center), point: by(center), radius, restitution, friction, response: responses[s], as_printed: printed[s], offset };
-      for (const [name, value] of Object.entries(sphere)) values[`spheres.${s}.${name}`] = value;
+      const entry = { center: by(center), point: by(center), radius, friction, response: responses[s], as_printed: printed[s], offset };
+      if (responses[s] !== "penalty") entry.restitution = restitution;
+      // A parameter of a layer that follows from the cloth is written where something else decides.
+      else for (const name of LAYER) entry[name] = same && sphere[name] === data.spheres[s][name] ? given[name] : sphere[name];
+      for (const [name, value] of Object.entries(entry)) values[`spheres.${s}.${name}`] = value;
       values[`spheres.${s}.centers`] = data.spheres[s].centers?.map(by);
     });
     const written = (value) => (typeof value !== "object" || Array.isArray(value) ? JSON.stringify(value)

@@ -5,13 +5,15 @@
 const NONE = 0xffffffff;
 const MOST_STEPS = 512;  // a frame; the table of sphere places has one row more
 const MOST_ROUNDS = 127;  // as in gpu/simulation.py
-const RESULTS = 28;      // bytes: steps, mass points that are bad, pinned, too large and trapped, contacts, whether the last round moved a point
-// Centre and velocity of a sphere at a time, by the pieces of model/motion.py.
-function motionAt({ motion: m, center }, t) {
+const RESULTS = 36;      // bytes of `results` in layout.wgsl
+const END_PART = 1e-6;   // of a step: a velocity that jumps at its ends is that of this part inside (cpp/model/motion.hpp)
+// Centre and velocity of a sphere at a time, by the pieces of model/motion.py; `inside` selects the piece.
+function motionAt({ motion: m, center }, t, inside = t) {
   if (!m) return [center, [0, 0, 0]];
-  const cycles = t / (m.period || 1) + m.phase, part = m.period ? cycles - Math.floor(cycles) : cycles;
+  const cycles = (time) => time / (m.period || 1) + m.phase, whole = m.period ? Math.floor(cycles(inside)) : 0;
+  const part = cycles(inside) - whole;
   const piece = m.pieces.findLast(({ begin }, n) => n === 0 || begin <= part), { angle, decay, amplitude } = piece;
-  const u = (part - piece.begin) / piece.length, seconds = piece.length * (m.period || 1), all = -Math.expm1(-decay);
+  const u = (cycles(t) - whole - piece.begin) / piece.length, seconds = piece.length * (m.period || 1), all = -Math.expm1(-decay);
   const wave = decay ? -Math.expm1(-decay * u) / all : Math.sin(angle * u);
   const slope = decay ? decay * Math.exp(-decay * u) / all : angle * Math.cos(angle * u);
   const [p0, p1, p2, p3, p4, p5] = piece.polynomial;
@@ -54,7 +56,7 @@ class Solver {
     this.bindings = device.createBindGroup({ layout: this.layout, entries: bound.map((buffer, binding) => ({ binding, resource: { buffer } })) });
     this.groups = [Math.ceil(columns / data.group), Math.ceil(rows / data.group)];
   }
-  // Compile the shader for a collision method, whose texts differ in `after_contacts` alone, and for its features.
+  // Compile the shader for a collision method, whose texts differ in `pushed` and `after_contacts` alone, and for its features.
   async compile(method, features) {
     const { device, data } = this, module = device.createShaderModule({ code: data.wgsl + data.methods[method].wgsl });
     const said = (await module.getCompilationInfo()).messages.filter((m) => m.type === "error");
@@ -88,6 +90,13 @@ class Solver {
     this.write(this.constants, new Float32Array([dt / 2, dt, dt * dt / 6, dt / 6]));
     this.write(this.constants, new Uint32Array([...data.shape, 0, 0, data.spheres.length * data.contactSize, 0, 1]), 16);
   }
+  // A penalty obstacle in a step, at whose stages it is; as Block writes it.
+  layer({ stages, radius, towards, offset, thickness, stiffness, dissipation, friction, slip_speed }) {
+    const { data: { mass } } = this, scale = mass.length === 1 ? 1 / mass[0] : 1, curvature = 1 / radius;
+    const surface = (center) => center.map((c, i) => (curvature ? c + radius * towards[i] : c));
+    return [...stages.flatMap(({ center, velocity }) => [...surface(center), ...velocity]), ...towards, curvature, offset + thickness,
+      scale * stiffness / (thickness * thickness), dissipation, friction, slip_speed * slip_speed, 2 * thickness];
+  }
   // A sphere and its offset after a step, as Block writes them; `from`: its centre before.
   contact(s, { center, velocity, radius, offset, restitution, friction, push, normal, spread, cells }, from) {
     const { dt, data: { epsilon, contact } } = this;
@@ -102,14 +111,17 @@ class Solver {
       curvature, least, level(offset - slop), band, tolerance, inCells ? radius : 0, restitution, friction, push * dt, dt,
       near, curvature - 64 * epsilon / size, curvature * contact.rounding, contact.excess];
   }
-  // Take the steps of a path: centre, velocity, radius and offset of every sphere before the first step and after each.
-  // Resolves to {bad, trapped, planes, low}; bad is the first mass point that is not finite, too fast or trapped, or -1.
+  // Take the steps of a path: every sphere before the first step and after each, and at the stages of the step that follows.
+  // Resolves to {bad, trapped, passed, planes, low}; bad is the first mass point that is not finite, too fast, trapped or
+  // through a layer, or -1.
   async run(path) {
     const { data } = this, row = data.spheres.length * data.contactSize;
     if (row) {
       const table = new Float32Array(path.length * row);
       path.forEach((step, n) => step.forEach((sphere, s) => {
-        table.set(this.contact(s, sphere, path[Math.max(n - 1, 0)][s].center), n * row + s * data.contactSize);
+        const penalty = this.responses[s] === "penalty";
+        const values = penalty ? this.layer(sphere) : this.contact(s, sphere, path[Math.max(n - 1, 0)][s].center);
+        table.set(values, n * row + s * data.contactSize);
       }));
       this.write(this.table, table);
     }
@@ -122,7 +134,7 @@ class Solver {
   }
   async take(steps) {
     const { device } = this;
-    this.write(this.results, new Uint32Array([0, NONE, NONE, NONE, NONE, 0, 0]));
+    this.write(this.results, new Uint32Array([0, NONE, NONE, NONE, NONE, NONE, NONE, 0, 0]));
     const encoder = device.createCommandEncoder(), six = 24 * this.points;
     [this.state, this.compensation].forEach((buffer, k) => encoder.copyBufferToBuffer(buffer, 0, this.kept[k], 0, six));
     const work = encoder.beginComputePass();
@@ -141,9 +153,9 @@ class Solver {
     await this.readback.mapAsync(GPUMapMode.READ);
     const read = this.readback.getMappedRange().slice(0);
     this.readback.unmap();
-    const [, bad, , , trapped, , moved] = new Uint32Array(read, 0, 7), first = bad === NONE ? trapped : bad;
+    const [, bad, , , trapped, passed, , , moved] = new Uint32Array(read, 0, 9), first = [bad, trapped, passed].findIndex((k) => k !== NONE);
     return {
-      bad: first === NONE ? -1 : first, trapped: bad === NONE, settled: !moved,
+      bad: [bad, trapped, passed % this.points][first] ?? -1, trapped: first === 1, passed: first === 2, settled: !moved,
       planes: new Float32Array(read, RESULTS, 6 * this.points), low: new Float32Array(read, RESULTS + six, 6 * this.points),
     };
   }
