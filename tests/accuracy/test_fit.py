@@ -150,14 +150,27 @@ def test_the_motion_of_another_cloth_is_told(sigma, monkeypatch):
     ) in found.report["reason"]
 
 
+def test_stiffness_and_friction_are_found_through_a_layer():
+    cloth = cs.Cloth((6, 6), (0.8, 0.8), mass=0.4, stiffness=60.0, damping=0.1, drag=0.004)
+    ball = cs.Sphere((0.4, -0.3, 0.4), 0.2, stiffness=500.0, friction=0.3, slip_speed=0.1)
+    scene, times = cs.Scene(cloth, ball), np.linspace(0.05, 0.8, 16)
+    x = cs.simulate(scene, 0.8, rtol=1e-9, times=times).x[1:17]
+    noise = np.random.default_rng(3).normal(0, 2e-4, x.shape)
+    start = cs.Scene(cloth.replace(stiffness=50.0), ball.replace(friction=0.2))
+    found = cs.fit(start, times, x + noise, ["stiffness", "sphere_friction"], sigma=2e-4)
+    assert found.report["reason"] == ""
+    for name, value in (("stiffness", 60.0), ("sphere_friction", 0.3)):
+        assert abs(found.values[name] - value) < 3 * found.errors[name] < 0.01 * value
+
+
 def test_after_a_contact_nothing_is_fitted(monkeypatch):
     monkeypatch.setattr("clothsim.accuracy.fit._STARTS", 0)
-    scene = SCENE.replace(spheres=cs.Sphere((0.25, -0.3, 0.25), 0.2))
+    scene = SCENE.replace(spheres=cs.Sphere((0.25, -0.3, 0.25), 0.2, response="ray"))
     data = cs.simulate(scene, 1.0, dt=1e-3, times=TIMES).x[1:]
     found = cs.fit(scene, TIMES, data, ["stiffness"])
     assert np.isnan(found.values["stiffness"])
     assert (
-        "the cloth meets a sphere" in found.report["reason"]
+        "a sphere responds after the step" in found.report["reason"]
         and "give only the times before" in found.report["reason"]
     )
 

@@ -117,7 +117,7 @@ def test_names_stand_for_what_they_say():
 def test_a_contact_ends_what_is_known():
     scene = cs.Scene(
         cs.Cloth((6, 6), mass=18.0, stiffness=3e3, damping=10.0),
-        cs.Sphere((0.5, -0.5, 0.5), 0.25, friction=0.2),
+        cs.Sphere((0.5, -0.5, 0.5), 0.25, response="continuous", friction=0.2),
     )
     times, names = (
         np.linspace(0.05, 0.4, 8),
@@ -135,7 +135,36 @@ def test_a_contact_ends_what_is_known():
         and np.isnan(found.error.values[:, ~before]).all()
     )
     assert (found.known_until == times[before][-1]).all()
-    assert all("the cloth meets a sphere at 0.2" in reason for reason in found.reason.values)
+    assert all(
+        "a sphere responds after the step that begins at 0.2" in reason
+        for reason in found.reason.values
+    )
+
+
+def test_derivatives_go_on_through_a_layer():
+    """Central differences of runs at a tight tolerance agree, in contact with friction."""
+    cloth = cs.Cloth((6, 6), (0.8, 0.8), mass=0.4, stiffness=60.0, damping=0.1, drag=0.004)
+    ball = cs.Sphere((0.4, -0.3, 0.4), 0.2, friction=0.3, slip_speed=0.1)
+    scene = cs.Scene(cloth, ball)
+    layer = ball.layer(cloth)
+    times, names = [0.3, 0.6], ["damping", "sphere_stiffness", "sphere_friction"]
+    found = cs.sensitivity(scene, times, names)
+    assert not any(found.reason.values) and (found.known_until == 0.6).all()
+    assert cs.simulate(scene, 0.6, rtol=1e-4).report["first_contact"]["time"] < 0.25
+    for name, value in zip(names, (0.1, layer["stiffness"], 0.3)):
+        step = 1e-4 * value
+        ends = []
+        for sign in (-1, 1):
+            changed = (value + sign * step,)
+            if name == "damping":  # which moves no layer
+                other = scene.replace(cloth=cloth.replace(damping=changed[0]))
+            else:
+                part = name.removeprefix("sphere_")
+                other = scene.replace(spheres=ball.replace(**{part: changed[0]}))
+            ends.append(cs.simulate(other, 0.6, rtol=1e-10, times=times).x[1:3])
+        expected = (ends[1] - ends[0]) / (2 * step)
+        off = abs(found.dx.sel(parameter=name).values - expected).max(axis=(1, 2, 3))
+        assert (off < 1e-4 * abs(expected).max()).all()
 
 
 def test_where_buckling_amplifies_rounding_nothing_is_known():
@@ -164,8 +193,9 @@ def test_where_buckling_amplifies_rounding_nothing_is_known():
 def test_a_plane_has_a_friction_alone():
     scene = SCENE.replace(spheres=[cs.Plane((0, -3, 0), friction=0.2), cs.Sphere((9, 9, 9))])
     assert (cs.sensitivity(scene, [0.1], ["sphere0_friction", "sphere1_radius"]).dx == 0).all()
-    with pytest.raises(ValueError, match="of must name numbers of the scene, got 'sphere0_radius'"):
-        cs.sensitivity(scene, [0.1], ["sphere0_radius"])
+    for name in ("sphere0_radius", "sphere_restitution"):
+        with pytest.raises(ValueError, match=f"of must name numbers of the scene, got '{name}'"):
+            cs.sensitivity(scene, [0.1], [name])
 
 
 def test_an_unstable_run_ends_what_is_known(monkeypatch):

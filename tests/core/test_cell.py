@@ -15,9 +15,13 @@ def sheet(n=12, **changes):
     )
 
 
+def ball(center, radius, motion=None, **changes):
+    return cs.Sphere(center, radius, motion, **{"response": "continuous", **changes})
+
+
 def falling(speed=5.0, **changes):
     cloth = sheet()
-    sphere = cs.Sphere((0.5, -0.26, 0.5), 0.25, **changes)
+    sphere = ball((0.5, -0.26, 0.5), 0.25, **changes)
     velocity = np.broadcast_to((0.0, -speed, 0.0), (*cloth.shape, 3))
     return cs.Scene(cloth, sphere, velocity=velocity)
 
@@ -82,10 +86,10 @@ def test_no_triangle_is_inside_at_any_step_of_a_drape(name):
 
 
 def test_between_several_spheres():
-    spheres = [cs.Sphere((x, -0.16, 0.5), 0.15, friction=0.2) for x in (0.3, 0.65)]
+    spheres = [ball((x, -0.16, 0.5), 0.15, friction=0.2) for x in (0.3, 0.65)]
     scene = cs.Scene(
         sheet(),
-        [*spheres, cs.Sphere((0.5, -0.3, 0.2), 0.2, offset="edge")],
+        [*spheres, ball((0.5, -0.3, 0.2), 0.2, offset="edge")],
         velocity=np.full((12, 12, 3), (0, -5.0, 0)),
     )
     stepper = cs.Stepper(scene)
@@ -98,15 +102,15 @@ def test_between_several_spheres():
 def test_states_in_single_keep_triangles_out_of_steps_in_double():
     """10 m from the origin float32 rounds by more than the band above the stand-off."""
     cloth = cs.Cloth((10, 10), mass=0.4, stiffness=150.0, damping=0.02, pins=())
-    ball = cs.Sphere((10.5, -0.33, 0.5), 0.3, friction=0.3)
-    scene = cs.Scene(cloth, ball, position=cloth.rest_positions + (10, 0, 0))
+    floor = ball((10.5, -0.33, 0.5), 0.3, friction=0.3)
+    scene = cs.Scene(cloth, floor, position=cloth.rest_positions + (10, 0, 0))
     x = scene.initial_position.astype(np.float32)
     v = np.zeros_like(x) + np.float32([0, -1, 0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for _ in range(250):
             x, v = cs.step(scene, x, v, 1e-3)
-            assert cs.penetration(x, ball)["triangles"] == 0
+            assert cs.penetration(x, floor)["triangles"] == 0
 
 
 @pytest.mark.parametrize("radius", [10.0, 1e4, 1e6])
@@ -116,7 +120,7 @@ def test_a_large_sphere_is_a_floor(radius):
     x = cloth.rest_positions.copy()
     place = np.sqrt(radius**2 - ((x[..., ::2] - 0.5) ** 2).sum(axis=-1)) - radius
     x[..., 1] = place + 1e-3
-    sphere = cs.Sphere((0.5, -radius, 0.5), radius)
+    sphere = ball((0.5, -radius, 0.5), radius)
     stepper = cs.Stepper(cs.Scene(cloth, sphere, position=x))
     stepper.advance(400, 1e-3)
     above = np.linalg.norm(stepper.positions - sphere.center, axis=-1) - radius
@@ -125,7 +129,7 @@ def test_a_large_sphere_is_a_floor(radius):
 
 
 def test_a_cloth_nearer_than_its_cells_allow_warns():
-    slow = cs.Sphere((0.5, -0.251, 0.5), 0.25, cs.Linear((0, 1.0, 0)), push_out_speed=0.1)
+    slow = ball((0.5, -0.251, 0.5), 0.25, cs.Linear((0, 1.0, 0)), push_out_speed=0.1)
     with pytest.warns(cs.ContactWarning, match="1 mass points are nearer than they may be, .*4, 4"):
         cs.Stepper(cs.Scene(sheet(9), slow)).advance(1, 1e-6)
     with warnings.catch_warnings():
@@ -140,7 +144,7 @@ def test_a_sphere_in_the_middle_of_a_cell_warns(stretch, match):
     """All points of the cell are farther off than any point keeps from the sphere."""
     cloth = sheet(4, size=(3.0 / stretch, 3.0 / stretch), stiffness=1e-3)
     x = cloth.rest_positions * stretch
-    sphere = cs.Sphere((1.5, -0.1, 1.5), 0.05, cs.Linear((0, 1.0, 0)))
+    sphere = ball((1.5, -0.1, 1.5), 0.05, cs.Linear((0, 1.0, 0)))
     scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0), position=x)
     with pytest.warns(cs.ContactWarning, match=match) as caught:
         run = cs.simulate(scene, 0.1, dt=1e-3, every=1)
@@ -156,7 +160,7 @@ def test_the_work_of_lifts_depends_on_no_time_step(kernel, precision, below):
     cloth = cs.Cloth(
         (12, 12), mass=0.3, stiffness=60.0, damping=0.2, drag=0.01, springs=("bend",), pins=()
     )
-    spheres = [cs.Sphere((0.5, y, 0.5), 0.25) for y in (-0.26, below) if y]
+    spheres = [ball((0.5, y, 0.5), 0.25) for y in (-0.26, below) if y]
     scene = cs.Scene(cloth, spheres, velocity=np.broadcast_to((0.0, -1.5, 0.0), (*cloth.shape, 3)))
     made = []
     for dt in (4e-4, 1e-4):
@@ -173,7 +177,7 @@ def test_a_chain_keeps_its_links_out():
     cloth = cs.Cloth(
         shape=(1, 12), size=(1.0, 1.0), mass=0.1, stiffness=100.0, damping=0.01, pins=()
     )
-    sphere = cs.Sphere((0.5, -0.11, 0.0), 0.1)
+    sphere = ball((0.5, -0.11, 0.0), 0.1)
     stepper = cs.Stepper(cs.Scene(cloth, sphere))
     nearest = 1.0
     for _ in range(400):

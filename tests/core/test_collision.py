@@ -125,7 +125,15 @@ def test_several_spheres_respond_in_their_order(variant, response):
     spheres = [
         ball(response=response, restitution=0.5),
         cs.Sphere(CENTER + (0.3, 0.1, 0), 0.4, response=response, offset=0.02, restitution=1.0),
-        cs.Sphere(CENTER - (0.2, 0.2, 0.1), 0.3, cs.Linear((1, 0, 0)), response, 0.0, 0.8, 0.2),
+        cs.Sphere(
+            CENTER - (0.2, 0.2, 0.1),
+            0.3,
+            cs.Linear((1, 0, 0)),
+            response,
+            0.0,
+            restitution=0.8,
+            friction=0.2,
+        ),
     ]
     x, v = cloud()
     expected = x + DT * v, v

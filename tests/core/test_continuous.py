@@ -12,7 +12,14 @@ DT = 1e-3
 
 def ball(**arguments):
     return cs.Sphere(
-        **{"center": CENTER, "radius": RADIUS, "offset": "none", "restitution": 1.0, **arguments}
+        **{
+            "center": CENTER,
+            "radius": RADIUS,
+            "response": "continuous",
+            "offset": "none",
+            "restitution": 1.0,
+            **arguments,
+        }
     )
 
 

@@ -11,7 +11,8 @@ from variants import cases
 CLOTH = cs.Cloth((12, 12), mass=0.3, stiffness=60.0, damping=0.02, pins=())
 CONTACTS = [
     {"friction": 0.3},
-    {"restitution": 0.5},
+    {"response": "continuous", "friction": 0.3},
+    {"response": "continuous", "restitution": 0.5},
     {"response": "ray", "restitution": 0.5},
     {"response": "ray", "restitution": 0.0, "friction": 0.2},
     {"response": "reflect", "restitution": 0.4},
@@ -26,14 +27,15 @@ def fallen(obstacle, duration=0.2, **options):
         CLOTH, obstacle, position=x, velocity=np.broadcast_to((0.3, -1.0, 0.1), x.shape)
     )
     stepper = cs.Stepper(scene, t=0.0, **options)
-    stepper.advance(round(duration / 5e-4), 5e-4)
+    dt = 1e-4 if obstacle.response == "penalty" else 5e-4
+    stepper.advance(round(duration / dt), dt)
     return stepper
 
 
 @pytest.mark.parametrize("radius", [1e4, 1e5])
 @pytest.mark.parametrize("offset", ["none", "edge", "cell"])
 def test_a_sheet_above_a_large_sphere_is_not_lifted(radius, offset, kernel, precision):
-    x = CLOTH.rest_positions + (0, 0.02, 0)
+    x = CLOTH.rest_positions + (0, 0.03, 0)  # above the layer
     sphere = cs.Sphere((0.5, -radius, 0.5), radius, offset=offset)
     stepper = cs.Stepper(cs.Scene(CLOTH, sphere, (0, 0, 0), x), precision=precision, kernel=kernel)
     free = cs.Stepper(cs.Scene(CLOTH, (), (0, 0, 0), x), precision=precision, kernel=kernel)
@@ -56,7 +58,7 @@ def test_spheres_become_a_plane_as_they_grow(contact):
 
 
 @cases(precision=["double"])
-@pytest.mark.parametrize("contact", CONTACTS, ids=str)
+@pytest.mark.parametrize("contact", CONTACTS[1:], ids=str)  # responses after the step
 def test_steps_on_a_plane_are_those_of_the_reference(variant, contact):
     rng = np.random.default_rng(5)
     plane = cs.Plane((0.0, 0.1, 0.0), (0.3, 1.0, 0.2), cs.Linear((0.5, 0.3, -0.2)), **contact)
@@ -79,9 +81,9 @@ def test_a_plane_in_files_batches_and_runs(tmp_path, same_bits):
         assert cs.Scene.from_dict(scene.to_dict()) == scene
         assert cs.load_scene(cs.save_scene(scene, tmp_path / "scene.toml")) == scene
     x = np.stack([scene.initial_position for scene in scenes])
-    batch = cs.step(scenes, x, 0 * x, 1e-3, 200)
+    batch = cs.step(scenes, x, 0 * x, 1e-4, 2000)
     for k, scene in enumerate(scenes):
-        assert same_bits([part[k] for part in batch], cs.step(scene, x[k], 0 * x[k], 1e-3, 200))
+        assert same_bits([part[k] for part in batch], cs.step(scene, x[k], 0 * x[k], 1e-4, 2000))
         run = cs.simulate(scene, 0.3, rtol=1e-3)
         plane = scene.spheres[0]
         assert (

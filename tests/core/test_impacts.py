@@ -58,7 +58,7 @@ def test_a_cloth_differs_by_what_the_length_of_a_step_explains(crumpled, restitu
         cs.Linear((0, 1.5, 0.3)),
         "continuous",
         "edge",
-        restitution,
+        restitution=restitution,
         friction=0.1,
     )
     scene, x, v, _ = crumpled(spheres=sphere)
@@ -86,13 +86,15 @@ def test_the_reference_keeps_a_sliding_point_in_coulombs_cone():
     x = np.tile(1e3 * slope, (2, 2, 1))
     along = np.array((slope[1], -slope[0], 0.0))
     for friction in (0.2, 0.5):
-        sphere = cs.Sphere((0, 0, 0), 1e3, None, "continuous", "none", 0.0, friction)
+        sphere = cs.Sphere((0, 0, 0), 1e3, None, "continuous", "none", friction=friction)
         _, v = cs.reference_step(drifting(x, sphere, gravity=(0, -9.8, 0)), x, 0 * x, 0.01, 5)
         expected = 9.8 * max(np.sin(0.35) - friction * np.cos(0.35), 0) * 0.05 * along
         np.testing.assert_allclose(v, np.broadcast_to(expected, v.shape), rtol=0, atol=1e-4)
     falling = np.tile((0.0, RADIUS + 0.1, 0.0), (2, 2, 1))
     scene = drifting(
-        falling, cs.Sphere((0, 0, 0), RADIUS, None, "continuous", "none", 0.7), gravity=(0, -9.8, 0)
+        falling,
+        cs.Sphere((0, 0, 0), RADIUS, None, "continuous", "none", restitution=0.7),
+        gravity=(0, -9.8, 0),
     )
     x, v = cs.reference_step(scene, falling, 0 * falling, 0.2, 1)
     height = x[..., 1] - RADIUS + v[..., 1] ** 2 / (2 * 9.8)

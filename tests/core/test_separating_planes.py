@@ -12,7 +12,7 @@ import pytest
 from variants import NAMED_KERNELS, pairs
 
 DT, STEPS = 5e-4, 38
-SPHERE = cs.Sphere((0.5, -0.6, 0.5), 0.5, None, "continuous", "none", 0.5)
+SPHERE = cs.Sphere((0.5, -0.6, 0.5), 0.5, None, "continuous", "none", restitution=0.5)
 # In the cloth's box, beside the cloth: no plane across an axis is between the two, so that nothing
 # is guarded.
 UNGUARDED = cs.Sphere((0.1, 0.1, 0.1), 1e-3, None, "continuous", "none", restitution=1.0)

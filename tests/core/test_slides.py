@@ -55,7 +55,13 @@ def test_a_frictionless_slide_is_of_first_order(response, restitution):
 def test_slip_on_a_floor_that_starts_to_move(response, restitution):
     radius, speed, mu = 1e5, 1.0, 0.5  # flat to 3e-6 m over the way
     floor = cs.Sphere(
-        (0, -radius, 0), radius, cs.Linear((speed, 0, 0)), response, "none", restitution, mu
+        (0, -radius, 0),
+        radius,
+        cs.Linear((speed, 0, 0)),
+        response,
+        "none",
+        restitution=restitution,
+        friction=mu,
     )
     slips = []
     for dt in (1e-3, 1e-4):

@@ -19,7 +19,9 @@ from pairwise import pairwise
 
 def hashes():
     yield "# Hashes of final states (rows.py), made anew by: python tests/golden/make.py"
-    for row in [" ".join(row) for row in pairwise(*rows.COLUMNS)] + rows.OF_THREADS:
+    for row in (
+        [" ".join(row) for row in pairwise(*rows.COLUMNS)] + rows.OF_THREADS + rows.OF_LAYERS
+    ):
         found = {}
         for isa in cs.build_config()["instruction_sets_supported"]:
             os.environ["CLOTHSIM_ISA"] = isa
@@ -27,6 +29,9 @@ def hashes():
             assert found.setdefault(rows.key(row, isa), digest) == digest, (row, isa)
             free = rows.scene_of(row).replace(spheres=())
             assert " free " in row or rows.digest(row, scene=free) != digest, f"no contact: {row}"
+        stored = rows.golden().get(row, {})
+        if all(stored.get(key, digest) == digest for key, digest in found.items()):
+            found = {**stored, **found}  # those of other vendors' processors stay
         yield row + ": " + " ".join("=".join(pair) for pair in found.items())
     del os.environ["CLOTHSIM_ISA"]
 

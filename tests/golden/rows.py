@@ -29,6 +29,24 @@ OF_THREADS = [
     for kernel in ("edge", "gather")
 ]
 SPACING = 3 / 64, 4 / 64  # diagonals of 5 / 64
+# Contact as a force: spheres, or a plane with friction. "batch" is a batch of two members.
+OF_LAYERS = [
+    "edge double rk4 penalty pins keyframes 9x20 structural+shear+bend",
+    "edge single rk4 penalty mass linear 16x16 structural+shear",
+    "gather double rk4 penalty drag keyframes 9x20 structural+shear",
+    "gather single rk4 penalty force linear 21x13 structural+shear+bend",
+    "edge double rk4 floor mass still 21x13 structural+shear",
+    "edge single rk4 floor driven keyframes 9x20 structural+shear+bend",
+    "gather double rk4 floor pins linear 16x16 structural",
+    "gather single rk4 floor drag still 9x20 structural",
+    "edge double rk4 penalty batch linear 9x20 structural+shear",
+    "gather single rk4 penalty batch keyframes 21x13 structural",
+    "edge double dop853 penalty force still 21x13 structural+shear",
+    "gather double dop853 floor driven linear 9x20 structural",
+    "edge double velocity_verlet penalty driven keyframes 9x20 structural+shear+bend",
+    "gather single velocity_verlet floor mass linear 16x16 structural+shear+bend",
+    "edge double implicit_midpoint penalty pins linear 16x16 structural+shear",
+]
 STIFFNESS = {"structural": 900.0, "shear": 350.0, "bend": 130.0}
 DAMPING = {"structural": 0.5, "shear": 0.25, "bend": 0.125}
 
@@ -107,6 +125,15 @@ def _spheres(contact, motion, cloth):
             (0, 1 / 64, 1 / 16), centers=(place, (x, y + 1 / 64, z - 1 / 128), place)
         ),
     }
+    if contact == "floor":
+        moves["keyframes"] = cs.Keyframes(
+            (0, 1 / 64, 1 / 16), offsets=((0, 0, 0), (0, 1 / 64, -1 / 128), (0, 0, 0))
+        )
+        return cs.Plane((x, -3 / 128, z), (1 / 64, 1.0, -1 / 128), moves[motion], friction=0.25)
+    if contact == "penalty":
+        first = cs.Sphere(place, 3 / 16, moves[motion], friction=0.25 * (motion == "still"))
+        second = first.replace(center=(3 * x, y, z), motion=None, friction=0.5)
+        return (first, second) if cloth.columns >= 20 else first
     offset = contact if contact in ("none", "edge", "cell") else "edge"
     first = cs.Sphere(
         place,
@@ -136,10 +163,14 @@ def digest(row, threads=1, scene=None):
     """
     kernel, precision, integrator = row.split()[:3]
     scene = scene or scene_of(row)
+    scenes = [scene, scene.replace(velocity=None)] if " batch " in row else [scene]
     dt = 2.0**-14 if integrator == "explicit_euler" else 2.0**-12
     steps = 100 if integrator == "implicit_midpoint" else 300
-    state = scene.initial_position, scene.initial_velocity
+    x, v = (
+        np.stack([getattr(one, f"initial_{name}") for one in scenes])
+        for name in ("position", "velocity")
+    )
     x, v = cs.step(
-        scene, *state, dt, steps, 0.0, integrator, precision, threads, **arithmetic(kernel)
+        scenes, x, v, dt, steps, 0.0, integrator, precision, threads, **arithmetic(kernel)
     )
     return hashlib.sha256(x.tobytes() + v.tobytes()).hexdigest()[:16]

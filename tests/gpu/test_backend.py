@@ -106,6 +106,82 @@ def test_simulate_reports_the_backend(device):
     assert np.abs(run.x - cs.simulate(scene, 0.0105, dt=1e-3, every=4).x).max() < 1e-7
 
 
+CLOTH = cs.Cloth((12, 12))
+LAYER = cs.Sphere((0.5, -0.3, 0.5), 0.25, motion=cs.Linear((0.0, 0.5, 0.0)))
+
+
+def test_simulate_tells_contact_with_layers_as_far_as_frames_show_it():
+    scene = cs.Scene(CLOTH, LAYER)
+    options = {"dt": 4e-4, "every": 25, "precision": "single"}
+    gpu = cs.simulate(scene, 0.2, backend="gpu", **options)
+    cpu = cs.simulate(scene, 0.2, kernel="gather", **options)
+    np.testing.assert_array_equal(gpu.x, cpu.x)
+    assert 0 < gpu.report["first_contact"]["time"] == cpu.report["first_contact"]["time"] < 0.2
+    assert gpu.report["first_contact"]["reason"] == ""
+    depths = [cs.penetration(x, LAYER, t) for x, t in zip(gpu.x, gpu.t)]
+    for name in ("points", "triangles"):
+        assert gpu.report["penetration"][name] == max(depth[name] for depth in depths)
+    for name in ("impulse", "obstacle_work"):
+        assert np.isnan(gpu.report[name]).all()
+    assert "does not watch" in gpu.report["impulse_reason"]
+    free = cs.simulate(scene, 0.01, dt=4e-4, **GPU).report["first_contact"]
+    assert np.isnan(free["time"]) and free["reason"] == "no sphere responded"
+    mixed = scene.replace(spheres=(LAYER, BALL.replace(center=(0.6, -0.3, 0.4))))
+    first = cs.simulate(mixed, 0.2, dt=4e-4, **GPU).report["first_contact"]
+    assert np.isnan(first["time"]) and "does not watch" in first["reason"]
+
+
+def test_a_point_that_goes_through_a_layer_is_named_as_on_the_cpu():
+    scene = cs.Scene(CLOTH, (cs.Plane((0, -9, 0)), LAYER.replace(stiffness=500.0)))
+    scenes = [scene.replace(spheres=()).replace(spheres=scene.spheres), scene]
+    found = []
+    for options in (GPU, {"precision": "single", "kernel": "gather"}):
+        stepper = cs.Stepper(scenes, **options)
+        with pytest.raises(cs.ContactError, match=r"spheres\[1\]") as error:
+            stepper.advance(2000, 4e-4)
+        names = "step", "time", "point", "obstacle", "member"
+        found.append([getattr(error.value, name) for name in names])
+        found[-1].append(error.value.x.tobytes())
+    assert found[0] == found[1]
+
+
+def test_a_batch_of_layers_is_each_scene_bit_for_bit(same_bits):
+    """Friction or none is no feature, so that a dispatch serves both."""
+    scenes = [
+        cs.Scene(CLOTH, LAYER.replace(radius=0.2 + 0.02 * k, friction=0.2 * k)) for k in range(3)
+    ]
+    x = np.stack([scene.initial_position for scene in scenes])
+    result = cs.step(scenes, x, 0 * x, 4e-4, 400, t=0.0, **GPU)
+    for k, scene in enumerate(scenes):
+        alone = cs.step(scene, x[k], 0 * x[k], 4e-4, 400, t=0.0, **GPU)
+        assert same_bits([part[k] for part in result], alone), k
+        energy = cs.energy(scene, *alone, 0.16)
+        assert energy["contact"] > 0
+
+
+@pytest.mark.parametrize(
+    "change, dt, told",
+    [
+        ({"offset": "none", "thickness": 0.004, "stiffness": 40_000.0}, 2e-4, "below the true"),
+        ({"stiffness": 3e6, "dissipation": 20.0}, 5e-3, "deep in the layer"),
+    ],
+)
+def test_a_deep_contact_is_warned_of_as_on_the_cpu(change, dt, told):
+    scene = cs.Scene(CLOTH, LAYER.replace(**change))
+    for options in (GPU, {"precision": "single", "kernel": "gather"}):
+        with pytest.warns(UserWarning, match=told):
+            cs.simulate(scene, 0.16, dt=dt, every=10, **options)
+
+
+def test_a_pin_in_an_obstacle_is_warned_of():
+    ball = LAYER.replace(center=(0.0, 0.1, 0.0), radius=0.15, motion=None)
+    scene = cs.Scene(CLOTH.replace(pins=((0, 0),)), ball)
+    x = scene.initial_position + [0.0, -0.2, 0.0]
+    x[0, 0, 1] = 0.0
+    with pytest.warns(cs.ContactWarning, match=r"pinned mass point \(0, 0\) is inside"):
+        cs.Stepper(scene, x, 0 * x, **GPU).advance(1, 1e-5)
+
+
 @pytest.mark.parametrize(
     "asked, accepted",
     [

@@ -30,7 +30,7 @@ def pair(scene, precision="single", x=None, v=None, steps=0):
 def assert_same_bits(cpu, gpu):
     """Positions and velocities with their compensation, and the clock."""
     gpu, cpu = gpu.snapshot().core, cpu.snapshot().core
-    assert cpu.keys() - gpu.keys() == {"impulses"}  # the adapter does not count them
+    assert cpu.keys() - gpu.keys() == {"impulses", "contacts"}  # which the adapter does not sum
     for name, value in gpu.items():
         assert np.asarray(value).tobytes() == np.asarray(cpu[name]).tobytes(), name
 
@@ -46,7 +46,7 @@ def test_lavapipe_rounds_correctly_and_contracts_nothing(device, rounding, exact
 
 
 def ball(height=-0.29, **changes):
-    return cs.Sphere((0.5, height, 0.5), 0.25, **changes)
+    return cs.Sphere((0.5, height, 0.5), 0.25, **{"response": "continuous", **changes})
 
 
 def draped(*spheres, shape=(20, 20), **cloth):
@@ -77,27 +77,33 @@ SPHERES = {
     "continuous after ray": draped(
         ball(), cs.Sphere((0.9, -0.15, 0.6), 0.1, response="ray", motion=RISING)
     ),
-    "chain": draped(cs.Sphere((0.5, -0.29, 0.0), 0.25), shape=(1, 20), pins=((0, 0), (0, 19))),
-    "plane": draped(cs.Plane((0.0, -0.12, 0.0))),
+    "chain": draped(
+        ball().replace(center=(0.5, -0.29, 0.0)), shape=(1, 20), pins=((0, 0), (0, 19))
+    ),
+    "plane": draped(cs.Plane((0.0, -0.12, 0.0), response="continuous")),
     "several, moving": draped(
         ball(motion=RISING),
-        cs.Sphere((0.2, -0.2, 0.2), 0.1, cs.Linear((0.0, 0.3, 0.1)), friction=0.3),
+        cs.Sphere((0.2, -0.2, 0.2), 0.1, cs.Linear((0.0, 0.3, 0.1)), "continuous", friction=0.3),
         cs.Sphere((0.8, -0.15, 0.8), 0.08, response="ray"),
     ),
     "several, overlapping": draped(
-        *(cs.Sphere((x, -0.2, 0.5), 0.15, friction=0.2) for x in (0.4, 0.6))
+        *(cs.Sphere((x, -0.2, 0.5), 0.15, None, "continuous", friction=0.2) for x in (0.4, 0.6))
     ),
     "several, rain": draped(
-        *(cs.Sphere((x, -0.12, 0.5), 0.15, offset="none") for x in (0.37, 0.63)),
+        *(cs.Sphere((x, -0.12, 0.5), 0.15, None, "continuous", "none") for x in (0.37, 0.63)),
         stiffness=0,
         damping=0,
         pins=(),
     ).replace(
         velocity=np.random.default_rng(3).uniform((-300, -700, -300), (300, -100, 300), (20, 20, 3))
     ),
-    "several, begins inside": draped(ball(-0.2, offset="edge"), cs.Sphere((0.15, -0.1, 0.8), 0.12)),
+    "several, begins inside": draped(
+        ball(-0.2, offset="edge"), cs.Sphere((0.15, -0.1, 0.8), 0.12, response="continuous")
+    ),
     "floor and ball": draped(
-        ball(0.35, motion=cs.Linear((0.0, -0.5, 0.0))), cs.Plane((0.0, -0.05, 0.0)), pins=()
+        ball(0.35, motion=cs.Linear((0.0, -0.5, 0.0))),
+        cs.Plane((0.0, -0.05, 0.0), response="continuous"),
+        pins=(),
     ),
 }
 DOUBLE = (
@@ -107,6 +113,58 @@ DOUBLE = (
     "several, overlapping",
     "several, rain",
 )
+
+
+def layered(height=-0.29, **changes):
+    return ball(height, response="penalty", **changes)
+
+
+FLOOR = cs.Plane((0.0, -0.1, 0.0), (0.1, 1.0, 0.05), friction=0.4)
+LAYERS = {
+    "sphere": draped(layered()),
+    "plane, rough": draped(FLOOR, pins=()),
+    "plane, moving": draped(FLOOR.replace(motion=cs.Sinusoid((0.0, 0.02, 0.0), 5.0))),
+    "two, rough, mass per point": draped(
+        layered(friction=0.3),
+        FLOOR,
+        shape=(10, 12),
+        mass=np.linspace(200, 600, 120).reshape(10, 12) / 120,
+        drag=0.1,
+    ),
+    "sphere, moving": draped(layered(friction=0.3, motion=RISING), shape=(33, 17)),
+    "keyframes": draped(
+        layered(
+            motion=cs.Keyframes(
+                [0.0, 0.1001, 0.1502], offsets=[(0, 0, 0), (0, 0.1, 0), (0.1, 0, 0)]
+            )
+        )
+    ),
+    "before ray": draped(
+        layered(), cs.Sphere((0.9, -0.15, 0.6), 0.1, response="ray", motion=RISING)
+    ),
+    "before continuous": draped(
+        layered(friction=0.1), cs.Sphere((0.2, -0.2, 0.2), 0.1, RISING, "continuous")
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("name", LAYERS)
+def test_a_layer_has_the_bits_of_the_core(name, precision, needs_exact):
+    """The force of response "penalty", at the places that obstacles have at the stages."""
+    scene = LAYERS[name]
+    cpu, gpu = pair(scene, precision, steps=150)
+    free = cs.Stepper(
+        scene.replace(spheres=()), cpu.positions, cpu.velocities, t=cpu.time, precision=precision
+    )
+    for one in (cpu, gpu, free):
+        one.advance(200, DT)
+    again = cs.Stepper.restore(gpu.snapshot())
+    for one in (cpu, again, free):
+        one.advance(100, DT)
+    assert_same_bits(cpu, again)
+    assert np.abs(free.positions - cpu.positions).max() > 1e-3
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")

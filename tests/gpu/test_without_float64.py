@@ -66,7 +66,7 @@ def test_a_response_errs_by_units_in_the_last_place(response):
 @pytest.mark.parametrize("offset, friction", [("cell", 0.3), ("edge", 0.2), ("none", 0.0)])
 def test_continuous_contact_is_near_the_core_and_outside(offset, friction):
     ball = cs.Sphere(
-        (0.5, -0.29, 0.5), 0.25, cs.Linear((0.1, 0.5, 0.0)), friction=friction, offset=offset
+        (0.5, -0.29, 0.5), 0.25, cs.Linear((0.1, 0.5, 0.0)), "continuous", offset, friction=friction
     )
     scene = cs.Scene(cs.Cloth((20, 20)), ball)
     gpu, cpu = (cs.Stepper(scene, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu"))
@@ -78,3 +78,13 @@ def test_continuous_contact_is_near_the_core_and_outside(offset, friction):
     assert np.abs(gpu.velocities - cpu.velocities).max() < 1e-3
     depths = cs.penetration(gpu.positions, ball, gpu.time)
     assert depths["triangles" if offset == "cell" else "points"] == 0
+
+
+def test_a_layer_has_the_bits_of_the_core(exact):
+    ball = cs.Sphere((0.5, -0.29, 0.5), 0.25, cs.Linear((0.1, 0.5, 0.0)), friction=0.3)
+    scene = cs.Scene(cs.Cloth((20, 20)), (ball, cs.Plane((0.0, -0.2, 0.0))))
+    gpu, cpu = (cs.Stepper(scene, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu"))
+    for stepper in (gpu, cpu):
+        stepper.advance(400, 4e-4)
+    assert np.abs(gpu.positions - cpu.positions).max() <= (0 if exact else 1e-5)
+    assert cs.energy(scene, gpu.positions, gpu.velocities, gpu.time)["contact"] > 0

@@ -16,6 +16,7 @@ def test_energy_is_that_of_the_spring_table(crumpled):
         "elastic": (table["stiffness"] * stretch**2).sum() / 2,
         "gravity": -(m[..., None] * x * np.array(scene.gravity)).sum(),
         "force": -(scene.force * x).sum(),
+        "contact": 0.0,
     }
     result = cs.energy(scene, x, v)
     assert set(result) == {*expected, "total"}

@@ -6,8 +6,10 @@ import pickle
 import numpy as np
 import pytest
 from clothsim.errors import UnstableError
+from clothsim.measure import energy
 from clothsim.model.cloth import Cloth
 from clothsim.model.scene import Scene
+from clothsim.model.sphere import Plane
 
 CLOTH = Cloth(shape=(3, 4))
 
@@ -33,6 +35,15 @@ def test_state_is_copied_and_read_only():
     fortran = Scene(CLOTH, position=np.asfortranarray(x))
     np.testing.assert_array_equal(fortran.initial_position, x)
     assert fortran.initial_position.flags.c_contiguous
+
+
+def test_another_cloth_has_other_layers():
+    """They follow from the stiffness and the mass, also where the old cloth's are kept."""
+    scene = Scene(CLOTH, Plane())
+    state = scene.initial_position, scene.initial_velocity
+    contact = energy(scene, *state)["contact"]
+    soft = scene.replace(cloth=CLOTH.replace(stiffness=1000.0))
+    assert energy(soft, *state)["contact"] == pytest.approx(contact / 35, rel=1e-12)
 
 
 def test_unstable_error_keeps_its_state_through_pickling():

@@ -33,6 +33,15 @@ def test_paper_static_sphere():
     assert (sphere.response, sphere.offset, sphere.as_printed) == ("reflect", "none", True)
 
 
+@pytest.mark.parametrize("make", [scenes.paper_static, scenes.paper_moving])
+def test_paper_scenes_take_every_response(make):
+    """The restitution is 1 for each response that has one."""
+    for response, restitution in {"ray": 1, "reflect": 1, "penalty": None}.items():
+        (sphere,) = make(response).spheres
+        assert (sphere.response, sphere.restitution) == (response, restitution)
+        assert (sphere.center[1:], sphere.thickness) == ((-0.5, 0.5), None)
+
+
 def test_paper_moving_sphere_travels_one_metre_about_the_hanging_cloth():
     scene = scenes.paper_moving("reflect", offset=0.01, as_printed=True, phase=0.0)
     (sphere,) = scene.spheres

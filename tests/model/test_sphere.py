@@ -63,8 +63,9 @@ def test_a_restitution_that_was_given_stays_and_a_default_follows_the_response()
         lambda s: Sphere.from_dict(s.to_dict()),
     ):
         for given, expected in ((None, 1.0), (0.0, 0.0)):
-            sphere = copied(cs.Sphere(restitution=given).replace(radius=0.1))
+            sphere = copied(cs.Sphere(response="continuous", restitution=given).replace(radius=0.1))
             assert (
                 sphere.restitution == 0.0 and sphere.replace(response="ray").restitution == expected
             )
     assert cs.scenes.paper_static().spheres[0].replace(response="continuous").restitution == 1.0
+    assert cs.Sphere().restitution is None and cs.Sphere().replace(response="ray").restitution == 1

@@ -42,8 +42,14 @@ VALUES = [
     cs.Sphere(np.array([1, 2, 3]), np.float32(0.5), response="ray", offset=0.01, as_printed=True),
     cs.Sphere(motion=cs.Reciprocate((1, 0, 0)), response="reflect", offset="none"),
     cs.Sphere(
-        motion=cs.Keyframes([0, 1], np.eye(2, 3)), restitution=0.5, friction=0.3, push_out_speed=0.3
+        motion=cs.Keyframes([0, 1], np.eye(2, 3)),
+        response="continuous",
+        restitution=0.5,
+        friction=0.3,
+        push_out_speed=0.3,
     ),
+    cs.Sphere(thickness=0.01, stiffness=1e5, dissipation=0.0, friction=0.3, slip_speed=1e-3),
+    cs.Plane(normal=(0.0, 2.0, 0.0), dissipation=1.0),
     cs.Linear((1.0, -2.0, 0.5)),
     cs.Reciprocate((0.0, 3.0, 4.0), distance=0.8, period=1.7, deceleration=3.0, phase=0.3),
     cs.Keyframes([0.0, 0.4, 1.3], [(0, 0, 0), (0.3, 0.6, 0), (1, 2, -1)], smooth=True),

@@ -44,10 +44,10 @@ def test_a_warm_step(scene):
 )
 def test_a_run(scene):
     assert len(calls(lambda: cs.simulate(scene, 0.2, rtol=1e-6))) <= 400
-    few = len(calls(lambda: cs.simulate(scene, 0.2, dt=1e-3)))
+    few = len(calls(lambda: cs.simulate(scene, 0.2, dt=2e-4)))
     assert few <= 160
     assert (
-        len(calls(lambda: cs.simulate(scene, 2.0, dt=1e-3))) <= few + 2
+        len(calls(lambda: cs.simulate(scene, 2.0, dt=2e-4))) <= few + 2
     )  # whatever the number of steps
 
 

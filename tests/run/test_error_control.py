@@ -122,8 +122,9 @@ def test_no_call_is_without_an_end(name, options):
     if name == "stiff" and options != {"rtol": 1e-15}:
         assert estimate["reason"] == "" and estimate["rms"] < 1e-4
     elif name != "stiff":
-        assert estimate["reason"].startswith("runs with more steps come no closer")
-        assert estimate["rms"] > 1e-4  # 1e12 roundings
+        parted = "do not approach each other" in estimate["reason"]
+        assert parted or estimate["reason"].startswith("runs with more steps come no closer")
+        assert np.isnan(estimate["rms"]) if parted else estimate["rms"] > 1e-4
 
 
 def test_an_interrupt_hands_over_the_run_that_is_whole():
@@ -173,7 +174,7 @@ def test_after_contact_no_error_is_told():
     scene = cs.scenes.paper_static(bend=True)
     report = cs.simulate(scene, 0.4, rtol=1e-5, every=0.02).report
     assert math.isnan(report["error_estimate"]["max"])
-    assert report["error_estimate"]["reason"].startswith("a sphere responded")
+    assert report["error_estimate"]["reason"].startswith("an obstacle responded")
     assert report["force_evaluations"] < 2 * report["solution_evaluations"]
     fixed = cs.simulate(scene, 0.3, dt=1e-4).report
     assert abs(report["first_contact"]["time"] - fixed["first_contact"]["time"]) < 5e-4

@@ -140,7 +140,10 @@ def test_view_says_what_it_does_not_take_and_where_no_browser_is(monkeypatch, tm
         cs.view(cs.scenes.paper_static())
 
 
-OTHERS = cs.Sphere((0.15, -0.2, 0.8), 0.1), cs.Plane((0.0, -0.3, 0.0))
+OTHERS = (
+    cs.Sphere((0.15, -0.2, 0.8), 0.1, response="continuous"),
+    cs.Plane((0.0, -0.3, 0.0), response="continuous"),
+)
 
 
 @pytest.mark.parametrize(
@@ -326,7 +329,11 @@ MOVED = cs.Keyframes([0.0, 1.0], [(0.0, -0.6, 0.0), (0.0, -0.5, 0.0)])
             cs.Plane(motion=MOVED, response="reflect"),
             cs.Plane((0, -1, 0), motion=cs.Linear((0, 1, 0))),
         ],
-        [cs.Plane((0.0, -0.6, 0.0), restitution=0.5), ball(), ball(center=(3, 0, 0), offset=0.01)],
+        [
+            cs.Plane((0.0, -0.6, 0.0), response="continuous", restitution=0.5),
+            ball(),
+            ball(center=(3, 0, 0), offset=0.01),
+        ],
     ],
     ids=["floor", "slope", "moving", "among spheres"],
 )
@@ -340,6 +347,12 @@ def test_a_scene_with_planes_is_saved_as_it_is(live, planes):
     found = saved(page).spheres
     assert [one.response for one in found] == ["reflect"] * len(planes)
     assert [one.as_printed for one in found] == [isinstance(one, cs.Sphere) for one in planes]
+    page.tab.select_option("#method", label="penalty")
+    idle(page)
+    found = saved(page).spheres
+    assert [one.response for one in found] == ["penalty"] * len(planes)
+    assert [type(one) for one in found] == [type(one) for one in planes]
+    assert all(one.restitution is None for one in found)
     assert page.said == [] and page.tab.is_hidden("#problem")
 
 
@@ -358,17 +371,53 @@ def test_a_method_has_the_restitution_of_python(live):
     scene = draped(response="ray")
     page = live(scene)
     pause(page)
-    for response, name in (("ray", "2 (ray)"), ("continuous", "continuous"), ("ray", "2 (ray)")):
+    page.tab.click("#live summary")
+    methods = ("ray", "2 (ray)"), ("continuous", "continuous"), ("penalty", "penalty")
+    for response, name in (*methods, methods[0]):
         changed = scene.replace(spheres=scene.spheres[0].replace(response=response))
         page.tab.select_option("#method", label=name)
         idle(page)
-        shown = float(page.tab.text_content("#restitution-says"))
-        assert shown == page.tab.evaluate("live.live.restitution(0)")
-        assert shown == changed.spheres[0].restitution
+        assert page.tab.is_visible("#restitution") == (response != "penalty")
+        assert page.tab.is_visible("#thickness") == (response == "penalty")
+        assert page.tab.evaluate("live.live.restitution(0)") == changed.spheres[0].restitution
+        if response != "penalty":
+            shown = float(page.tab.text_content("#restitution-says"))
+            assert shown == changed.spheres[0].restitution
         assert saved(page) == changed
         (planes, _), _ = after(page, 500)
         cpu = core_after(changed, 500).positions
         assert np.abs(planes[:3].T.reshape(cpu.shape) - cpu).max() < 1e-4
+
+
+def test_a_restitution_and_a_layer_are_saved_where_their_response_is(live):
+    floor = cs.Plane((0.0, -0.6, 0.0), dissipation=0.75)
+    scene = cs.Scene(cs.Cloth((8, 8)), [floor, ball(restitution=0.5)])
+    page = live(scene)
+    pause(page)
+    page.tab.click("#live summary")
+    assert page.tab.text_content("#restitution-says") == "0.50"
+    assert page.tab.text_content("#dissipation-says") == "0.75 s/m"
+    set_slider(page, "restitution", 0.25)
+    set_slider(page, "thickness", 1)
+    plane, sphere = saved(page).spheres
+    layer = scene.spheres[0].layer(scene.cloth)
+    assert plane.thickness == pytest.approx(2 * layer["thickness"], rel=0.1)
+    assert sphere.restitution == pytest.approx(0.25, abs=0.01)
+    assert sphere.thickness is None and plane.restitution is None
+    page.tab.select_option("#method", label="penalty")
+    idle(page)
+    plane, sphere = saved(page).spheres
+    assert sphere.thickness == pytest.approx(plane.thickness, rel=0.1)
+    assert sphere.restitution is None
+    page.tab.select_option("#method", label="continuous")
+    idle(page)
+    plane, sphere = saved(page).spheres
+    assert plane.restitution == sphere.restitution == pytest.approx(0.25, abs=0.01)
+    assert plane.thickness is None and sphere.dissipation is None
+    page.tab.click("#reset")
+    idle(page)
+    assert page.tab.text_content("#thickness-says") == "x 1" and saved(page) == scene
+    assert page.said == [] and page.tab.is_hidden("#problem")
 
 
 def test_free_cloth_has_the_bits_of_the_gather_kernel_with_the_coefficients_of_the_controls(
@@ -444,9 +493,10 @@ def test_the_list_of_methods_has_those_of_python(live):
     page = live(draped(**options))
     pause(page)
     names = page.tab.locator("#method option").all_inner_texts()
-    assert names == ["1 (reflect)", "1, as printed", "2 (ray)", "2, as printed", "continuous"]
+    classic = ["1 (reflect)", "1, as printed", "2 (ray)", "2, as printed", "continuous"]
+    assert names == ["penalty", *classic]
     expected, responses = [], ("reflect", "reflect", "ray", "ray", "continuous")
-    for name, response, printed in zip(names, responses, (0, 1, 0, 1, 0), strict=True):
+    for name, response, printed in zip(classic, responses, (0, 1, 0, 1, 0), strict=True):
         page.tab.select_option("#method", label=name)
         idle(page)
         (planes, _), _ = after(page, 250)
@@ -456,6 +506,92 @@ def test_the_list_of_methods_has_those_of_python(live):
         assert np.abs(planes[:3].T.reshape(cpu.shape) - cpu).max() < 1e-5, name
         assert all(np.abs(other - cpu).max() > 1e-4 for other in expected), name
         expected.append(cpu)
+
+
+LAYERED = {
+    "sphere": (ball(response="penalty", offset="cell"),),
+    "plane, rough": (cs.Plane((0.0, -0.1, 0.0), (0.1, 1.0, 0.05), friction=0.4),),
+    "two": (
+        ball(response="penalty", friction=0.3),
+        cs.Plane((0.0, -0.1, 0.0), motion=cs.Sinusoid((0.0, 0.02, 0.0), 5.0)),
+    ),
+    "moving": (ball(response="penalty", motion=cs.Linear((0.1, 0.5, 0.0))),),
+}
+
+
+@pytest.mark.parametrize("name", LAYERED)
+def test_a_layer_has_the_bits_of_the_gather_kernel(live, same_bits, name):
+    scene = cs.Scene(cs.Cloth((16, 16)), LAYERED[name])
+    page = live(scene)
+    pause(page)
+    found, out = after(page, 500)
+    cpu, free = core_after(scene, 500), core_after(scene.replace(spheres=()), 500)
+    assert same_bits(found, parts(cpu))
+    assert np.abs(cpu.positions - free.positions).max() > 1e-2
+    energy = cs.energy(scene, cpu.positions, cpu.velocities, cpu.time)
+    assert energy["contact"] > 0
+    assert out["total"] == pytest.approx(energy["total"], rel=1e-5)
+
+
+def test_a_dragged_sphere_has_the_velocity_of_its_travel(live):
+    scene = draped(response="penalty", friction=0.3, offset="cell")
+    page = live(scene)
+    pause(page)
+    after(page, 300)
+    planes = page.tab.evaluate("""async () => {
+      const { live, then } = window.live;
+      await then(async () => {
+        live.moved[0].to = [0.02, 0.02, 0];
+        for (let k = 0; k < 2; k++) await live.advance(100);
+      });
+      return [...live.planes];
+    }""")
+    stepper = cs.Stepper(scene, precision="single", kernel="gather", threads=1, t=0.0)
+    stepper.advance(300, DT)
+    center = np.add(ball().center, (0.02, 0.02, 0))
+    stepper.advance(100, DT, centers={0: center})
+    stepper.advance(100, DT)
+    x = np.array(planes).reshape(6, -1)[:3].T.reshape(stepper.x.shape)
+    np.testing.assert_allclose(x, stepper.x, rtol=0, atol=1e-6)
+    still = core_after(
+        scene.replace(spheres=ball(response="penalty", offset="cell").replace(center=center)), 500
+    )
+    assert np.abs(still.x - stepper.x).max() > 1e-4
+
+
+def test_the_parameters_of_a_layer_have_sliders_and_are_saved(live):
+    scene = draped(response="penalty", friction=0.1, dissipation=0.5)
+    page = live(scene)
+    pause(page)
+    page.tab.click("#live summary")
+    assert page.tab.is_hidden("#restitution")
+    set_slider(page, "thickness", 1)
+    set_slider(page, "layer-stiffness", -1)
+    set_slider(page, "dissipation", 1.5)
+    set_slider(page, "friction", 0.25)
+    with page.tab.expect_download() as download:
+        page.tab.click("#save-scene")
+    changed = cs.load_scene(download.value.path()).spheres[0]
+    layer = scene.spheres[0].layer(scene.cloth)
+    assert changed.thickness == pytest.approx(2 * layer["thickness"], rel=0.1)
+    assert changed.stiffness == pytest.approx(layer["stiffness"] / 2, rel=0.1)
+    assert changed.dissipation == pytest.approx(1.5, abs=0.05)
+    assert changed.friction == pytest.approx(0.25, abs=0.02)
+    assert changed.slip_speed is None
+    found, _ = after(page, 500)
+    x = core_after(scene.replace(spheres=changed), 500).positions
+    np.testing.assert_array_equal(found[0][:3].T.reshape(x.shape), x.astype(np.float32))
+    page.tab.select_option("#method", label="2 (ray)")
+    idle(page)
+    assert page.tab.is_hidden("#thickness") and page.tab.is_visible("#restitution")
+    page.tab.click("#reset")
+    idle(page)
+    assert page.tab.is_visible("#thickness")
+    set_slider(page, "stiffness", 1)  # of the cloth, which the layer does not follow
+    with page.tab.expect_download() as download:
+        page.tab.click("#save-scene")
+    changed = cs.load_scene(download.value.path()).spheres[0]
+    assert changed.layer(scene.cloth) == layer and changed.stiffness == layer["stiffness"]
 
 
 def place(page, point):
@@ -471,8 +607,9 @@ def place(page, point):
     return page.tab.evaluate(script, list(point))
 
 
-def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live):
-    page = live(draped(response="continuous", offset="cell"))
+@pytest.mark.parametrize("response", ["continuous", "penalty"])
+def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live, response):
+    page = live(draped(response=response, offset="cell"))
     mouse = page.tab.mouse
     page.tab.hover("#canvas-0")  # the view no longer follows the cloth
     for place_now, point in (
@@ -579,7 +716,7 @@ def red_pixels(page, draw):
 
 @pytest.mark.parametrize("obstacle", ["cell", "none", "plane"])
 def test_red_is_shown_where_cloth_is_inside_and_nowhere_else(live, opened, tmp_path, obstacle):
-    plane = cs.Scene(cs.Cloth((16, 16), pins=()), cs.Plane((0, -0.1, 0)))
+    plane = cs.Scene(cs.Cloth((16, 16), pins=()), cs.Plane((0, -0.1, 0), response="continuous"))
     scene = plane if obstacle == "plane" else draped(response="continuous", offset=obstacle)
     page = live(scene)
     pause(page)
@@ -597,8 +734,9 @@ def test_pins_are_seen_in_both_themes_and_the_cloth_fills_the_stage(live):
     page.tab.wait_for_function("() => window.live.live.time > 0.05")
     pause(page)
     page.tab.evaluate("""() => {
-      const { live, camera } = window.live;
+      const { live, camera, page } = window.live;
       for (let k = 0; k < 50; k++) camera.follow(live.positions(live.t.length - 1), [], 1);
+      page.redraw();
     }""")
     for scheme, background in (("dark", (20, 24, 29)), ("light", (255, 255, 255))):
         page.tab.emulate_media(color_scheme=scheme)
