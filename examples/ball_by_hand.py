@@ -12,7 +12,7 @@ stepper = cs.Stepper(scene)
 pushed = []
 for angle in np.linspace(0, 2 * np.pi, 61)[1:]:
     center = (0.5 + 0.2 * np.cos(angle), -0.3 + 0.25 * np.sin(angle), 0.5)
-    stepper.advance(25, 1e-3, centers={0: center})
+    stepper.advance(50, 5e-4, centers={0: center})
     moved = scene.replace(spheres=[ball.replace(center=center)])
     pushed.append(cs.penetration(stepper.positions, moved.spheres[0])["triangles"])
     if len(pushed) == 30:

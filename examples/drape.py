@@ -11,10 +11,10 @@ cloth = cs.Cloth(
     pins=(),
     springs=("structural", "shear"),
 )
-ball = cs.Sphere(center=(0.5, -0.31, 0.5), radius=0.3, friction=0.5)
+ball = cs.Sphere(center=(0.5, -0.33, 0.5), radius=0.3, friction=0.5)
 scene = cs.Scene(cloth, ball)
 
-run = cs.simulate(scene, 0.4, dt=5e-4, fps=50)
+run = cs.simulate(scene, 0.4, fps=50)
 print(run)
 print("deepest triangle inside the ball [m]:", run.report["penetration"]["triangles"])
 run.animate("drape.webp", fps=25, speed=0.25)

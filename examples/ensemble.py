@@ -5,7 +5,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 cloth = cs.Cloth((16, 16), mass=128.0, stiffness=9_000.0, damping=25.0)
-scene = cs.Scene(cloth, cs.Sphere((0.5, -0.5, 0.5), 0.25, restitution=1.0))
+scene = cs.Scene(cloth, cs.Sphere((0.5, -0.5, 0.5), 0.25, dissipation=0.0))
 noise = np.random.default_rng(0).normal(0, 1e-9, (16, 16, 16, 3)) * ~cloth.pinned[..., None]
 runs = cs.simulate(
     [scene.replace(position=scene.initial_position + one) for one in noise], 3.0, dt=5e-4, fps=30

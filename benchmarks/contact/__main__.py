@@ -1,7 +1,8 @@
-"""Measure what docs/contact-figures.md claims of continuous contact.
+"""Measure what docs/contact.md and docs/contact-figures.md claim of contact.
 
 python benchmarks/contact                # every figure in short sizes
-python benchmarks/contact cone --full    # one figure, in the sizes of the claims
+python benchmarks/contact cost --full    # one figure, in the sizes of the claims
+python benchmarks/contact compare --full --out contact.png    # and its picture
 """
 
 from __future__ import annotations
@@ -33,23 +34,31 @@ _LENGTHS = (
     "slip",
     "expected",
     "spread",
+    "error",
+    "rk4_error",
+    "stand_off",
+    "least_gap",
+    "triangle",
 )
 _ENERGIES = "made", "kinetic_at_impact", "elastic_afterwards", "energy_gained"
 UNITS = (
     dict.fromkeys(_LENGTHS, "m")
     | dict.fromkeys(("dt", "time"), "s")
     | dict.fromkeys(_ENERGIES, "J")
+    | {"dissipation": "s/m", "speed": "m/s", "slip_speed": "m/s"}
 )
 
 # Figure: what it shows, and its arguments in short and in full.
 FIGURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
+    "cost": ("a step with an obstacle against one without", {"windows": 12}, {"windows": 60}),
+    "layer": ("what a layer costs and gives", {"layers": 2}, {}),
+    "compare": ("error of every response", {"scenes": 1, "steps": 4}, {}),
     "faces": ("deepest triangle, every step", {"every": 4}, {"every": 1}),
     "drop": ("energy made by an elastic drop", {"dt": 2e-5}, {"dt": 5e-6}),
     "under": ("energy made under the whole cloth", {}, {}),
     "resting": ("how quietly a cloth lies", {"steps": 10**5}, {"steps": 10**6}),
     "cone": ("friction below and above tan(slope)", {}, {}),
-    "cost": ("a step with a sphere against one without", {"windows": 20}, {"windows": 100}),
-    "offsets": ("the cost of every offset", {"windows": 20, "scenes": 2}, {}),
+    "offsets": ('the cost of every offset of "continuous"', {"windows": 20, "scenes": 2}, {}),
     "table": ("every response on every sphere", {"part": 0.4}, {"part": 1.0}),
 }
 
@@ -79,6 +88,8 @@ def _functions() -> dict[str, Callable[..., Any]]:
             for part in (0.0, 0.97, 1.03)
         ],
         "cost": contact.cost,
+        "layer": contact.layer,
+        "compare": contact.compare,
         "offsets": contact.offsets,
         "table": comparison,
     }
@@ -96,6 +107,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument(
         "--full", action="store_true", help="the sizes that are claimed; many minutes"
     )
+    parser.add_argument("--out", type=Path, help="file of the picture of compare")
     args = parser.parse_args(argv)
     for name in args.figures:
         if name not in FIGURES:
@@ -103,7 +115,10 @@ def main(argv: list[str] | None = None) -> None:
     functions = _functions()
     for name in args.figures or FIGURES:
         title, *sizes = FIGURES[name]
-        print(f"{name}: {title}\n{_text(functions[name](**sizes[args.full]))}", flush=True)
+        result = functions[name](**sizes[args.full])
+        print(f"{name}: {title}\n{_text(result)}", flush=True)
+        if name == "compare" and args.out:
+            contact.draw(result, args.out)
     print(conditions())
 
 

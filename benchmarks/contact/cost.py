@@ -1,85 +1,109 @@
-"""Cost of a step with a sphere, against the step without."""
+"""Cost of a step with an obstacle, against the step without."""
 
 from __future__ import annotations
 
+from time import perf_counter
 from typing import Any, get_args
 
 import clothsim as cs
+import numpy as np
 from clothsim.typing import Offset, Precision
 from timing import Steps, measure
 
 from .drape_cost import SCENES, drape_cost
 
-# A variant's own step without a sphere, where it is not the one named first.
-_WITHOUT = {"continuous, the paper's sphere in contact": "the paper's cloth, no sphere"}
+_FRICTION = 0.3
+_BALL = cs.Sphere((0.5, -5.01, 0.5), 5.0, offset="none")  # under a whole sheet
+_FLOOR = cs.Plane((0.0, -0.1, 0.0))
+_FALL = 40, 100, 2.5e-4  # parts of the paper's scene, steps of a part, the length of a step [s]
 
 
-def _steppers(precision: Precision) -> dict[str, cs.Stepper]:
-    cloth = cs.Cloth(pins=())
-    # Under the whole cloth, all 1,024 points on it.
-    under = cs.Sphere(
-        (0.5, -5.0, 0.5), 5.0, response="continuous", offset="none", restitution=0.0, friction=0.2
-    )
-    far = cs.Sphere((0.5, -9.0, 0.5), 0.25, response="continuous", offset="edge", restitution=1.0)
-    settled = cs.Stepper(cs.Scene(cloth, under), threads=1)
-    settled.advance(6000, 5e-5)
-    on_cells = cs.Stepper(cs.Scene(cloth, under.replace(offset="cell")), threads=1)
-    on_cells.advance(6000, 5e-5)
-    paper = cs.scenes.paper_static("continuous")
-    falling = cs.Stepper(paper, threads=1)
-    falling.advance(4000, 1e-4)
-    lying, folded = falling.positions, falling.velocities
-
-    def stepper(spheres: Any, like: cs.Stepper) -> cs.Stepper:
-        scene = cs.Scene(cloth, spheres)
-        return cs.Stepper(scene, like.positions, like.velocities, threads=1, precision=precision)
-
-    return {
-        "no sphere": stepper((), settled),
-        "ray, touching nothing": stepper(far.replace(response="ray"), settled),
-        "continuous, touching nothing": stepper(far, settled),
-        "continuous, all points in contact": stepper(under, settled),
-        "continuous, all points sliding": stepper(under.replace(friction=0.0), settled),
-        "continuous, all points, restitution 0.5": stepper(under.replace(restitution=0.5), settled),
-        "the paper's cloth, no sphere": cs.Stepper(
-            paper.replace(spheres=()), lying, folded, threads=1, precision=precision
-        ),
-        "continuous, the paper's sphere in contact": cs.Stepper(
-            paper, lying, folded, threads=1, precision=precision
-        ),
-        "cell, touching nothing": stepper(far.replace(offset="cell"), settled),
-        "cell, all points in contact": stepper(under.replace(offset="cell"), on_cells),
-        "cell, all points sliding": stepper(under.replace(offset="cell", friction=0.0), on_cells),
-    }
+def _settled(obstacle: cs.Sphere | cs.Plane) -> cs.Stepper:
+    """A sheet without pins that drag has brought to rest, all points on the obstacle."""
+    cloth = cs.Cloth(drag=20.0, pins=())
+    stepper = cs.Stepper(cs.Scene(cloth, obstacle), threads=1)
+    stepper.advance(20_000, 1e-4)
+    return stepper
 
 
 def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str, Any]]:
-    """Least time of a step over many short windows, the variants in turn, one thread.
+    """Least time of a step over many short windows, the variants in turn.
 
-    The ratio is to the step without a sphere of the same cloth.
+    All 1,024 points of a sheet lie on a large sphere or on a plane, or nothing is near. The last
+    rows are of whole runs: the paper's scene over 1 s at 2.5e-4 s, for a sixth of the windows. The
+    ratio is to the step of the same cloth without obstacles, with as many threads.
     """
+    hard = _BALL.replace(response="continuous", friction=_FRICTION)
+    far = cs.Sphere((0.5, -9.0, 0.5), 0.25)
+    on_ball, on_floor, on_hard = map(_settled, (_BALL, _FLOOR, hard))
+    variants: dict[str, tuple[Any, cs.Stepper]] = {
+        "no obstacle": ((), on_ball),
+        "sphere, nothing near": (far, on_ball),
+        "sphere": (_BALL, on_ball),
+        "sphere, friction": (_BALL.replace(friction=_FRICTION), on_ball),
+        "plane": (_FLOOR, on_floor),
+        "plane, friction": (_FLOOR.replace(friction=_FRICTION), on_floor),
+        '"continuous" sphere, friction': (hard, on_hard),
+    }
+    paper = cs.Sphere((0.5, -0.5, 0.5), 0.25)
+    falls: dict[str, Any] = {
+        "the paper's cloth, no obstacle": (),
+        "the paper's scene": paper,
+        'the paper\'s scene, "continuous"': paper.replace(response="continuous"),
+    }
     rows = []
-    for precision in ("double", "single"):
-        steppers = _steppers(precision)
-        timings = measure([Steps(stepper, dt, steps) for stepper in steppers.values()], windows)
-        least = dict(zip(steppers, (timing.minimum for timing in timings), strict=True))
-        rows += [
-            {
-                "precision": precision,
-                "variant": name,
-                "microseconds": 1e6 * taken,
-                "ratio": taken / least[_WITHOUT.get(name, "no sphere")],
-            }
-            for name, taken in least.items()
-        ]
+    for precision in get_args(Precision):
+        for threads in (1, 2):
+            options = {"threads": threads, "precision": precision}
+            lying = [
+                Steps(
+                    cs.Stepper(
+                        cs.Scene(cs.Cloth(pins=()), obstacles),
+                        on.positions,
+                        on.velocities,
+                        **options,
+                    ),
+                    dt,
+                    steps,
+                )
+                for obstacles, on in variants.values()
+            ]
+            of_lying = [timing.minimum for timing in measure(lying, windows)]
+            falling = [cs.Scene(cs.Cloth(), obstacles) for obstacles in falls.values()]
+            of_falling = _falls(falling, max(2, windows // 6), options)
+            for names, seconds in ((variants, of_lying), (falls, of_falling)):
+                rows += [
+                    {
+                        "precision": precision,
+                        "threads": threads,
+                        "variant": name,
+                        "microseconds": 1e6 * taken,
+                        "ratio": taken / seconds[0],
+                    }
+                    for name, taken in zip(names, seconds, strict=True)
+                ]
     return rows
+
+
+def _falls(scenes: list[cs.Scene], rounds: int, options: dict[str, Any]) -> list[float]:
+    """Seconds per step of whole runs: least times of short parts, as a run meets other work."""
+    parts, steps, dt = _FALL
+    least = np.full((len(scenes), parts), np.inf)
+    for _ in range(rounds):
+        steppers = [cs.Stepper(scene, **options) for scene in scenes]
+        for part in range(parts):
+            for k, stepper in enumerate(steppers):
+                start = perf_counter()
+                stepper.advance(steps, dt)
+                least[k, part] = min(least[k, part], perf_counter() - start)
+    return (least.sum(axis=1) / (parts * steps)).tolist()
 
 
 def offsets(
     windows: int = 60, steps: int = 40, dt: float = 5e-6, scenes: int = len(SCENES)
 ) -> list[dict[str, Any]]:
-    """Cost of every offset over a step without spheres, one thread: least times of many short
-    windows.
+    """Cost of every offset of "continuous" over a step without spheres, one thread: least times of
+    many short windows.
 
     Nothing touches the sphere, or all points of the paper's cloth lie on it. The last figures are
     for the light drapes of `drape_cost`, in double: least and largest mean, and the worst window of
@@ -93,7 +117,7 @@ def offsets(
     """
     cloth, rows = cs.Cloth(pins=()), []
     for offset in get_args(Offset):
-        under = cs.Sphere((0.5, -5.0, 0.5), 5.0, offset=offset, friction=0.2)
+        under = cs.Sphere((0.5, -5.0, 0.5), 5.0, None, "continuous", offset, friction=0.2)
         settled = cs.Stepper(cs.Scene(cloth, under), threads=1)
         settled.advance(6000, 5e-5)
         ratios = {}

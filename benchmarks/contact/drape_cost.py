@@ -17,7 +17,8 @@ def _light(points: int) -> cs.Cloth:
 
 def _ball(x: float, radius: float, z: float, friction: float = 0.3) -> cs.Sphere:
     """A sphere 1 mm below the sheet."""
-    return cs.Sphere((x, -radius - 1e-3, z), radius, None, "continuous", "cell", 0.0, friction)
+    center = x, -radius - 1e-3, z
+    return cs.Sphere(center, radius, response="continuous", friction=friction)
 
 
 _DRAPE = cs.Cloth(

@@ -35,6 +35,7 @@ def _shot(rng: np.random.Generator) -> tuple[cs.Scene, float, dict[str, Any]]:
     sphere = cs.Sphere(
         aim,
         radius,
+        response="continuous",
         restitution=float(rng.choice((0.0, 0.5, 1.0))),
         friction=float(rng.choice((0.0, 0.4))),
     )
