@@ -17,7 +17,7 @@ from ..base.build import build_config
 from ..model.scene import Scene
 from .options import Options
 
-SCHEMA = 3
+SCHEMA = 4
 _FIELD = "snapshot_"  # an array of a file whose name begins so is a field of the core
 
 
