@@ -64,6 +64,7 @@ REFINEMENT = 1.25
 FEW = 60
 
 ORDER = 8  # of dop853
+ORDER_OF_CONTACT = 2  # least by which errors of runs in contact fall with more steps
 # A promise, not a setting: force evaluations of everything over those of a run at the smallest
 # tolerance.
 MOST = 3.0
@@ -357,7 +358,9 @@ class _Pair:
         chance = max(SMALL * growth / max(self.growth, 1e-300), 1.0)
         self.left = before.local_error, after.local_error
         found = self.left[1] / max(self.left[0], 1e-300)
-        m = min((before.steps / after.steps) ** ORDER if by_grid else found, 1 - SMALL)
+        # A contact adds errors that fall more slowly than those of smooth motion.
+        order = ORDER_OF_CONTACT if after.watched["in_contact"] else ORDER
+        m = min((before.steps / after.steps) ** order if by_grid else found, 1 - SMALL)
         self.proportional = by_grid and 1 / MARGIN <= found / m <= MARGIN
         self.extrapolates = self.proportional and m >= SMALL and after.steps >= FEW
         self.before = Estimate.of(x, better, chance * MARGIN / (1 - m))
