@@ -228,14 +228,28 @@ class Judge:
             raise ContactError(
                 **found, obstacle=k, remedy=self._holding(member, k, point, found, dt)
             )
+        limit, term = self._limit_of(member, x, dt)
+        raise UnstableError(**found, dt=dt, max_stable_dt=limit, term=term)
+
+    def _limit_of(self, member: int, x: Any, dt: float) -> tuple[float, str]:
+        """Return the time step that an unstable run suggests, and the term that limits it."""
+        scene = self._scenes[member]
+        for k, obstacle in enumerate(scene.spheres):
+            if obstacle.response != "penalty" or obstacle.motion is None:
+                continue
+            speed = obstacle.motion.largest_speed
+            thickness = obstacle.layer(scene.cloth)["thickness"]
+            if speed * dt > thickness:
+                text = f"spheres[{k}] moves by more than the thickness of its layer in a step"
+                return thickness / speed, text
         limit = self._max_stable_dt[member]
         term = str(limiting_term(scene, self._integrator))
-        for k, depth in enumerate(self._depths(member, x, found["time"])):
+        for k, depth in enumerate(self._depths(member, x, self._core.time)):
             in_layer = limit_in_layer(scene, self._integrator, k, depth) if depth > 0 else math.inf
             if in_layer < limit:
                 limit = in_layer
                 term = f"mass points are {depth:.3g} m deep in the layer of spheres[{k}]"
-        raise UnstableError(**found, dt=dt, max_stable_dt=limit, term=term)
+        return limit, term
 
     def _depths(self, member: int, x: Any, t: float) -> list[float]:
         plan = kept_plan(self._scenes[member], Options())
