@@ -78,6 +78,17 @@ def test_contact_is_refused_and_said_why():
         cs.reference(scene, 0.4)
 
 
+def test_a_reference_goes_through_a_layer():
+    """The oracle's own law in 106 bits agrees with the kernels, and with what a run tells."""
+    cloth = cs.Cloth((5, 5), (0.4, 0.4), mass=0.3, stiffness=100.0, damping=0.1, pins=())
+    ball = cs.Sphere((0.2, -0.25, 0.2), 0.2, friction=0.2, slip_speed=0.1)
+    scene = cs.Scene(cloth, ball)
+    right, run = cs.reference(scene, 0.3), cs.simulate(scene, 0.3, rtol=1e-8)
+    assert run.report["first_contact"]["time"] < 0.1
+    assert right.error_bound["rms"][-1] < 1e-11
+    assert right.error_of(run.x[-1])["rms"] < 2 * run.report["error_estimate"]["rms"] < 1e-8
+
+
 def test_a_sphere_out_of_reach_changes_nothing(swing):
     scene, found = swing
     sphere = cs.Sphere(
