@@ -32,11 +32,6 @@ void bind_diagnostics(py::module_& m) {
         const Energy e = energy(plan, view(x), view(v), t);
         return py::make_tuple(e.kinetic, e.elastic, e.gravity, e.force, e.contact);
     });
-    m.def("contact_bounds",
-          [](const Plan& plan, const Array<double>& x, const Array<double>& v, double t) {
-              const ModeBounds bounds = contact_bounds(plan, view(x), view(v), t);
-              return std::make_pair(bounds.stiffness, bounds.damping);
-          });
     // Minus the derivatives of contact by x and by v, of shape (points, 3, 3) each.
     m.def("contact_derivatives",
           [](const Plan& plan, const Array<double>& x, const Array<double>& v, double t) {

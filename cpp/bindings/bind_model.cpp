@@ -1,13 +1,18 @@
 // Scenes and methods.
 #include <algorithm>
+#include <array>
+#include <cstdint>
 #include <map>
 #include <optional>
 
 #include "bindings/bindings.hpp"
+#include "bindings/unlocked.hpp"
 #include "contact/continuous.hpp"
 #include "driver/energy_watch.hpp"
 #include "engines/coefficients.hpp"
+#include "forces/function.hpp"
 #include "forces/penalty.hpp"
+#include "forces/table.hpp"
 #include "integrators/methods.hpp"
 #include "measure/diagnostics.hpp"
 #include "memory/plan.hpp"
@@ -98,9 +103,11 @@ Sphere make_sphere(const Vec3& center, double radius, double offset, const std::
 
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres,
                const std::optional<Array<double>>& force, std::vector<Motion> pin_motions,
-               const PinValues& driven_pins, const std::string& precision,
-               const std::string& kernel, const std::string& integrator) {
+               const PinValues& driven_pins, std::vector<std::shared_ptr<const Force>> forces,
+               const std::string& precision, const std::string& kernel,
+               const std::string& integrator) {
     Plan plan;
+    plan.forces = std::move(forces);
     plan.cloth = cloth;
     plan.gravity = gravity;
     plan.spheres = std::move(spheres);
@@ -113,6 +120,66 @@ Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> sphe
     plan.kernels = &choose_instruction_set();
     plan.integrator = integrator;
     return plan;
+}
+
+// The last copy may go where the lock of the interpreter is not held.
+std::shared_ptr<py::object> kept_object(py::object object) {
+    return {new py::object(std::move(object)), [](py::object* last) {
+                const py::gil_scoped_acquire lock;
+                delete last;
+            }};
+}
+
+// `function(t, x, v)` returns a C-contiguous float64 array of the shape of x.
+FunctionForce::Function python_function(py::object function, const Cloth& cloth) {
+    const std::shared_ptr<py::object> kept = kept_object(std::move(function));
+    const std::array<py::ssize_t, 3> shape{cloth.rows, cloth.columns, 3};
+    return
+        [kept, shape](double t, const double* x, const double* v, double* f, std::int64_t points) {
+            const Unlocked::Locked lock;
+            const auto array = [&](const double* values) {
+                py::array_t<double> copy(shape, values);
+                copy.attr("flags").attr("writeable") = false;
+                return copy;
+            };
+            const auto force = (*kept)(t, array(x), array(v)).cast<Array<double>>();
+            std::copy_n(force.data(), 3 * points, f);
+        };
+}
+
+// The address of a function void(double t, const double* x, const double* v, double* f, int64_t
+// points), with `data` as a last argument where there is some.
+FunctionForce::Function c_function(std::uintptr_t address, std::optional<std::uintptr_t> data) {
+    if (data)
+        return [address, data = *data](double t, const double* x, const double* v, double* f,
+                                       std::int64_t points) {
+            using Function =
+                void(double, const double*, const double*, double*, std::int64_t, void*);
+            reinterpret_cast<Function*>(address)(t, x, v, f, points, reinterpret_cast<void*>(data));
+        };
+    using Function = void(double, const double*, const double*, double*, std::int64_t);
+    return reinterpret_cast<Function*>(address);
+}
+
+Plan with_force(Plan plan, FunctionForce::Function function, bool by_caller) {
+    plan.forces.push_back(std::make_shared<FunctionForce>(std::move(function), by_caller));
+    return plan;
+}
+
+// The blocks of Force::each_damping: mass points, of shape (n, 2), and blocks, of shape (n, 3, 3).
+py::tuple damping_blocks(const Force& force, const Cloth& cloth, const Array<double>& x,
+                         const Array<double>& v, double t) {
+    std::vector<std::int64_t> points;
+    std::vector<double> blocks;
+    force.each_damping(cloth, {StageTime::at_rest(t), x.data(), v.data()},
+                       [&](int i, int j, const Eigen::Matrix3d& block) {
+                           points.insert(points.end(), {i, j});
+                           blocks.insert(blocks.end(), block.data(), block.data() + 9);
+                       });
+    const py::ssize_t count = py::ssize_t(points.size()) / 2;
+    return py::make_tuple(
+        py::array_t<std::int64_t>({count, py::ssize_t(2)}, points.data()),
+        py::array_t<double>({count, py::ssize_t(3), py::ssize_t(3)}, blocks.data()));
 }
 
 // A penalty obstacle in the step from t on, as gpu/shaders/penalty.wgsl takes it.
@@ -221,11 +288,7 @@ void bind_model(py::module_& m) {
     py::class_<Cloth>(m, "Cloth")
         .def(py::init(&make_cloth), py::kw_only(), "rows"_a, "columns"_a, "row_spacing"_a,
              "column_spacing"_a, "stiffness"_a, "spring_damping"_a, "drag"_a, "mass"_a,
-             "uniform_mass"_a, "pinned"_a)
-        .def_property_readonly("mode_bounds", [](const Cloth& cloth) {
-            const ModeBounds bounds = mode_bounds(cloth);
-            return std::make_pair(bounds.stiffness, bounds.damping);
-        });
+             "uniform_mass"_a, "pinned"_a);
     py::class_<Motion>(m, "Motion")
         .def(py::init<>())
         .def(py::init(&make_motion), "pieces"_a, "period"_a, "phase"_a, "relative"_a)
@@ -239,9 +302,32 @@ void bind_model(py::module_& m) {
         .def_readonly("spread", &Sphere::spread)
         .def("center_at", &Sphere::center_at)
         .def("velocity_at", [](const Sphere& s, double t) { return s.velocity_at(t); });
+    py::class_<Force, std::shared_ptr<Force>>(m, "Force")
+        .def(py::init([](const std::string& name, std::vector<double> values, Motion motion) {
+            return std::const_pointer_cast<Force>(
+                make_force(name, std::move(values), std::move(motion)));
+        }))
+        .def("damping_bound", &Force::damping_bound)
+        .def("damping_blocks", &damping_blocks);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), "cloth"_a, "gravity"_a, "spheres"_a, "force"_a,
-             "pin_motions"_a, "driven_pins"_a, "precision"_a, "kernel"_a, "integrator"_a)
+             "pin_motions"_a, "driven_pins"_a, "forces"_a, "precision"_a, "kernel"_a,
+             "integrator"_a)
+        .def("with_python_force",
+             [](const Plan& plan, py::object function) {
+                 return with_force(plan, python_function(std::move(function), plan.cloth), true);
+             })
+        .def("with_c_force",
+             [](const Plan& plan, std::uintptr_t address, std::optional<std::uintptr_t> data,
+                py::object owner, std::optional<double> held) {
+                 return with_force(
+                     plan,
+                     [function = c_function(address, data), held,
+                      kept = kept_object(std::move(owner))](
+                         double t, const double* x, const double* v, double* f,
+                         std::int64_t points) { function(held.value_or(t), x, v, f, points); },
+                     false);
+             })
         .def("contact_table", &contact_table)
         .def("normals_towards", &normals_towards)
         .def("runaway_speed",
@@ -251,6 +337,19 @@ void bind_model(py::module_& m) {
         .def_property_readonly("instruction_set",
                                [](const Plan& p) { return std::string(p.kernels->name); });
     m.def("edge_offset", &edge_offset);
+    // Of springs and forces: above every squared frequency [1/s^2] and damping rate [1/s].
+    m.def("mode_bounds", [](const Cloth& cloth, const std::vector<std::shared_ptr<Force>>& forces) {
+        ModeBounds bounds = mode_bounds(cloth);
+        for (const auto& force : forces) bounds.damping += force->damping_bound(cloth);
+        return std::make_pair(bounds.stiffness, bounds.damping);
+    });
+    // Signature, address and user data of a capsule, as scipy.LowLevelCallable has them.
+    m.def("capsule_facts", [](const py::capsule& capsule) {
+        const char* const signature = PyCapsule_GetName(capsule.ptr());
+        return py::make_tuple(signature ? signature : "",
+                              std::uintptr_t(PyCapsule_GetPointer(capsule.ptr(), signature)),
+                              std::uintptr_t(PyCapsule_GetContext(capsule.ptr())));
+    });
     m.def("methods", &methods);
 }
 

@@ -130,7 +130,7 @@ py::object reported(const Outcome& outcome) {
 
 py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads) {
     auto simulation = shared.use();
-    threads = granted(threads);
+    threads = simulation->by_caller() ? 1 : granted(threads);
     Outcome outcome;
     {
         Unlocked unlocked;
@@ -148,7 +148,7 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     const auto to = members_of(*simulation, x_out, v_out);
-    threads = granted(threads);
+    threads = simulation->by_caller() ? 1 : granted(threads);
     std::optional<Outcome> outcome;
     {
         Unlocked unlocked;
@@ -174,7 +174,7 @@ bool accelerations(SharedSimulation& shared, double time, const Array<T>& x, con
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     double* const out = a.mutable_data();
-    threads = granted(threads);
+    threads = simulation->by_caller() ? 1 : granted(threads);
     std::atomic<bool> finite{true};
     const Unlocked unlocked;
     simulation->each_member(threads, [&](std::size_t i, int) {
@@ -183,23 +183,25 @@ bool accelerations(SharedSimulation& shared, double time, const Array<T>& x, con
             member.accelerations(time, out + i * from.size);
         else finite = false;
     });
+    simulation->throw_force_failure();
     return finite;
 }
 void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads) {
     auto simulation = shared.use();
     const std::size_t size = std::size_t(a.size()) / simulation->size();
     double* const out = a.mutable_data();
-    threads = granted(threads);
+    threads = simulation->by_caller() ? 1 : granted(threads);
     const Unlocked unlocked;
     simulation->each_member(threads, [&](std::size_t i, int) {
         simulation->member(i).accelerations(simulation->clock.now(), out + i * size);
     });
+    simulation->throw_force_failure();
 }
 
 py::object advance_adaptive(SharedSimulation& shared, AdaptiveRun& run, double until,
                             std::int64_t steps, int threads) {
     auto simulation = shared.use();
-    threads = granted(threads);
+    threads = simulation->by_caller() ? 1 : granted(threads);
     Outcome outcome;
     {
         Unlocked unlocked;
@@ -213,7 +215,7 @@ void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& 
     auto simulation = shared.use();
     double* const px = x.mutable_data();
     double* const pv = v.mutable_data();
-    threads = granted(threads);
+    threads = simulation->by_caller() ? 1 : granted(threads);
     const Unlocked unlocked;
     simulation->member(0).adaptive()->dense(t, px, pv, threads);
 }
@@ -244,6 +246,10 @@ py::list watched(SharedSimulation& shared) {
             impulses.push_back({impulse[0], impulse[1], impulse[2]});
             work.push_back(sums.work);
         }
+        py::dict force_work;
+        for (const Engine::Work& work : simulation->member(i).works())
+            force_work[py::str(work.force)] = work.work;
+        one["force_work"] = force_work;
         one["impulse"] = impulses;
         one["obstacle_work"] = work;
         members.append(one);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <optional>
+#include <utility>
 
 #include "bindings/bindings.hpp"
 #include "memory/subnormals.hpp"
@@ -16,8 +17,11 @@ void take_lock(PyThreadState* thread);
 
 class Unlocked {
 public:
-    Unlocked() : thread_(PyEval_SaveThread()) {}
-    ~Unlocked() { lock(); }
+    Unlocked() : thread_(PyEval_SaveThread()), outer_(std::exchange(innermost(), this)) {}
+    ~Unlocked() {
+        innermost() = outer_;
+        lock();
+    }
     Unlocked(const Unlocked&) = delete;
     Unlocked& operator=(const Unlocked&) = delete;
 
@@ -25,18 +29,38 @@ public:
     bool signal_pending() {
         lock();
         const bool pending = PyErr_CheckSignals() != 0;
-        thread_ = PyEval_SaveThread();
-        flushed_.emplace();
+        unlock();
         return pending;
     }
 
+    // The lock for a call of Python by the thread that called the core.
+    class Locked {
+    public:
+        Locked() : unlocked_(*innermost()) { unlocked_.lock(); }
+        ~Locked() { unlocked_.unlock(); }
+        Locked(const Locked&) = delete;
+        Locked& operator=(const Locked&) = delete;
+
+    private:
+        Unlocked& unlocked_;
+    };
+
 private:
+    static Unlocked*& innermost() {
+        static thread_local Unlocked* unlocked = nullptr;
+        return unlocked;
+    }
+    void unlock() {
+        thread_ = PyEval_SaveThread();
+        flushed_.emplace();
+    }
     void lock() {
         flushed_.reset();
         take_lock(thread_);
     }
 
     PyThreadState* thread_;
+    Unlocked* outer_;
     std::optional<FlushSubnormals> flushed_{std::in_place};
 };
 

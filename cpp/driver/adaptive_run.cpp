@@ -62,6 +62,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
             return outcome;
         }
         const double error = adaptive.try_step(t, h, run.tolerance, threads);
+        throw_force_failure();
         bool accepted = controller.judge(h, error, adaptive.order());
         const double bounded = accepted ? adaptive.contact_step(t, h, run.near, true) : h;
         const Passed passed = accepted && bounded >= h && engine.has_penalty()

@@ -9,8 +9,8 @@
 
 namespace clothsim {
 
-// Nothing adds to the total energy of a cloth but the work of moving obstacles, which the contacts
-// sum up, and an unstable step. Responses after a step change the energy, so that the watch ends
+// Nothing adds to the total energy of a cloth but the work of moving obstacles and of forces such as
+// wind, which the engine sums up, and an unstable step. Responses after a step change the energy, so that the watch ends
 // with the first of them. A step may be unstable above the stability limit, and below the guaranteed limit at states outside
 // the guarantee. The cloth need not fly apart: waves may grow until it has folded into a shape that
 // stops them.
@@ -59,7 +59,7 @@ public:
     bool take_growth() { return std::exchange(news_, false); }
 
 private:
-    // Less the work of the obstacles so far.
+    // Less the work of obstacles and forces so far.
     double balance(const Engine& engine, const Energy& energy) const;
     Energy energy_of(const Engine& engine, double t);
     // Whether the guarantee of the time step holds at the state of the last energy

@@ -7,6 +7,7 @@
 #include <numeric>
 #include <utility>
 
+#include "forces/function.hpp"
 #include "measure/diagnostics.hpp"
 #include "memory/threads.hpp"
 
@@ -44,6 +45,15 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads)
     for (const Plan& plan : plans_) watches_.emplace_back(plan);
     clock.origin = time;
     for (const Plan& plan : plans_) points_ += plan.cloth.points();
+    note_forces();
+}
+
+void Simulation::note_forces() {
+    by_caller_ = false;
+    for (const Plan& plan : plans_)
+        for (const auto& force : plan.forces)
+            if (const auto* function = dynamic_cast<const FunctionForce*>(force.get()))
+                by_caller_ |= plans_.size() > 1 && function->by_caller;
 }
 
 void Simulation::set_stable_dt(std::vector<double> stable_dt) {
@@ -72,6 +82,7 @@ void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_d
     plans_.swap(plans);
     members_.swap(members);
     watches_.swap(watches);
+    note_forces();
     set_stable_dt(std::move(stable_dt));
     for (const std::size_t i : all_) {
         stable_depths_[i].clear();
@@ -114,9 +125,14 @@ std::optional<Outcome> Simulation::call(double time, const Load& load, std::int6
     if (!finite) return {};
     in_block_ = true;
     input_ = &load_state;
-    const Outcome outcome = advance(steps, dt, threads, interrupted);
-    end_block();
-    return outcome;
+    try {
+        const Outcome outcome = advance(steps, dt, threads, interrupted);
+        end_block();
+        return outcome;
+    } catch (...) {
+        end_block();
+        throw;
+    }
 }
 
 void Simulation::set_sphere(std::size_t i, std::size_t sphere, const Vec3& center,
@@ -262,6 +278,15 @@ void Simulation::run(const Steps& steps, int threads) {
     steps_in_block_ += steps.count;
     clock.steps += steps.count;
     age_ += steps.count;
+}
+
+std::exception_ptr Simulation::take_force_failure() {
+    std::exception_ptr first;
+    for (const auto& member : members_) {
+        std::exception_ptr failure = std::exchange(member->force_failure, nullptr);
+        if (!first) first = failure;
+    }
+    return first;
 }
 
 void Simulation::end_block() {
@@ -458,12 +483,20 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
         start = end;
         report_contacts(outcome);
         outcome.interrupted = poll.stopped(end);
-        for (std::size_t i = 0; i < members_.size() && outcome.interrupted && n < to_inspection;
-             ++i)
+        std::exception_ptr failure = take_force_failure();
+        const bool ends = outcome.interrupted || failure;
+        for (std::size_t i = 0; i < members_.size() && ends && n < to_inspection; ++i)
             inspect(i, age_, false);
         if (first_bad_member() >= 0) {
             repeat_step_by_step(outcome, threads, poll);
+            // An exception that comes once, as that of Ctrl-C, counts too.
+            if (std::exception_ptr again = take_force_failure()) failure = again;
+            if (failure) std::rethrow_exception(failure);
             return outcome;
+        }
+        if (failure) {
+            end_block();
+            std::rethrow_exception(failure);
         }
         for (std::size_t i = 0; i < members_.size(); ++i)
             if (watches_[i].take_growth() && !outcome.grown) outcome.grown = std::int64_t(i);

@@ -135,6 +135,15 @@ public:
     void set_sphere(std::size_t i, std::size_t sphere, const Vec3& center, const Motion& motion);
     void set_force(std::size_t i, const double* force);
 
+    // Whether a batch has forces that only the thread of the call may ask.
+    bool by_caller() const { return by_caller_; }
+    // What a force of a member has thrown, which is taken from all members.
+    std::exception_ptr take_force_failure();
+    void throw_force_failure() {
+        if (const std::exception_ptr failure = take_force_failure())
+            std::rethrow_exception(failure);
+    }
+
     // A frozen member takes no part in further steps: it keeps its state, and the others go on
     // without it.
     void set_frozen(std::size_t i, bool frozen);
@@ -175,6 +184,7 @@ private:
     void each_member_of(const std::vector<std::size_t>& members, int threads,
                         const MemberWork& work);
     void run(const Steps& steps, int threads);
+    void note_forces();
     void run_member(std::size_t i, const Steps& steps, bool copy, int threads);
     void set_step(double dt);
     std::int64_t steps_of_block() const;
@@ -211,6 +221,7 @@ private:
     // state.
     void repeat_step_by_step(Outcome& outcome, int threads, Poll& poll);
 
+    bool by_caller_ = false;
     std::int64_t chunk_ = 1;  // steps between two questions for Ctrl-C
     std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;

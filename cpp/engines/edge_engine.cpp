@@ -206,7 +206,7 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
         });
     build_coefficients();
     edge_rows_ = kernels().edge(plan_.features(), damped_alike_);
-    if (plan_.has_force()) EdgeEngine::apply_force();
+    if (this->has_forces()) this->apply_constant_force();
 }
 
 template <class Real>
@@ -265,21 +265,24 @@ void EdgeEngine<Real>::build_coefficients() {
 // The kernel adds forces where it divides by masses, so that a cloth without either pays for
 // neither.
 template <class Real>
-void EdgeEngine<Real>::apply_force() {
+void EdgeEngine<Real>::make_room_for_forces() {
+    if (!forces_.empty()) return;
     const std::ptrdiff_t all_rows = layout_.strips * rows();
-    if (applied_.empty()) {
-        applied_.assign(3 * all_rows * layout_.width(), Real(0));
-        if (inverse_mass_.empty()) inverse_mass_.assign(all_rows * layout_.width(), Real(1));
-        bands_.clear();  // they point to both
-    }
-    for (std::ptrdiff_t row = 0; row < all_rows; ++row)
-        layout_.for_each_column([&](int c, int k, int lane) {
-            const int point = int(row) % rows() * columns() + layout_.start(int(row) / rows()) + c;
-            const Vec3 applied = this->applied_at(point) / unit_;
+    forces_.assign(3 * all_rows * layout_.width(), Real(0));
+    if (inverse_mass_.empty()) inverse_mass_.assign(all_rows * layout_.width(), Real(1));
+    bands_.clear();  // they point to both
+}
+
+template <class Real>
+void EdgeEngine<Real>::put_forces(const Points& forces, int begin, int end) {
+    for (int strip = 0; strip < layout_.strips; ++strip)
+        for (int row = begin; row < end; ++row) {
+            const int i = row * columns() + layout_.start(strip);
             Real* const to =
-                applied_.data() + 3 * (row * layout_.width() + k * layout_.lanes) + lane;
-            for (int j = 0; j < 3; ++j) to[j * layout_.lanes] = Real(applied[j]);
-        });
+                forces_.data() + 3 * (std::ptrdiff_t(strip) * rows() + row) * layout_.width();
+            kernels().write_points(forces.row(i).data(), this->scale_.data() + i,
+                                   this->constant_row(i), layout_.shape(3), to);
+        }
 }
 
 template <class Real>
@@ -535,6 +538,8 @@ void EdgeEngine<Real>::accelerations(double t, double* a) {
     this->choose_sides(t);
     this->place_obstacles(StageTime::at_rest(t), force_unit(), 0, false, all.obstacles);
     all.contacts = this->penalty_rows(all.obstacles, sums);
+    Barrier single(1);
+    this->act(memory_, StageTime::at_rest(t), 0, rows(), single);
     for (int strip = 0; strip < layout_.strips; ++strip) {
         for (int r = 0; strips && r < rows(); ++r) bands(1)[std::size_t(strip)]->take_border(r);
         begin_sweep(memory_.data() + strip * layout_.strip_size(), found.data(), all, strip);

@@ -42,7 +42,9 @@ private:
     struct Band;
 
     void build_coefficients();
-    void apply_force() override;
+    void make_room_for_forces() override;
+    double unit_of_forces() const override { return unit_; }
+    void put_forces(const Points& forces, int begin, int end) override;
     // Of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
@@ -71,7 +73,7 @@ private:
             state,
             work,
             inverse_mass_.empty() ? nullptr : inverse_mass_.data() + index * layout_.width(),
-            applied_.empty() ? nullptr : applied_.data() + 3 * index * layout_.width(),
+            forces_.empty() ? nullptr : forces_.data() + 3 * index * layout_.width(),
             row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr,
             row};
     }
@@ -81,7 +83,7 @@ private:
     std::ptrdiff_t scratch_size() const { return 4 * handed_size(); }
 
     EdgeRowsKernel<Real> edge_rows_;  // with two rows more behind
-    AlignedVector<Real> coefficients_, reach_, inverse_mass_, applied_, free_;
+    AlignedVector<Real> coefficients_, reach_, inverse_mass_, forces_, free_;
     std::vector<std::uint8_t> coefficient_class_, row_has_fixed_;
     double unit_ = 1;  // of the accelerations the kernel sums
     bool damped_alike_ = false;

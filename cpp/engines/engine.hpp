@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <exception>
 #include <limits>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "contact/contact_report.hpp"
@@ -55,6 +57,7 @@ struct Tally {
     Watched watched;  // depths only when asked for; the first contact always
     Impulses impulses;  // of all responses
     ContactTally contacts;  // of obstacles with the response "penalty"
+    std::vector<double> work_rows;  // of the forces in `works`, by force and row [J]
 };
 
 class Engine : public Tally {
@@ -99,6 +102,7 @@ public:
         watched = {};
         impulses.begin_anew();
         contacts.clear();
+        std::fill(work_rows.begin(), work_rows.end(), 0.0);
     }
     // The deepest free points in the layers of penalty obstacles at the time t; of each obstacle.
     virtual std::vector<Depth> depths(double t) const = 0;
@@ -108,6 +112,15 @@ public:
     virtual double speed_bound() const = 0;
     // Note what the steps so far have met in `watched`.
     virtual void note_contacts() = 0;
+
+    // Work on the free mass points so far, of each force that the kernels do not compute [J].
+    struct Work {
+        std::string force;
+        double work;
+    };
+    virtual std::vector<Work> works() const = 0;
+    // What a force has thrown; from then on accelerations are NaN, until it is taken away.
+    std::exception_ptr force_failure;
 
     // Put driven pins to their places, with their velocities; a new state leaves that to the
     // caller.

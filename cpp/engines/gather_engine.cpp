@@ -50,19 +50,21 @@ GatherEngine<Real>::GatherEngine(const Plan& plan)
             if (!cloth.uniform_mass) inverse_mass_[layout_.at(r, c)] = Real(1 / cloth.mass[point]);
         }
     build_coefficients();
-    if (plan_.has_force()) GatherEngine::apply_force();
+    if (this->has_forces()) this->apply_constant_force();
 }
 
 // The kernel adds forces where it divides by masses, see EdgeEngine.
 template <class Real>
-void GatherEngine<Real>::apply_force() {
-    applied_.resize(3 * layout_.plane, Real(0));
+void GatherEngine<Real>::make_room_for_forces() {
+    forces_.resize(3 * layout_.plane, Real(0));
     if (inverse_mass_.empty()) inverse_mass_.assign(layout_.plane, Real(1));
-    for (int r = 0; r < rows(); ++r)
-        for (int c = 0; c < columns(); ++c) {
-            const Vec3 applied = this->applied_at(r * columns() + c);
-            for (int j = 0; j < 3; ++j) applied_[layout_.at(r, c, j)] = Real(applied[j]);
-        }
+}
+
+template <class Real>
+void GatherEngine<Real>::put_forces(const Points& forces, int begin, int end) {
+    for (int r = begin, i = r * columns(); r < end; ++r, i += columns())
+        kernels().write_points(forces.row(i).data(), this->scale_.data() + i, this->constant_row(i),
+                               layout_.row_shape(), forces_.data() + layout_.at(r, 0));
 }
 
 template <class Real>
@@ -98,7 +100,7 @@ GatherArguments<Real> GatherEngine<Real>::arguments(Stage stage, double dt) {
     g.lanes = lanes_.data();
     const std::ptrdiff_t origin = layout_.origin;
     g.inverse_mass = inverse_mass_.empty() ? nullptr : inverse_mass_.data() + origin;
-    g.applied = applied_.empty() ? nullptr : applied_.data() + origin;
+    g.applied = forces_.empty() ? nullptr : forces_.data() + origin;
     g.free = free_.data() + origin;
     g.row_has_fixed = row_has_fixed_.data();
     Real* const a = stage_a_.data() + origin;
@@ -147,6 +149,8 @@ void GatherEngine<Real>::accelerations(double t, double* a) {
     this->choose_sides(t);
     this->place_obstacles(StageTime::at_rest(t), force_unit(), 0, false, obstacles);
     g.contacts = this->penalty_rows(obstacles, sums);
+    Barrier single(1);
+    this->act(memory_, StageTime::at_rest(t), 0, rows(), single);
     kernel_(g, {0, rows(), 0, columns()});
     for (int r = 0; r < rows(); ++r)
         for (int c = 0; c < columns(); ++c)

@@ -29,6 +29,7 @@ struct PaddedLayout {
     VectorGeometry geometry(int lanes) const {
         return {stride, lanes, plane, compensation(), rows, (columns + lanes - 1) / lanes};
     }
+    RowShape row_shape() const { return {columns, 1, columns, 1, plane}; }
     int column(int vector, int lane, int lanes) const { return vector * lanes + lane; }
     std::array<std::ptrdiff_t, 2> right() const { return {1, 1}; }
     static constexpr bool is_transposed = false;
@@ -52,12 +53,13 @@ protected:  // for cpp/integrators; see EdgeEngine
 
 private:
     void build_coefficients();
-    void apply_force() override;
+    void make_room_for_forces() override;
+    void put_forces(const Points& forces, int begin, int end) override;
     GatherArguments<Real> arguments(Stage stage, double dt);
 
     ThreadGrid grid_;
     GatherKernel<Real> kernel_;
-    AlignedVector<Real> inverse_mass_, applied_, free_;
+    AlignedVector<Real> inverse_mass_, forces_, free_;
     SpringCoefficients<Real> spring_[spring_kind_count];
     std::vector<LanesWithNeighbour> lanes_;
     std::vector<std::uint8_t> row_has_fixed_;

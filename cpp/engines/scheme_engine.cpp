@@ -41,9 +41,9 @@ public:
           field_(this->field()),
           stage_field_(field_) {
         stage_field_.compensation = 0;
-        const Cloth& cloth = this->plan_.cloth;
-        const bool damped =
-            cloth.drag > 0 || cloth.has_spring_damping() || this->has_damping_contact();
+        // A force that the kernels do not compute may depend on velocities too.
+        const bool damped = !this->plan_.forces.empty() || this->plan_.cloth.has_spring_damping() ||
+            this->has_damping_contact();
         explicit_ = damped && method_.damped ? method_.damped : method_.runge_kutta;
         if (!method_.runge_kutta && !method_.splitting) {
             implicit_ = std::make_unique<ImplicitMidpoint>(this->plan_);
@@ -54,6 +54,7 @@ public:
         for (int i = 0; i < count; ++i) slot_.push_back(i);
         accelerations_.assign(std::size_t(count * field_.acceleration_size), Real(0));
         first_contacts_ = end_contacts_ = step_contacts_ = this->contacts;
+        first_power_ = end_power_ = step_work_ = this->work_rows;
         // Copies of the engine's memory, for its padding.
         if (explicit_)
             for (auto& stage : stages_) stage = this->memory_;
@@ -141,8 +142,11 @@ public:
         this->planes_.drop();
         previous_.swap(this->memory_);
         this->memory_.swap(result_);
-        add_contacts_of_step(0, this->rows());
-        if (explicit_->error_needs_end) std::swap(first_contacts_, end_contacts_);
+        add_sums_of_step(0, this->rows());
+        if (explicit_->error_needs_end) {
+            std::swap(first_contacts_, end_contacts_);
+            std::swap(first_power_, end_power_);
+        }
         const bool kink = this->kink_at(step_begin_, t, step_);
         // From here on the velocity after a kink counts, and so another acceleration.
         const StageTime after = StageTime::of_end(t, step_);
@@ -286,6 +290,7 @@ private:
     void sweep(FieldBand<Real>& band, Barrier& barrier, const AlignedVector<Real>& state, int index,
                const StageTime& time, Then then) {
         begin_contacts(band, index, time);
+        let_forces_act(band, barrier, state, index, time);
         this->begin_sweep(state.data(), acceleration(index), band);
         for (int begin = 0, made = 0; begin < band.size(); begin += rows_at_once_) {
             const int known =
@@ -311,16 +316,39 @@ private:
         this->place_obstacles(time, this->force_unit(), weight, first || end, band.obstacles);
         band.contacts = this->penalty_rows(band.obstacles, sums);
     }
+    // The forces that the kernels do not compute. Their power is kept as contacts are.
+    void let_forces_act(FieldBand<Real>& band, Barrier& barrier, const AlignedVector<Real>& state,
+                        int index, const StageTime& time) {
+        this->act(state, time, band.begin, band.end, barrier);
+        const int stages = explicit_ ? explicit_->stages : 1;
+        this->each_sum(band.begin, band.end, [&](std::size_t at) {
+            const double power = this->powers_[at];
+            if (index == 0) first_power_[at] = power;
+            else if (index == stages) end_power_[at] = power;
+            else step_work_[at] += weight_of(index) * power;
+        });
+    }
     // Of a stage's acceleration in the velocity at the end of the planned step [s].
     double weight_of(int stage) const { return explicit_->result.v[std::size_t(stage)] * planned_; }
-    void begin_step_contacts(const FieldBand<Real>& band) {
+    void begin_sums_of_step(const FieldBand<Real>& band) {
         if (this->has_penalty()) step_contacts_.clear_rows(band.begin, band.end);
+        this->each_sum(band.begin, band.end, [&](std::size_t at) { step_work_[at] = 0; });
     }
-    // What the obstacles did in the step.
-    void add_contacts_of_step(int begin, int end) {
+    // What obstacles and forces did in the step.
+    void add_sums_of_step(int begin, int end) {
+        this->each_sum(begin, end, [&](std::size_t at) {
+            this->work_rows[at] += weight_of(0) * first_power_[at] + step_work_[at];
+        });
         if (!this->has_penalty()) return;
         this->contacts.add_rows(first_contacts_, weight_of(0), true, begin, end);
         this->contacts.add_rows(step_contacts_, 1, false, begin, end);
+    }
+    // A kick of h with the forces of the last sweep, or half of it, at the velocities in memory.
+    void add_work_of_kick(const FieldBand<Real>& band, double h) {
+        this->read_velocities(band.begin, band.end);
+        this->measure_powers(band.begin, band.end);
+        this->each_sum(band.begin, band.end,
+                       [&](std::size_t at) { this->work_rows[at] += h * this->powers_[at]; });
     }
     Combination<Real> combination(const Weights& w, double h, double scale_x = 1,
                                   double scale_v = 1) {
@@ -356,7 +384,7 @@ private:
             const double part = s == 0 ? 0 : explicit_->stage[std::size_t(s)].drift;
             return StageTime::of_stage(t, planned_, part);
         };
-        begin_step_contacts(band);
+        begin_sums_of_step(band);
         if (explicit_->stages == 1) {  // the result takes the place of the state
             sweep(band, barrier, time(0));
             finish(band.begin, band.end);
@@ -389,7 +417,7 @@ private:
             this->place_pins(StageTime::of_end(t, planned_), begin, end, this->memory_);
             this->watch(begin, end);
         });
-        add_contacts_of_step(band.begin, band.end);
+        add_sums_of_step(band.begin, band.end);
     }
     // `known`: the acceleration at the start is.
     void advance_splitting(FieldBand<Real>& band, Barrier& barrier, double t, double h,
@@ -407,8 +435,11 @@ private:
             if (this->has_penalty())
                 this->contacts.add_rows(first_contacts_, s.kicks[i] * h, true, band.begin,
                                         band.end);
+            // Over a kick the mean velocity is that of its ends.
+            add_work_of_kick(band, s.kicks[i] * h / 2);
             kick_drift(band, s.drifts[i + 1] * h, s.kicks[i] * h,
                        s.drifts[i + 1] * s.kicks[i] * h * h);
+            add_work_of_kick(band, s.kicks[i] * h / 2);
             place_stage_pins(band, t, h, part += s.drifts[i + 1]);
         }
     }
@@ -419,7 +450,13 @@ private:
         Points x(this->plan_.cloth.points(), 3), v(this->plan_.cloth.points(), 3);
         this->store(x.data(), v.data());
         const Points x0 = x, v0 = v;
-        this->evaluations += implicit_->step(x, v, t, h);
+        this->evaluations += implicit_->step(x, v, t, h, this->force_failure);
+        auto work = this->work_rows.begin();
+        for (std::size_t k = 0; k < this->plan_.forces.size(); ++k) {
+            if (this->plan_.forces[k]->in_kernels()) continue;
+            *work += implicit_->work(k);
+            work += this->rows();
+        }
         note_implicit_contacts(t, h, x0, v0, x, v);
         for (int i = 0; i < x.rows(); ++i)
             this->points_.set(this->memory_, i, {x.row(i).transpose() - this->origin_, v.row(i)});
@@ -467,6 +504,7 @@ private:
     AlignedVector<Real> accelerations_;
     // Contacts of the first acceleration, of that at the end of a step, and of those between.
     ContactTally first_contacts_, end_contacts_, step_contacts_;
+    std::vector<double> first_power_, end_power_, step_work_;  // of forces likewise, see work_rows
     std::vector<int> slot_;  // where the acceleration of a stage lies
     std::array<AlignedVector<Real>, 2> stages_;
     std::vector<FieldBand<Real>> bands_;
@@ -483,8 +521,11 @@ private:
 template <class Real>
 std::unique_ptr<Engine> make(const Plan& plan) {
     const bool gather = plan.kernel == Kernel::gather;
+    const bool whole_states = std::any_of(plan.forces.begin(), plan.forces.end(),
+                                          [](const auto& force) { return !force->in_kernels(); });
     // The gather kernel's own steps know pins that rest, as the compute shader does.
-    if (method_of(plan.integrator).in_kernels && !(gather && plan.has_driven_pins())) {
+    if (method_of(plan.integrator).in_kernels && !whole_states &&
+        !(gather && plan.has_driven_pins())) {
         if (gather) return std::make_unique<GatherEngine<Real>>(plan);
         return std::make_unique<EdgeEngine<Real>>(plan, true);
     }

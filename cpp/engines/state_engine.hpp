@@ -6,6 +6,7 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "contact/contact_pass.hpp"
@@ -14,6 +15,7 @@
 #include "engines/coefficients.hpp"
 #include "engines/engine.hpp"
 #include "lanes/aligned_vector.hpp"
+#include "lanes/dot.hpp"
 #include "memory/row_band.hpp"
 #include "memory/threads.hpp"
 
@@ -118,7 +120,7 @@ public:
     }
     void set_force(const double* force) final {
         plan_.force = PointsView(force, plan_.cloth.points(), 3);
-        apply_force();
+        apply_constant_force();
         state_known_ = false;
     }
     void place_pins(double t) final {
@@ -154,6 +156,15 @@ public:
                            [](const Sphere& sphere) { return !sphere.penalty(); });
     }
     bool has_penalty() const final { return !penalty_.empty(); }
+    std::vector<Work> works() const final {
+        std::vector<Work> works;
+        auto row = work_rows.begin();
+        for (const Acting& acting : acting_) {
+            works.push_back({acting.force->name, std::accumulate(row, row + rows(), 0.0)});
+            row += rows();
+        }
+        return works;
+    }
     std::vector<Depth> depths(double t) const final { return depths_in(memory_, t); }
     int pinned_below(double t) const final {
         for (const std::size_t number : penalty_) {
@@ -209,6 +220,62 @@ protected:
         if (!penalty_.empty())
             contacts = ContactTally(plan_.spheres.size(), rows(), groups,
                                     gather ? group_size : kernels().lanes);
+        for (const auto& force : plan_.forces)
+            if (!force->in_kernels())
+                acting_.push_back({force, Points::Zero(plan_.cloth.points(), 3)});
+        work_rows.assign(acting_.size() * std::size_t(rows()), 0.0);
+        if (acting_.empty()) return;
+        acting_x_.resize(plan_.cloth.points(), 3);
+        acting_v_.resize(plan_.cloth.points(), 3);
+        sum_.resize(plan_.cloth.points(), 3);
+        powers_.assign(work_rows.size(), 0.0);
+    }
+
+    // Let the forces that the kernels do not compute act on rows [begin, end) of a state that is
+    // laid out like memory. Each thread of a team calls it for rows of its own.
+    void act(const AlignedVector<Real>& state, const StageTime& time, int begin, int end,
+             Barrier& barrier) {
+        if (acting_.empty()) return;
+        for (int r = begin; r < end; ++r)
+            kernels().read_points(state.data() + layout_.at(r, 0), layout_.row_shape(),
+                                  origin_.data(), acting_x_.row(r * columns()).data(),
+                                  acting_v_.row(r * columns()).data());
+        const auto part = [&](Points& points) {
+            return points.middleRows(begin * columns(), (end - begin) * columns());
+        };
+        for (Acting& acting : acting_) part(acting.on_points).setZero();
+        barrier.wait();
+        const ForceState all{time, acting_x_.data(), acting_v_.data()};
+        bool whole = false;
+        for (Acting& acting : acting_) {
+            whole |= acting.force->whole();
+            if (!acting.force->whole())
+                acting.force->act(plan_.cloth, all, begin, end, acting.on_points.data());
+            else if (begin == 0) act_at_once(acting, all);
+        }
+        if (whole) barrier.wait();
+        apply_forces(begin, end);
+        measure_powers(begin, end);
+    }
+    // The power of each force on the free points of some rows [W], at the velocities of the state
+    // on which it acts; by force and row.
+    void measure_powers(int begin, int end) {
+        for (std::size_t k = 0; k < acting_.size(); ++k)
+            for (int r = begin, i = r * columns(); r < end; ++r, i += columns())
+                powers_[k * std::size_t(rows()) + std::size_t(r)] =
+                    dot(acting_[k].on_points.row(i).data(), acting_v_.row(i).data(), 3 * columns());
+    }
+    // `visit(place)`: of a row [begin, end) in sums by force and row.
+    template <class Visit>
+    void each_sum(int begin, int end, Visit visit) const {
+        for (std::size_t k = 0; k < acting_.size(); ++k)
+            for (int row = begin; row < end; ++row)
+                visit(k * std::size_t(rows()) + std::size_t(row));
+    }
+    // Let those velocities be the ones in memory.
+    void read_velocities(int begin, int end) {
+        for (int i = begin * columns(); i < end * columns() && !acting_.empty(); ++i)
+            acting_v_.row(i) = points_.velocity(memory_, i);
     }
 
     // Of a sphere the axis, and the side of it, on which most points of a sample are clear now.
@@ -292,9 +359,27 @@ protected:
         return {value(0), value(1), value(2)};
     }
 
-    // Bring the plan's force into the form of the kernel.
-    virtual void apply_force() = 0;
-    Vec3 applied_at(int point) const { return plan_.field_at(point) - plan_.gravity; }
+    // Make room for accelerations by forces on points. They are those of the constant force, and of
+    // other forces on rows [begin, end) [N], in the layout of the kernel, which takes them in a unit
+    // [m/s^2].
+    virtual void make_room_for_forces() = 0;
+    virtual void put_forces(const Points& forces, int begin, int end) = 0;
+    virtual double unit_of_forces() const { return 1; }
+    const double* constant_row(int first_point) const {
+        return plan_.has_force() ? constant_.row(first_point).data() : nullptr;
+    }
+    bool has_forces() const { return plan_.has_force() || !acting_.empty(); }
+    void apply_constant_force() {
+        make_room_for_forces();
+        const double unit = unit_of_forces();
+        constant_.resize(plan_.cloth.points(), 3);
+        scale_.resize(std::size_t(plan_.cloth.points()));
+        for (int i = 0; i < plan_.cloth.points(); ++i) {
+            constant_.row(i) = (plan_.field_at(i) - plan_.gravity) / unit;
+            scale_[std::size_t(i)] = 1 / (plan_.cloth.mass[std::size_t(i)] * unit);
+        }
+        put_forces(Points::Zero(plan_.cloth.points(), 3), 0, rows());
+    }
     // Of rows [begin, end) of a state that is laid out like memory.
     void place_pins(const StageTime& time, int begin, int end, AlignedVector<Real>& state) const {
         plan_.each_driven_pin(time, begin * columns(), end * columns(),
@@ -320,8 +405,40 @@ protected:
     bool state_known_ = false;
     ContactPass<Real, Layout> contact_pass_;
     SeparatingPlanes<Real> planes_;
+    // A force that the kernels do not compute, and its values on the mass points [N].
+    struct Acting {
+        std::shared_ptr<const Force> force;
+        Points on_points;
+    };
+    std::vector<Acting> acting_;
+    std::vector<double> powers_;  // by force and row [W], see measure_powers
+    // In the unit of the kernel: accelerations by the constant force; and what a force of 1 N makes of a
+    // point.
+    Points constant_;
+    std::vector<double> scale_;
 
 private:
+    void act_at_once(Acting& acting, const ForceState& state) {
+        if (!force_failure) try {
+                return acting.force->act(plan_.cloth, state, 0, rows(), acting.on_points.data());
+            } catch (...) {
+                force_failure = std::current_exception();
+            }
+        acting.on_points.setConstant(std::numeric_limits<double>::quiet_NaN());
+    }
+    void apply_forces(int begin, int end) {
+        const auto part = [&](auto& points) {
+            return points.middleRows(begin * columns(), (end - begin) * columns());
+        };
+        // A pin takes no force, and no work.
+        auto pin = std::lower_bound(pins_.begin(), pins_.end(), begin * columns());
+        for (; pin != pins_.end() && *pin < end * columns(); ++pin)
+            for (Acting& acting : acting_) acting.on_points.row(*pin).setZero();
+        if (acting_.size() == 1) return put_forces(acting_[0].on_points, begin, end);
+        part(sum_) = part(acting_[0].on_points);
+        for (std::size_t k = 1; k < acting_.size(); ++k) part(sum_) += part(acting_[k].on_points);
+        put_forces(sum_, begin, end);
+    }
     PenaltyArguments<Real> placed(const Sphere& sphere, std::size_t number, const StageTime& time,
                                   double unit, double factor, bool noted) const {
         const Vec3 place = sphere.surface_at(time), velocity = sphere.velocity_at(time);
@@ -543,6 +660,8 @@ private:
         for (Sphere& sphere : plan_.spheres) sphere.origin = origin;
     }
 
+    Points sum_;  // of several forces [N]
+    Points acting_x_, acting_v_;  // of the state on which forces act
     std::vector<int> pins_, held_pins_;
     std::vector<std::size_t> penalty_;  // numbers of obstacles
     std::vector<int> clear_side_ = std::vector<int>(plan_.spheres.size(), -1);

@@ -85,20 +85,6 @@ struct PenaltyContact {
             (obstacle.friction > 0 ? obstacle.friction * push / speed : 0) * slip;
     }
 
-    // Bounds of the symmetric derivatives at a depth and speed: by position [N/m], by velocity
-    // [N s/m].
-    struct Bounds {
-        double stiffness, damping;
-    };
-    Bounds bounds(const Gap& gap, double slip) const {
-        if (!(gap.depth > 0)) return {0, 0};
-        const double push = elastic(gap.depth), part = gap.depth / obstacle.thickness;
-        const double turning = std::isinf(gap.radius) ? 0 : slip / std::max(gap.radius, 1e-300);
-        const double friction = obstacle.friction > 0 ? obstacle.friction / obstacle.slip_speed : 0;
-        return {6 * obstacle.stiffness * part * part + obstacle.dissipation * push * turning,
-                obstacle.dissipation * push + 2 * friction * push};
-    }
-
     // Minus the derivatives of the force by x and by v, their symmetric part, at one state.
     struct Derivatives {
         Eigen::Matrix3d by_x, by_v;

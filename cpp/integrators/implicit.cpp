@@ -1,6 +1,10 @@
 #include "integrators/implicit.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
 
 namespace clothsim {
 namespace {
@@ -9,6 +13,8 @@ constexpr int most_iterations = 60;  // not tuned: bounds, beyond which a step c
 constexpr int most_halvings = 12;
 // Residual relative to its parts, which Newton's method reaches a few times above rounding.
 constexpr double converged = 1e-14;
+// The most that is taken for a solution where the derivatives of a force are unknown.
+constexpr double solved = 1e-9;
 
 }  // namespace
 
@@ -29,6 +35,10 @@ ImplicitMidpoint::ImplicitMidpoint(const Scene& scene) : scene_(scene), cloth_(s
     });
     tension_ = size(tension);
     matrix_.resize(3 * unknowns_, 3 * unknowns_);
+    forces_.assign(scene.forces.size(), Points::Zero(cloth.points(), 3));
+    work_.assign(scene.forces.size(), 0.0);
+    stage_x_.resize(cloth.points(), 3);
+    stage_v_.resize(cloth.points(), 3);
 }
 
 double ImplicitMidpoint::size(const Vector& r) const {
@@ -51,16 +61,41 @@ void ImplicitMidpoint::each_contact(double h, const Vector& u, Visit visit) cons
         }
 }
 
+bool ImplicitMidpoint::has_function() const {
+    return std::any_of(scene_.forces.begin(), scene_.forces.end(),
+                       [](const auto& force) { return force->whole(); });
+}
+
+ForceState ImplicitMidpoint::stage(double h, const Vector& u) {
+    for (int i = 0; i < cloth_.points(); ++i) {
+        const Vec3 velocity = place(u, i);
+        stage_x_.row(i) = x_.row(i) + h / 2 * velocity.transpose();
+        stage_v_.row(i) = velocity;
+    }
+    return {middle_, stage_x_.data(), stage_v_.data()};
+}
+
+void ImplicitMidpoint::act(double h, const Vector& u) {
+    if (forces_.empty()) return;
+    const ForceState state = stage(h, u);
+    for (std::size_t k = 0; k < forces_.size(); ++k) {
+        forces_[k].setZero();
+        scene_.forces[k]->act(cloth_, state, 0, cloth_.rows, forces_[k].data());
+    }
+}
+
 // M (u - v) - h/2 F(x + h/2 u, u)
-auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
+auto ImplicitMidpoint::residual(double h, const Vector& u) -> Vector {
+    act(h, u);
     Vector r(3 * unknowns_);
     for (int i = 0; i < cloth_.points(); ++i) {
         const int k = unknown_[std::size_t(i)];
         if (k < 0) continue;
         const Vec3 here = u.segment<3>(3 * k);
         const double m = cloth_.mass[std::size_t(i)];
-        r.segment<3>(3 * k) = m * (here - v_.row(i).transpose()) -
-            h / 2 * (m * scene_.field_at(i) - cloth_.drag * here);
+        Vec3 force = m * scene_.field_at(i);
+        for (const Points& of_points : forces_) force += of_points.row(i).transpose();
+        r.segment<3>(3 * k) = m * (here - v_.row(i).transpose()) - h / 2 * force;
     }
     cloth_.each_spring([&](int from, int to, const Neighbour& kind) {
         const Vec3 w = place(u, to) - place(u, from);
@@ -82,8 +117,16 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) const -> Vector {
 
 void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
     entries_.clear();
-    for (int k = 0; k < 3 * unknowns_; ++k)
-        entries_.emplace_back(k, k, mass_[k] + h / 2 * cloth_.drag);
+    for (int k = 0; k < 3 * unknowns_; ++k) entries_.emplace_back(k, k, mass_[k]);
+    const ForceState state = stage(h, u);
+    for (const auto& force : scene_.forces)
+        force->each_damping(cloth_, state, [&](int from, int to, const Eigen::Matrix3d& block) {
+            const int i = unknown_[std::size_t(from)], j = unknown_[std::size_t(to)];
+            if (i < j || j < 0) return;
+            for (int a = 0; a < 3; ++a)
+                for (int b = 0; b < (i == j ? a + 1 : 3); ++b)
+                    entries_.emplace_back(3 * i + a, 3 * j + b, h / 2 * block(a, b));
+        });
     cloth_.each_spring([&](int from, int to, const Neighbour& kind) {
         const double stiffness = cloth_.stiffness[kind.family];
         const Vec3 d =
@@ -129,11 +172,22 @@ bool ImplicitMidpoint::factorise(double h, const Vector& u) {
     return false;
 }
 
-int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
+int ImplicitMidpoint::step(Points& x, Points& v, double t, double h, std::exception_ptr& failure) {
+    if (!failure) try {
+            return solve(x, v, t, h);
+        } catch (...) {
+            failure = std::current_exception();
+        }
+    x.setConstant(std::numeric_limits<double>::quiet_NaN());
+    return 0;
+}
+
+int ImplicitMidpoint::solve(Points& x, Points& v, double t, double h) {
     x_ = x;
     v_ = v;
+    middle_ = StageTime::of_stage(t, h, 0.5);
     // The place x + h/2 v of a driven pin is that of the middle of the step.
-    scene_.each_driven_pin(StageTime::of_stage(t, h, 0.5), 0, cloth_.points(),
+    scene_.each_driven_pin(middle_, 0, cloth_.points(),
                            [&](int point, const Vec3& place, const Vec3& velocity) {
                                v_.row(point) = velocity;
                                x_.row(point) = place - h / 2 * velocity;
@@ -141,7 +195,7 @@ int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
     contacts_.clear();
     for (const Sphere& sphere : scene_.spheres)
         if (sphere.penalty()) {
-            contacts_.emplace_back(sphere, StageTime::of_stage(t, h, 0.5));
+            contacts_.emplace_back(sphere, middle_);
             contacts_.back().place += sphere.origin;  // states come relative to 0 here
         }
     int evaluations = 1;
@@ -152,6 +206,7 @@ int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
     const Vector start = u;
     Vector r = residual(h, u);
     double norm = size(r);
+    double parts = norm;
     for (int iteration = 0; iteration < most_iterations && norm > 0; ++iteration) {
         if (!factorise(h, u)) break;
         const Vector change = solver_.solve(r);
@@ -170,9 +225,22 @@ int ImplicitMidpoint::step(Points& x, Points& v, double t, double h) {
         norm = best;
         // The parts of the residual: momentum, its change by the force, and h/2 K L of every
         // spring, whose rounding is in its tension K (l - L).
-        const double parts = size((mass_.array() * u.array()).matrix()) +
+        parts = size((mass_.array() * u.array()).matrix()) +
             size((mass_.array() * (u - start).array()).matrix()) + h / 2 * tension_;
         if (norm <= converged * parts) break;
+    }
+    if (!(norm <= solved * parts) && has_function()) {
+        std::ostringstream text;
+        text << "integrator 'implicit_midpoint' does not converge at t = " << t
+             << " s: it has no derivative of `force`; take a smaller dt, or another integrator";
+        throw std::domain_error(text.str());
+    }
+    act(h, u);
+    for (std::size_t k = 0; k < forces_.size(); ++k) {
+        work_[k] = 0;
+        for (int i = 0; i < cloth_.points(); ++i)
+            if (unknown_[std::size_t(i)] >= 0)
+                work_[k] += h * forces_[k].row(i).dot(stage_v_.row(i));
     }
     for (int i = 0; i < cloth_.points(); ++i) {
         if (unknown_[std::size_t(i)] < 0) continue;

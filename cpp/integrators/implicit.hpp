@@ -14,6 +14,7 @@
 #pragma once
 
 #include <Eigen/Sparse>
+#include <exception>
 
 #include "forces/penalty.hpp"
 #include "model/scene.hpp"
@@ -26,14 +27,23 @@ public:
     explicit ImplicitMidpoint(const Scene& scene);
 
     // One step in place from time t; driven pins stay as they are. Returns the number of force
-    // evaluations (a factorisation each, but for those of halved steps).
-    int step(Points& x, Points& v, double t, double h);
+    // evaluations (a factorisation each, but for those of halved steps). The state is NaN where a
+    // force has thrown, now or before, and where the iteration does not converge.
+    int step(Points& x, Points& v, double t, double h, std::exception_ptr& failure);
+    // The work of the scene's force of this number in the last step [J].
+    double work(std::size_t force) const { return work_[force]; }
 
 private:
     using Vector = Eigen::VectorXd;
     using Matrix = Eigen::SparseMatrix<double>;
 
-    Vector residual(double h, const Vector& u) const;
+    int solve(Points& x, Points& v, double t, double h);
+    Vector residual(double h, const Vector& u);
+    // The state at the stage, and the forces of the scene there.
+    ForceState stage(double h, const Vector& u);
+    void act(double h, const Vector& u);
+    // Whether a force is a user's, of which no derivative is known.
+    bool has_function() const;
     void assemble(double h, const Vector& u, bool exact);
     bool factorise(double h, const Vector& u);
     Vec3 place(const Vector& values, int point) const;
@@ -51,6 +61,10 @@ private:
     double tension_ = 0;  // size of K L, summed over the springs of each point
     Points x_, v_;  // at the start of the step
     std::vector<PenaltyContact> contacts_;  // at its middle
+    StageTime middle_{};
+    Points stage_x_, stage_v_;
+    std::vector<Points> forces_;  // on the mass points at the stage [N]
+    std::vector<double> work_;
     Matrix matrix_;
     std::vector<Eigen::Triplet<double>> entries_;
     Eigen::SimplicialLDLT<Matrix> solver_;

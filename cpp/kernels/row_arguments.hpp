@@ -60,6 +60,12 @@ struct RowSquares {
     double x = 0, v = 0;
 };
 
+// How a row lies in an engine's layout: column l `vectors` + k is lane l of vector k.
+struct RowShape {
+    int columns, lanes, vectors;
+    std::ptrdiff_t vector, component;  // elements from one to the next
+};
+
 template <class Real>
 struct RowsKernels {
     // Whether all are on one side of a value, or at it; not if one is no number.
@@ -74,6 +80,14 @@ struct RowsKernels {
     // `state` gives the velocities.
     void (*square)(const FieldLayout&, int begin, int end, const Real* state,
                    const Combination<Real>&, RowSquares*);
+    // A row of a state as arrays of shape (points, 3): positions, to which the origin is added, and
+    // velocities.
+    void (*read_points)(const Real* row, const RowShape&, const double* origin, double* x,
+                        double* v);
+    // Three components of a row: `values` times the scale of each point, plus other values; null:
+    // none.
+    void (*write_points)(const double* values, const double* scale, const double* plus,
+                         const RowShape&, Real* row);
 };
 
 }  // namespace clothsim

@@ -4,6 +4,7 @@
 
 #include <limits>
 
+#include "kernels/points_impl.hpp"
 #include "kernels/row_arguments.hpp"
 #include "lanes/vector3.hpp"
 
@@ -145,8 +146,13 @@ void square_rows(const FieldLayout& f, int begin, int end, const Real* state,
 
 template <class Arch, class Real>
 constexpr RowsKernels<Real> rows_kernels() {
-    return {&component_is_beyond<Arch, Real>, &component_extent<Arch, Real>,
-            &all_finite<Arch, Real>, &advance_rows<Arch, Real>, &square_rows<Arch, Real>};
+    return {&component_is_beyond<Arch, Real>,
+            &component_extent<Arch, Real>,
+            &all_finite<Arch, Real>,
+            &advance_rows<Arch, Real>,
+            &square_rows<Arch, Real>,
+            &read_points<Real>,
+            &write_points<Real>};
 }
 
 }  // namespace

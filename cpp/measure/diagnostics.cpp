@@ -85,17 +85,6 @@ Penetration penetration(int rows, int columns, const PointsView& x, const Sphere
 
 namespace {
 
-// 1 / mass of a point that moves, 0 of one that does not.
-double mobility(const Cloth& cloth, int point) {
-    return cloth.pinned[std::size_t(point)] ? 0 : 1 / cloth.mass[std::size_t(point)];
-}
-
-double highest_mobility(const Cloth& cloth) {
-    double most = 0;
-    for (int i = 0; i < cloth.points(); ++i) most = std::max(most, mobility(cloth, i));
-    return most;
-}
-
 static_assert(spring_kind_count == 5 && stencil_reach == 2,
               "largest_symbol knows five kinds of springs");
 double largest_symbol(const Cloth& cloth, const std::array<double, family_count>& coefficient) {
@@ -127,7 +116,7 @@ double largest_sum_of_springs(const Cloth& cloth,
     double most = 0;
     for (int r = 0; r < cloth.rows; ++r)
         for (int c = 0; c < cloth.columns; ++c) {
-            const double here = mobility(cloth, r * cloth.columns + c);
+            const double here = cloth.mobility(r * cloth.columns + c);
             if (here == 0) continue;
             double sum = 0;
             for (const Neighbour& n : neighbours) {
@@ -136,7 +125,7 @@ double largest_sum_of_springs(const Cloth& cloth,
                     column >= cloth.columns)
                     continue;
                 sum +=
-                    coefficient[n.family] * (here + mobility(cloth, row * cloth.columns + column));
+                    coefficient[n.family] * (here + cloth.mobility(row * cloth.columns + column));
             }
             most = std::max(most, sum);
         }
@@ -158,36 +147,15 @@ double largest_sum_of_springs(const Cloth& cloth,
 // (Cauchy-Schwarz), so no eigenvalue is above the largest sum of k (1/m_i + 1/m_j) over the springs
 // of a point.
 double laplacian_bound(const Cloth& cloth, const std::array<double, family_count>& coefficient) {
-    const double waves = largest_symbol(cloth, coefficient) * highest_mobility(cloth);
+    const double waves = largest_symbol(cloth, coefficient) * cloth.largest_mobility();
     const bool uniform = cloth.uniform_mass && std::min(cloth.rows, cloth.columns) > 2;
     return uniform ? waves : std::min(waves, largest_sum_of_springs(cloth, coefficient));
 }
 
 }  // namespace
 
-ModeBounds contact_bounds(const Scene& scene, const PointsView& x, const PointsView& v, double t) {
-    std::vector<ModeBounds> of_point(std::size_t(scene.cloth.points()), {0, 0});
-    each_contact(
-        scene, t, each_free_of(scene.cloth, x),
-        [&](std::size_t, const PenaltyContact& contact, int i, const PenaltyContact::Gap& gap) {
-            const Vec3 u = Vec3(v.row(i)) - contact.velocity;
-            const double slip = (u - u.dot(gap.normal) * gap.normal).norm();
-            const PenaltyContact::Bounds bounds = contact.bounds(gap, slip);
-            const double mass = scene.cloth.mass[std::size_t(i)];
-            of_point[std::size_t(i)].stiffness += bounds.stiffness / mass;
-            of_point[std::size_t(i)].damping += bounds.damping / mass;
-        });
-    ModeBounds most{0, 0};
-    for (const ModeBounds& bounds : of_point) {
-        most.stiffness = std::max(most.stiffness, bounds.stiffness);
-        most.damping = std::max(most.damping, bounds.damping);
-    }
-    return most;
-}
-
 ModeBounds mode_bounds(const Cloth& cloth) {
-    return {laplacian_bound(cloth, cloth.stiffness),
-            laplacian_bound(cloth, cloth.spring_damping) + cloth.drag * highest_mobility(cloth)};
+    return {laplacian_bound(cloth, cloth.stiffness), laplacian_bound(cloth, cloth.spring_damping)};
 }
 
 }  // namespace clothsim

@@ -14,14 +14,12 @@ struct Energy {
 // At the time t, where obstacles move.
 Energy energy(const Scene& scene, const PointsView& x, const PointsView& v, double t);
 
-// How fast the modes of a cloth can be at most: what a guaranteed time step is derived from.
+// How fast the modes of the springs of a cloth can be at most: what a guaranteed time step is derived
+// from.
 struct ModeBounds {
     double stiffness;  // 1/s^2, above every squared frequency
     double damping;    // 1/s, above every damping rate
 };
-
-// The largest sums over penalty obstacles of bounds of a free point over its mass.
-ModeBounds contact_bounds(const Scene& scene, const PointsView& x, const PointsView& v, double t);
 
 ModeBounds mode_bounds(const Cloth& cloth);
 

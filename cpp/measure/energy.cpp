@@ -7,8 +7,8 @@
 #include <numeric>
 #include <vector>
 
+#include "lanes/versions.hpp"
 #include "measure/diagnostics.hpp"
-#include "memory/versions.hpp"
 
 namespace clothsim {
 namespace {

@@ -79,6 +79,9 @@ struct TransposedLayout {
         return {row_size(), stride, lanes, compensation(), rows, vectors};
     }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
+    // Of a strip's row; of a record with so many vectors.
+    RowShape shape(int count) const { return {window, lanes, vectors, count * lanes, lanes}; }
+    RowShape row_shape() const { return shape(StateRecord::count); }
     // From a vector to the neighbours of its points to the right, and from the last of a row.
     std::array<std::ptrdiff_t, 2> right() const { return {stride, 1 - (vectors - 1) * stride}; }
     static constexpr bool is_transposed = true;

@@ -40,6 +40,16 @@ struct Cloth {
         return false;
     }
 
+    // 1 / mass of a point that moves, 0 of one that does not [1/kg].
+    double mobility(int point) const {
+        return pinned[std::size_t(point)] ? 0 : 1 / mass[std::size_t(point)];
+    }
+    double largest_mobility() const {
+        double most = 0;
+        for (int i = 0; i < points(); ++i) most = std::max(most, mobility(i));
+        return most;
+    }
+
     // `visit(i, j, neighbour)` of each spring once, from mass point i to j.
     template <class Visit>
     void each_spring(Visit visit) const {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "model/cloth.hpp"
+#include "model/force.hpp"
 #include "model/sphere.hpp"
 
 namespace clothsim {
@@ -26,6 +27,7 @@ struct Scene {
     Vec3 gravity = Vec3::Zero();  // m/s^2
     std::vector<Sphere> spheres;
     Points force;  // on each mass point [N]; no rows: none
+    std::vector<std::shared_ptr<const Force>> forces;
 
     std::vector<Motion> pin_motions;
     std::vector<DrivenPin> driven_pins;  // in the order of points

@@ -3,8 +3,8 @@
 #include <limits>
 #include <numbers>
 
+#include "lanes/versions.hpp"
 #include "memory/threads.hpp"
-#include "memory/versions.hpp"
 #include "picture/visibility.hpp"
 
 namespace clothsim::picture {

@@ -1,6 +1,6 @@
 #include "picture/visibility.hpp"
 
-#include "memory/versions.hpp"
+#include "lanes/versions.hpp"
 
 namespace clothsim::picture {
 namespace {

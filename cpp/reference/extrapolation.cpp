@@ -15,6 +15,7 @@
 #include "memory/threads.hpp"
 #include "reference/contact.hpp"
 #include "reference/double_double.hpp"
+#include "reference/forces.hpp"
 #include "reference/pins.hpp"
 #include "reference/reference.hpp"
 
@@ -40,8 +41,8 @@ void accelerations(const System& system, const State& state, const Real& t, doub
     const Values &x = state.x, &v = state.v;
     const Cloth& cloth = system.scene.cloth;
     for (std::size_t k = 0; k < a.size(); ++k)
-        a[k] =
-            (system.scene.has_force() ? system.scene.force.data()[k] : 0) - Real(cloth.drag) * v[k];
+        a[k] = system.scene.has_force() ? system.scene.force.data()[k] : 0;
+    add_forces(system.scene, x.data(), v.data(), t, inside, a.data());
     for (const Spring& s : system.springs) {
         const Real *xi = &x[3 * s.i], *xj = &x[3 * s.j], *vi = &v[3 * s.i], *vj = &v[3 * s.j];
         const Real d[3] = {xj[0] - xi[0], xj[1] - xi[1], xj[2] - xi[2]};

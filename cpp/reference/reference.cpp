@@ -6,6 +6,7 @@
 
 #include "memory/poll.hpp"
 #include "reference/contact.hpp"
+#include "reference/forces.hpp"
 #include "reference/pins.hpp"
 
 namespace clothsim::reference {
@@ -37,7 +38,8 @@ std::vector<Spring> springs(const Cloth& cloth) {
 Points accelerations(const Scene& scene, const std::vector<Spring>& springs, const Points& x,
                      const Points& v, double t, double inside) {
     const Cloth& cloth = scene.cloth;
-    Points force = -cloth.drag * v;
+    Points force = Points::Zero(x.rows(), 3);
+    add_forces(scene, x.data(), v.data(), t, inside, force.data());
     for (const Sphere& sphere : scene.spheres) {
         if (sphere.response != Response::penalty) continue;
         const auto obstacle = motion_state(sphere.motion, sphere.center, t, inside);

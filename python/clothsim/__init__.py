@@ -14,6 +14,7 @@ Describe a scene
     Cloth               a sheet of mass points and springs, with its pins
     Sphere              an obstacle: place, response to contact, offset, restitution, friction
     Plane               an obstacle without curvature, such as a floor
+    Wind                moving air that presses on the triangles
     Linear              motion of a sphere or a pin: constant velocity
     Reciprocate         motion: back and forth, slower at the turning points
     Sinusoid            motion: a sine
@@ -109,6 +110,7 @@ from .run.settle import settle
 from .run.result import Run, difference, load_run
 from .run.simulate import simulate
 from .model.sphere import Plane, Sphere
+from .model.wind import Wind
 from .engine.snapshot import Snapshot
 from .engine.stepper import Stepper
 from .engine.stepping import acceleration, reference_step, step
@@ -126,7 +128,7 @@ if TYPE_CHECKING:
 
 __version__ = build_config()["version"]
 
-__all__ = ["Cloth", "Plane", "Scene", "Sphere", "load_scene", "save_scene", "scenes"]
+__all__ = ["Cloth", "Plane", "Scene", "Sphere", "Wind", "load_scene", "save_scene", "scenes"]
 __all__ += ["Keyframes", "Linear", "Reciprocate", "Sinusoid"]
 __all__ += [
     "Run",

@@ -200,6 +200,8 @@ class UnstableError(_StepError):
     term : str, optional
         The term that limits the time step, in words: stiffness or damping, its springs, and the
         value below which it no longer limits; see `Scene.explain`.
+    function : bool, default False
+        Whether the argument `force` was given.
     x, v : numpy.ndarray, optional
         The last finite state: positions [m] and velocities [m/s], shape (rows, columns, 3).
     member : int, optional
@@ -223,6 +225,7 @@ more mass
     dt: float
     max_stable_dt: float | None = None
     term: str | None = None
+    function: bool = False
 
     def __post_init__(self) -> None:
         where = "" if self.point is None else f", first at mass point {self.point}"
@@ -240,6 +243,12 @@ more mass
             remedy = "take a dt below it, or less stiffness or damping, or more mass"
             if self.term:
                 cause += f" ({self.term})"
+        elif self.function:
+            cause = (
+                f"the time step dt = {self.dt:g} s is within the limit of springs and drag, "
+                f"{limit:g} s, which does not know the function given as force"
+            )
+            remedy = "take a dt that follows that force, or a smoother or smaller force"
         else:
             cause = (
                 f"though the time step dt = {self.dt:g} s is within the estimated stability "

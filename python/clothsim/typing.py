@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -48,6 +48,12 @@ Integrator: TypeAlias = (
     | str
 )
 """Names of integrators; any other str passes too."""
+
+Force: TypeAlias = Callable[[float, Any, Any], npt.ArrayLike] | Any
+"""A function f(t, x, v) of time [s], positions [m] and velocities [m/s], read-only arrays of shape
+(rows, columns, 3), that returns the force on each mass point [N] in that shape; or a C function,
+see `simulate`.
+"""
 
 Numbers: TypeAlias = Sequence[float] | npt.NDArray[np.integer[Any] | np.floating[Any]]
 """Real numbers in order: a list, a tuple or an array of one dimension."""

@@ -137,7 +137,7 @@ def test_a_file_of_another_schema_is_refused(tmp_path):
     data = files.read_npz(path, "snapshot", ())
     header = json.loads(str(data["snapshot"]))
     files.write_npz(path, {**data, "snapshot": json.dumps({**header, "schema": 1})})
-    with pytest.raises(ValueError, match="schema must be 4, got 1"):
+    with pytest.raises(ValueError, match="schema must be 5, got 1"):
         cs.Snapshot.load(path)
 
 

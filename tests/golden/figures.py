@@ -113,7 +113,7 @@ def work_precision():
     settings = {
         "precisions": ["double", "single"],
         "dts": [2.0**-8, 2.0**-9],
-        "rtols": [1e-4, 1e-6],
+        "rtols": [1e-4, 1e-5],  # 1e-6 is rounding in single
     }
     data = cs.work_precision(scene, DURATION, methods, **settings, windows=1)
     return _numbers(data[["setting", "rms_error", "max_error", "force_evaluations"]])

@@ -34,6 +34,7 @@ from ..model.scene import Scene, stops_of
 from ..model.sphere import Plane, Sphere
 from ..run.result import Run
 from ..run.simulate import simulate
+from ..typing import Force
 from .solution import METHOD, ORDER, Motion, motion
 
 if TYPE_CHECKING:
@@ -123,6 +124,10 @@ def _numbers(scene: Scene) -> dict[str, list[float]]:
         if all(isinstance(one, Sphere) for one in spheres):  # no plane
             vectors[f"{prefix}_center"] = [sphere.center for sphere in spheres]
             found[f"{prefix}_radius"] = [sphere.radius for sphere in spheres]
+    if scene.wind:
+        vectors["wind_velocity"] = [scene.wind.velocity]
+        for name in ("density", "normal", "tangential"):
+            found[f"wind_{name}"] = [getattr(scene.wind, name)]
     found |= {
         f"{name}_{c}": [float(v[k]) for v in some]
         for name, some in vectors.items()
@@ -204,9 +209,12 @@ def checked_times(times: npt.ArrayLike) -> Floats:
 class Clock:
     """The times of all steps: every run of a comparison takes the same."""
 
-    def __init__(self, scene: Scene, times: Floats, rtol: float) -> None:
+    def __init__(
+        self, scene: Scene, times: Floats, rtol: float, force: Force | None = None
+    ) -> None:
         """With steps so short that positions should err by at most `rtol` of the cloth's size."""
         self.times, self.size, self.finer = times, max(scene.cloth.size), 1.0
+        self.force = force
         self.stops = sorted({*times.tolist(), *stops_of(scene, 0.0, float(times[-1]))} - {0.0})
         coarse = self.counts(scene)
         x, y = (self.run([scene], counts) for counts in (coarse + -(-coarse // 4), coarse))
@@ -229,7 +237,7 @@ class Clock:
 
     def run(self, scenes: Sequence[Scene], counts: npt.NDArray[np.int64]) -> Motion:
         """The scenes at `times`."""
-        found = motion(scenes, self.stops, counts.tolist())
+        found = motion(scenes, self.stops, counts.tolist(), force=self.force)
         x = found.x[:, np.searchsorted(self.stops, self.times)]
         if self.times[0] == 0:
             x[:, 0] = [scene.initial_position for scene in scenes]
@@ -291,7 +299,9 @@ def known_derivatives(
 
 
 @check.named
-def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray.Dataset:
+def sensitivity(
+    scene: Scene, times: npt.ArrayLike, of: Sequence[str], *, force: Force | None = None
+) -> xarray.Dataset:
     """How each position changes with each parameter, and how far that is known, at the cost of
     three runs a parameter.
 
@@ -304,7 +314,9 @@ def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray
         Names as in `sweep`: "mass" (the total; the ratios of the points stay), "stiffness",
         "damping", those of a family, such as "stiffness_shear" or "stiffness.shear", "drag",
         "gravity_y", "pin0_x" (the place of a pin), and of spheres "sphere_radius",
-        "sphere0_center_x", "sphere_friction", "sphere_restitution".
+        "sphere0_center_x", "sphere_friction", "sphere_restitution", "wind_velocity_x".
+    force : callable, optional
+        As for `simulate`.
 
     Returns
     -------
@@ -328,7 +340,7 @@ def sensitivity(scene: Scene, times: npt.ArrayLike, of: Sequence[str]) -> xarray
     xr: Any = needed("xarray", "sensitivity")
     check.instance("scene", scene, Scene)
     parameters = parameters_of(scene, of, "of")
-    clock = Clock(scene, checked_times(times), _DIGITS)
+    clock = Clock(scene, checked_times(times), _DIGITS, force)
     x, change, error, until, reasons = known_derivatives(scene, parameters, clock)
     scales = np.array([one.scale for one in parameters])
     place = ("time", "row", "column", "component")
@@ -423,9 +435,15 @@ class _Problem:
     """
 
     def __init__(
-        self, scene: Scene, names: Sequence[str], times: Floats, data: Floats, measured: Any
+        self,
+        scene: Scene,
+        names: Sequence[str],
+        times: Floats,
+        data: Floats,
+        measured: Any,
+        force: Force | None,
     ) -> None:
-        self.scene, self.names, self.times = scene, names, times
+        self.scene, self.names, self.times, self.force = scene, names, times, force
         self.data, self.measured = (
             data,
             measured,
@@ -486,7 +504,11 @@ class _Problem:
         counts = [-(-total // 2**k) for k in range(int(math.log2(total)), 0, -1)]
         for count in [*(n for n in counts if n >= _FEWEST), total]:
             found = self._minimum(
-                u, bounds, sigma, Clock(self.at(u), self.times[:count], rtol), least_squares
+                u,
+                bounds,
+                sigma,
+                Clock(self.at(u), self.times[:count], rtol, self.force),
+                least_squares,
             )
             u = found.x
         return found
@@ -548,13 +570,17 @@ class _Problem:
 
         u = np.zeros(len(self.names))
         early = self._minimum(
-            u, bounds, unit, Clock(self.scene, self.times[:_FEWEST], rtol), least_squares
+            u,
+            bounds,
+            unit,
+            Clock(self.scene, self.times[:_FEWEST], rtol, self.force),
+            least_squares,
         )
         level = 1.0 if sigma else _RESIDUAL * moved / unit
         if 2 * early.cost > _MISFIT * early.fun.size * level**2:
             late = self.shift_of_times(rtol, least_squares)
         if late:
-            clock = Clock(self.at(early.x), self.times, rtol)
+            clock = Clock(self.at(early.x), self.times, rtol, self.force)
             minima.append(self._minimum(early.x, bounds, unit, clock, least_squares, most=1))
             return minima, *judged(), late
         while True:
@@ -568,7 +594,7 @@ class _Problem:
             return minima, quality, misfit, 0.0
         best = min(minima, key=lambda one: one.cost)
         for place in self.aliases(best.x, bounds):
-            clock = Clock(self.at(place), self.times, rtol)
+            clock = Clock(self.at(place), self.times, rtol, self.force)
             minima.append(self._minimum(place, bounds, unit, clock, least_squares))
         return minima, *judged(), 0.0
 
@@ -584,7 +610,7 @@ class _Problem:
 
     def _first_distance(self, factor: float, rtol: float) -> float:
         """Distance of the data over `factor` from the motion of the start [m], rms."""
-        clock = Clock(self.scene, self.times[:_FEWEST], rtol)
+        clock = Clock(self.scene, self.times[:_FEWEST], rtol, self.force)
         x = clock.run([self.scene], clock.counts(self.scene)).x[0]
         n = len(clock.times)
         return float(np.sqrt(np.nanmean((self.data[:n] / factor - x)[self.measured[:n]] ** 2)))
@@ -606,7 +632,7 @@ class _Problem:
             later, places = np.unique(times[times > 0], return_inverse=True)
             x = np.broadcast_to(scene.initial_position, (len(given), *shape, 3)).copy()
             if later.size:
-                clock = Clock(scene, later, rtol)
+                clock = Clock(scene, later, rtol, self.force)
                 x[times > 0] = clock.run([scene], clock.counts(scene)).x[0][places]
             off = np.nan_to_num((x - data)[measured], nan=size)
             return np.append(off, 1e-3 * rtol * size * values)
@@ -647,7 +673,8 @@ class _Problem:
         end = float(self.times[-1])
         longest = stable_dt(scene, METHOD)
         count = int(min(max(2 * end / longest, _LEAST_FRAMES), _MOST_FRAMES))
-        run = simulate(scene, end, rtol=1e-3, times=np.linspace(0, end, count + 1)[1:])
+        moments = np.linspace(0, end, count + 1)[1:]
+        run = simulate(scene, end, rtol=1e-3, times=moments, force=self.force)
         moving = run.x[1:, self.measured.any(axis=0)]
         spectrum = np.abs(np.fft.rfft(moving - moving.mean(axis=0), axis=0)) ** 2
         weights = spectrum.sum(axis=1)
@@ -666,6 +693,8 @@ def fit(
     points: Sequence[tuple[int, int]] | None = None,
     sigma: float | None = None,
     rtol: float = 1e-6,
+    *,
+    force: Force | None = None,
 ) -> Fit:
     """Fit parameters of a scene to a measured motion, with the error of every number.
 
@@ -690,6 +719,8 @@ def fit(
         the data.
     rtol : float, default 1e-6
         Error of the simulated positions over the size of the cloth, well below `sigma`.
+    force : callable, optional
+        As for `simulate`.
 
     Returns
     -------
@@ -730,7 +761,7 @@ def fit(
             "positions must have more numbers at free points than over has names, "
             f"{len(names)}, got {count}"
         )
-    problem = _Problem(scene, names, times, data, measured)
+    problem = _Problem(scene, names, times, data, measured, force)
     bounds = problem.bounds(over)
     least = rtol * max(scene.cloth.size)  # of what residuals can show
     moved = float(np.sqrt(np.mean((data - scene.initial_position)[measured] ** 2)))
@@ -745,8 +776,9 @@ def fit(
     minima, quality, misfit, late = problem.search(bounds, sigma, unit, rtol, moved, least_squares)
     best = min(minima, key=lambda one: one.cost)
     parameters = parameters_of(scene := problem.at(best.x), names, "over")
-    _, change, _, _, ended = known_derivatives(scene, parameters, Clock(scene, times, rtol))
-    run = simulate(scene, float(times[-1]), rtol=rtol, times=times)
+    clock = Clock(scene, times, rtol, force)
+    _, change, _, _, ended = known_derivatives(scene, parameters, clock)
+    run = simulate(scene, float(times[-1]), rtol=rtol, times=times, force=force)
     wall_time = perf_counter() - begin
     jacobian = problem.columns(change, parameters, best.x) / quality["sigma"]
     covariance, condition, reasons = _determined(jacobian, ended, best.x, bounds)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check, frozen
 from ..base.build import available_threads
+from ..engine.force import checked_force, is_python, with_force
 from ..engine.options import Options, core_plan
 from ..engine.stepper import Stepper
 from ..errors import ContactError, UnstableError
@@ -24,6 +25,7 @@ from ..methods.bound import stable_dt
 from ..model.scene import Scene, stops_of
 from ..model.sphere import continuous, kind_name
 from ..run.trajectory import PAUSE, Frames
+from ..typing import Force
 
 METHOD, ORDER = "dop853", 8
 _COARSEST = 0.5  # of RK4's stable step, well below the stable step of dop853
@@ -56,6 +58,8 @@ class Reference:
     error_estimate : dict
         The likely error of `x`, with the same keys: the distance to a looser extrapolation of
         another order.
+    force : callable or None
+        As given to `reference`.
     """
 
     scene: Scene
@@ -64,6 +68,7 @@ class Reference:
     v: Floats
     error_bound: dict[str, Floats]
     error_estimate: dict[str, Floats]
+    force: Force | None = None
 
     def __repr__(self) -> str:
         bound = float(np.max(self.error_bound["max"]))
@@ -103,7 +108,9 @@ class Reference:
 
 
 @check.named
-def reference(scene: Scene, duration: float, every: float | None = None) -> Reference:
+def reference(
+    scene: Scene, duration: float, every: float | None = None, *, force: Force | None = None
+) -> Reference:
     """A trusted solution of a scene without contact, with its own error bound.
 
     Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer
@@ -121,6 +128,8 @@ def reference(scene: Scene, duration: float, every: float | None = None) -> Refe
         Simulated time [s], > 0.
     every : float, optional
         Seconds between frames. Default: only the first and the last state.
+    force : callable, optional
+        As for `simulate`. It is called in float64 by both methods, and such a solution is not kept.
 
     Returns
     -------
@@ -149,24 +158,33 @@ def reference(scene: Scene, duration: float, every: float | None = None) -> Refe
     frames = Frames(
         None if every is None else check.number("every", every, minimum=0, exclusive=True)
     )
-    return _solved(scene, tuple(t for t, _ in frames.moments(0.0, 0.0, duration, None)[1:]))
+    times = tuple(t for t, _ in frames.moments(0.0, 0.0, duration, None)[1:])
+    force = checked_force(force)
+    return _solved(scene, times) if force is None else _solve(scene, times, force)
 
 
-def reference_for(scene: Scene, duration: float, given: Reference | None) -> Reference:
+def reference_for(
+    scene: Scene, duration: float, given: Reference | None, force: Force | None
+) -> Reference:
     """The reference `given`, checked to fit the scene and duration; where it is None, a new one."""
     if given is None:
-        return reference(scene, duration)
+        return reference(scene, duration, force=force)
     check.instance("reference", given, Reference)
-    if given.scene != scene or given.t[-1] != duration:
+    if given.scene != scene or given.t[-1] != duration or given.force is not force:
         raise ValueError(
-            f"reference must be one of this scene over {duration:g} s, got {given!r} of its scene"
+            f"reference must be one of this scene and force over {duration:g} s, got {given!r} "
+            "of its scene and force"
         )
     return given
 
 
 @lru_cache(maxsize=32)
 def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
-    """The reference with frames at 0 and at `times`."""
+    """The reference with frames at 0 and at `times`, without a function's force."""
+    return _solve(scene, times, None)
+
+
+def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Reference:
     layers = [s for s in scene.spheres if s.response == "penalty"]
     threads, free = available_threads(), scene.replace(spheres=layers)
     # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
@@ -176,7 +194,9 @@ def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
     # Without such spheres the extrapolation comes first: it finds out whether forces are smooth.
     swept = [s if s.response == "penalty" else continuous(s) for s in scene.spheres]
     hard = len(layers) < len(swept)
-    double = solve_in_double(scene.replace(spheres=swept), stops, threads) if hard else None
+    double = None
+    if hard:
+        double = solve_in_double(scene.replace(spheres=swept), stops, threads, force)
     if double and double.ended.contact:
         raise ValueError(
             f"duration must end before a {kind_name(scene.spheres)} responds after a step, at "
@@ -184,9 +204,10 @@ def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
             "the equation and have no reference; take response 'penalty', or compare outcomes "
             "(penetration, energy)"
         )
-    x, v = (one[frames] for one in extrapolation(free, stops, **_TRUSTED, threads=threads))
-    control = extrapolation(free, stops, **_CONTROL, threads=threads)[0][frames]
-    double = double or solve_in_double(free, stops, threads)
+    among: dict[str, Any] = {"threads": threads, "force": force}
+    x, v = (one[frames] for one in extrapolation(free, stops, **_TRUSTED, **among))
+    control = extrapolation(free, stops, **_CONTROL, **among)[0][frames]
+    double = double or solve_in_double(free, stops, threads, force)
     if double.ended.reason:
         raise ArithmeticError(f"no reference: {double.ended.reason}")
     # The solution is rounded to float64: half a unit in the last place, but for the state given.
@@ -198,7 +219,8 @@ def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
     second, control = (np.concatenate([x[:1], one]) for one in (double.x[frames], control))
     bound = {name: frozen(value + rounding) for name, value in distances(x, second).items()}
     estimate = {name: frozen(value) for name, value in distances(x, control).items()}
-    return Reference(scene, frozen(np.array([0.0, *times])), frozen(x), frozen(v), bound, estimate)
+    t = frozen(np.array([0.0, *times]))
+    return Reference(scene, t, frozen(x), frozen(v), bound, estimate, force)
 
 
 class Motion(NamedTuple):
@@ -217,9 +239,11 @@ def motion(
     times: Sequence[float],
     counts: Sequence[int],
     threads: int | None = None,
+    force: Force | None = None,
 ) -> Motion:
     """The scenes at `times` [s], increasing and > 0, with `counts` equal steps up to each."""
-    stepper = Stepper(scenes if len(scenes) > 1 else scenes[0], integrator=METHOD, threads=threads)
+    several = scenes if len(scenes) > 1 else scenes[0]
+    stepper = Stepper(several, integrator=METHOD, threads=threads, force=force)
     x = np.full((len(scenes), len(times), *scenes[0].cloth.shape, 3), np.nan)
     t, failure, pause = 0.0, "", PAUSE.get()
     for k, (end, count) in enumerate(zip(times, counts, strict=True)):
@@ -256,7 +280,9 @@ class InDouble(NamedTuple):
     ended: Motion
 
 
-def solve_in_double(scene: Scene, times: Sequence[float], threads: int | None = None) -> InDouble:
+def solve_in_double(
+    scene: Scene, times: Sequence[float], threads: int | None = None, force: Force | None = None
+) -> InDouble:
     """Positions at `times` [s], increasing and > 0, by the kernels.
 
     The step is halved until the change is no larger than rounding errors. No tolerance has to be
@@ -267,11 +293,11 @@ def solve_in_double(scene: Scene, times: Sequence[float], threads: int | None = 
     # go as far as anywhere else.
     coarsest = np.ceil(np.diff(times, prepend=0.0) / largest).astype(int)
     counts = coarsest * 2 ** np.arange(1 + _MOST_HALVINGS)[:, None]
-    found, halving = motion([scene], times, counts[0].tolist(), threads), 0
+    found, halving = motion([scene], times, counts[0].tolist(), threads, force), 0
     change, changes = math.inf, np.full(len(times), np.inf)
     while not found.reason and halving < _MOST_HALVINGS:
         halving, coarser, before = halving + 1, found, change
-        found = motion([scene], times, counts[halving].tolist(), threads)
+        found = motion([scene], times, counts[halving].tolist(), threads, force)
         off = found.x[0] - coarser.x[0]
         change, changes = float(abs(off).max()), np.linalg.norm(off, axis=-1).max(axis=(-2, -1))
         if change >= before / 2 ** (ORDER / 2):  # truncation would have made it 256 times smaller
@@ -280,11 +306,18 @@ def solve_in_double(scene: Scene, times: Sequence[float], threads: int | None = 
 
 
 def extrapolation(
-    scene: Scene, times: list[float], *, columns: int, tolerance: float, threads: int
+    scene: Scene,
+    times: list[float],
+    *,
+    columns: int,
+    tolerance: float,
+    threads: int,
+    force: Force | None = None,
 ) -> tuple[Floats, Floats]:
     """States at `times` by extrapolation in double-double."""
     x, v = (np.ascontiguousarray(one) for one in (scene.initial_position, scene.initial_velocity))
-    plan = core_plan(scene, Options())
+    plan = with_force(core_plan(scene, Options()), force, scene.cloth.shape)
+    threads = 1 if is_python(force) else threads
     time, xs, vs = _core.extrapolate(plan, x, v, times, columns, tolerance, threads)
     if xs is None or vs is None:
         raise ArithmeticError(

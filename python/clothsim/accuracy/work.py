@@ -25,7 +25,7 @@ from ..methods.bound import stable_dt
 from ..methods.integrators import METHODS, integrator_name
 from ..model.scene import Scene
 from ..run.simulate import simulate
-from ..typing import Integrator, Precision
+from ..typing import Force, Integrator, Kernel, Precision
 from .solution import Reference, reference_for
 
 if TYPE_CHECKING:
@@ -119,6 +119,7 @@ def work_precision(
     windows: int = 5,
     reference: Reference | None = None,
     progress: bool = False,
+    force: Force | None = None,
 ) -> xarray.Dataset:
     """Error against cost of methods over their steps or tolerances.
 
@@ -154,6 +155,8 @@ def work_precision(
         has frames, each setting is also solved up to every frame.
     progress : bool, default False
         Show a progress bar (tqdm, in the extra "demo").
+    force : callable, optional
+        As for `simulate`; a method of your own gets none.
 
     Returns
     -------
@@ -180,14 +183,14 @@ def work_precision(
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     windows = check.integer("windows", windows, minimum=1)
-    chosen = _chosen(methods, precisions, threads)
+    chosen = _chosen(methods, precisions, threads, force)
     levels = [_settings(one, scene, duration, dts, rtols) for one in chosen]
     shape = len(chosen), max(map(len, levels))
     table = {name: np.full(shape, np.nan) for name in _COLUMNS}
     taken: dict[tuple[int, ...], list[float]] = {}  # times of the stable runs
     once = 0.0  # wall time of the last run
     with ProgressBar(progress, total=sum(map(len, levels)) * (1 + windows), unit="run") as bar:
-        solution = reference_for(scene, duration, reference)
+        solution = reference_for(scene, duration, reference, force)
         start = energy(scene, solution.x[-1], solution.v[-1], duration)["total"]
         for m, n in np.ndindex(shape):
             # The first run is not timed: it compiles code and fills caches.
@@ -284,7 +287,10 @@ def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
 
 
 def _chosen(
-    methods: Sequence[str | Method] | None, precisions: Sequence[Precision], threads: int | None
+    methods: Sequence[str | Method] | None,
+    precisions: Sequence[Precision],
+    threads: int | None,
+    force: Force | None,
 ) -> list[Method]:
     """The integrators that are given by name, then the methods of others."""
     precisions = check.items("precisions", precisions, None, "names", 1)
@@ -296,7 +302,7 @@ def _chosen(
         else check.items("methods", methods, None, "names or methods", 1)
     )
     named = [
-        own_method(one, precision, threads)
+        own_method(one, precision, threads, force)
         for one in given
         if isinstance(one, str)
         for precision in precisions
@@ -308,7 +314,12 @@ def _chosen(
     ]
 
 
-def own_method(name: str, precision: Precision = "double", threads: int | None = None) -> Method:
+def own_method(
+    name: str,
+    precision: Precision = "double",
+    threads: int | None = None,
+    force: Force | None = None,
+) -> Method:
     """An integrator of this package; "NAME adaptive" chooses its steps by a tolerance."""
     control = "rtol" if name.endswith(" adaptive") else "dt"
     label = integrator = integrator_name(name.removesuffix(" adaptive"), argument="methods")
@@ -322,6 +333,7 @@ def own_method(name: str, precision: Precision = "double", threads: int | None =
             "integrator": integrator,
             "precision": precision,
             "threads": threads,
+            "force": force,
         }
         run = simulate(scene, duration, **by)
         return run.x[-1], run.v[-1], run.report["solution_evaluations"], run.report["wall_time"]
@@ -426,6 +438,7 @@ class Convergence:
     __repr__ = __str__
 
 
+@check.named
 def convergence(
     scene: Scene,
     duration: float,
@@ -434,7 +447,9 @@ def convergence(
     precision: Precision = "double",
     *,
     reference: Reference | None = None,
-    **options: Any,
+    threads: int | None = None,
+    kernel: Kernel = "auto",
+    force: Force | None = None,
 ) -> Convergence:
     """Errors against the trusted solution, and the order that they show.
 
@@ -450,9 +465,9 @@ def convergence(
     precision : {"double", "single"}, default "double"
     reference : Reference, optional
         Solution to measure by; its last frame is at `duration`. Default: `reference(scene,
-        duration)`.
-    **options
-        Further arguments of `simulate`: threads, kernel.
+        duration, force=force)`.
+    threads, kernel, force
+        As for `simulate`.
 
     Returns
     -------
@@ -477,13 +492,12 @@ def convergence(
     if not duration / min(given) <= check.INT64_MAX:
         raise ValueError(f"dts must be above duration / {check.INT64_MAX:.3g}, got {min(given):g}")
     steps = np.array(sorted({max(1, math.ceil(duration / dt - 1e-9)) for dt in given}))
-    solution = reference_for(scene, duration, reference)
+    solution = reference_for(scene, duration, reference, force)
+    options: dict[str, Any] = {"precision": precision, "threads": threads, "kernel": kernel}
     dt, errors = duration / steps, []
     for one in dt.tolist():
         try:
-            end = simulate(
-                scene, duration, one, integrator=integrator, precision=precision, **options
-            ).x[-1]
+            end = simulate(scene, duration, one, integrator, force=force, **options).x[-1]
             errors.append([solution.error_of(end)[name] for name in ("rms", "max")])
         except UnstableError:
             errors.append([math.inf, math.inf])

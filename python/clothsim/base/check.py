@@ -45,10 +45,8 @@ def _refuse(error: type[Exception], name: str, accepted: str, value: Any) -> NoR
 # What serves in place of an argument that does not exist.
 _INSTEAD = {
     "strict": "; kernel='gather' has one set of bits on every instruction set",
-    "wind": "; simulate(force=f) takes a force f(t, x, v) on each mass point, and Cloth(drag=...) "
-    "slows points down",
-    "air": "; Cloth(drag=...) slows points down, and simulate(force=f) takes a force f(t, x, v) "
-    "on each mass point",
+    "wind": "; Scene(wind=cs.Wind(velocity)) has moving air",
+    "air": "; Scene(wind=cs.Wind()) has air at rest, and Cloth(drag=...) slows points down",
     "floor": "; a floor is a cs.Plane among the spheres",
 }
 

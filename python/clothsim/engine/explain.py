@@ -80,6 +80,7 @@ def explain(
         "drag": cloth.drag > 0,
         "mass per point": not cloth.uniform_mass,
         "forces on points": scene.force is not None,
+        "wind": scene.wind is not None,
         "driven pins": bool(cloth.driven),
         "spheres": any(isinstance(one, Sphere) for one in scene.spheres),
         "planes": any(isinstance(one, Plane) for one in scene.spheres),

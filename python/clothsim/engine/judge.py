@@ -14,6 +14,7 @@ from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableErr
 from ..methods.bound import limit_in_layer, limiting_term
 from ..model.scene import Scene
 from ..model.sphere import kind_name
+from ..typing import Force
 from .options import Options, kept_plan
 
 
@@ -32,9 +33,11 @@ class Judge:
         batched: bool,
         integrator: str,
         max_stable_dt: Sequence[float],
+        forces: Sequence[Force | None],
     ) -> None:
         self._core, self._scenes, self._batched = core, scenes, batched
         self._integrator, self._max_stable_dt = integrator, max_stable_dt
+        self._forces = forces
         self.least_stable_dt = min(*max_stable_dt, sys.float_info.max)  # inf without springs
         self._fixed = True  # the steps are the caller's, not those of error control
         self.steps_before = 0  # earlier calls of the run; errors count steps from its start
@@ -229,7 +232,8 @@ class Judge:
                 **found, obstacle=k, remedy=self._holding(member, k, point, found, dt)
             )
         limit, term = self._limit_of(member, x, dt)
-        raise UnstableError(**found, dt=dt, max_stable_dt=limit, term=term)
+        function = self._forces[member] is not None
+        raise UnstableError(**found, dt=dt, max_stable_dt=limit, term=term, function=function)
 
     def _limit_of(self, member: int, x: Any, dt: float) -> tuple[float, str]:
         """Return the time step that an unstable run suggests, and the term that limits it."""

@@ -112,6 +112,7 @@ def core_plan(scene: Scene, options: Options) -> _core.Plan:
         force=scene.force,
         **scene.core_pins,
         spheres=scene.core_spheres,
+        forces=scene.core_forces,
         precision=options.precision,
         kernel=options.chosen_kernel,
         integrator=options.integrator,

@@ -17,7 +17,7 @@ from ..base.build import build_config
 from ..model.scene import Scene
 from .options import Options
 
-SCHEMA = 4
+SCHEMA = 5
 _FIELD = "snapshot_"  # an array of a file whose name begins so is a field of the core
 
 
@@ -43,6 +43,7 @@ class Snapshot:
     shape: tuple[int, ...]
     dtype: str
     core: dict[str, Any]
+    forced: bool = False  # by a function, which is no data
 
     @property
     def time(self) -> float:
@@ -104,6 +105,7 @@ def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
         "arguments": asdict(snapshot.options),
         "shape": list(snapshot.shape),
         "dtype": snapshot.dtype,
+        "forced": snapshot.forced,
     }
     return {"snapshot": json.dumps(header)} | {
         _FIELD + name: value for name, value in snapshot.core.items()
@@ -127,7 +129,12 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
     for name in {"positions", "velocities"} & set(core):
         check.check_all(name, core[name], np.isfinite(core[name]), "finite numbers")
     return Snapshot(
-        scene, Options(**header["arguments"]), tuple(header["shape"]), str(header["dtype"]), core
+        scene,
+        Options(**header["arguments"]),
+        tuple(header["shape"]),
+        str(header["dtype"]),
+        core,
+        bool(header["forced"]),
     )
 
 
@@ -137,7 +144,12 @@ def take(
     """A snapshot of a state with these options, or of one of its members, with fields `core`."""
     shape = state.shape if core is None else state.shape[-3:]
     return Snapshot(
-        scene, options, shape, state.dtype.str, state.core.snapshot() if core is None else core
+        scene,
+        options,
+        shape,
+        state.dtype.str,
+        state.core.snapshot() if core is None else core,
+        state.forced,
     )
 
 

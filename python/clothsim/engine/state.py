@@ -15,11 +15,13 @@ from .. import _core
 from ..base import check
 from ..base.interrupts import Interrupts
 from ..errors import ContactWarning, warn_caller
-from ..methods.bound import guaranteed_dt, stable_depths
+from ..methods.bound import stable_depths, stable_dt
 from ..methods.integrators import METHODS, warn_of_order
 from ..model.motion import Linear
 from ..model.scene import Scene
 from ..model.sphere import held, kind_name
+from ..typing import Force
+from .force import forces_of, with_force
 from .judge import Judge
 from .options import Options, kept_plan
 
@@ -282,17 +284,22 @@ class State:
         dtype: npt.DTypeLike,
         t: float,
         options: Options,
+        forces: Sequence[Force | None] = (),
     ) -> None:
         """A state without values, with one scene for each member; `batched`: its arrays have a
-        first axis of members.
+        first axis of members; `forces`: of functions, one for each member.
         """
         self.batched, self.options, self.integrator = batched, options, options.integrator
+        self.forces = [*forces] or [None] * len(scenes)
+        self.forced = self.forces.count(None) < len(scenes)
         self.shape, self.dtype = shape, np.dtype(dtype)
         # Of a stepper: its scene, or those of its members, as it tells them.
         self.given: Scene | Sequence[Scene] = ()
         self.known: list[weakref.ref[Scene]] = []  # of an engine that waits: those of its batch
         self.threads = 1
-        plans, stable_dt = self._compiled(scenes)
+        if self.forced and options.backend == "gpu":
+            raise ValueError("force must be None with backend 'gpu'; backend='cpu' has it")
+        plans, limits = self._compiled(scenes)
         if options.backend == "gpu":
             from ..gpu.simulation import Simulation
 
@@ -303,13 +310,19 @@ class State:
                 options.threads_for(scenes[0].cloth.shape, len(scenes))
             )
             self.core = _core.Simulation(plans, t, self.threads)
-        self.core.set_stable_dt(stable_dt)
+        self.core.set_stable_dt(limits)
         self._may_lose_order = not METHODS[self.integrator].damped
-        self._adopt(scenes, plans, stable_dt)
+        self._adopt(scenes, plans, limits)
 
     @classmethod
     def checked(
-        cls, scene: Scene | Sequence[Scene], x: Any, v: Any, t: float | None, options: Options
+        cls,
+        scene: Scene | Sequence[Scene],
+        x: Any,
+        v: Any,
+        t: float | None,
+        options: Options,
+        force: Any = None,
     ) -> State:
         """The state of the arguments of a call. A state or time that is not given is that of the
         scenes.
@@ -327,48 +340,61 @@ class State:
         if not own:
             check_driven_pins(scenes, x, time)
         check_depths(scenes, x, time, start=own)
-        state = cls(scenes, x.ndim == 4, x.shape, x.dtype, time, options)
+        forces = forces_of(force, scenes, batched)
+        state = cls(scenes, x.ndim == 4, x.shape, x.dtype, time, options, forces)
         state.core.load(x, v)
         return state
 
     @classmethod
-    def own(cls, scenes: list[Scene], batched: bool, t: float, options: Options) -> State:
+    def own(
+        cls,
+        scenes: list[Scene],
+        batched: bool,
+        t: float,
+        options: Options,
+        forces: Sequence[Force | None] = (),
+    ) -> State:
         """The scenes' own states at a time [s], unchecked."""
         x, v = own_arrays(scenes, batched)
         check_depths(scenes, x, t, start=True)
-        state = cls(scenes, batched, x.shape, x.dtype, t, options)
+        state = cls(scenes, batched, x.shape, x.dtype, t, options, forces)
         state.core.load(x, v)
         return state
 
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
         """Replace the scenes, and keep the state. An error leaves everything as it was."""
         scenes = scenes_of(scene) * (len(self.scenes) if isinstance(scene, Scene) else 1)
-        plans, stable_dt = self._compiled(scenes)
+        plans, limits = self._compiled(scenes)
         x = np.empty(self.shape)
         self.core.store(x, np.empty(self.shape))
         check_depths(scenes, x, self.core.time, start=True)
         with Interrupts():  # the core and its record change together
-            self.core.set_scene(plans, stable_dt)
-            self._adopt(scenes, plans, stable_dt)
+            self.core.set_scene(plans, limits)
+            self._adopt(scenes, plans, limits)
             self.given = scene
 
     def _compiled(self, scenes: list[Scene]) -> tuple[list[Any], list[float]]:
         """Plans for the core, or scenes for the adapter, and each member's guaranteed step [s]."""
-        plans = (
+        plans: list[Any] = (
             scenes
             if self.options.backend == "gpu"
             else [kept_plan(scene, self.options) for scene in scenes]
         )
-        return plans, [guaranteed_dt(scene.cloth.core, self.integrator) for scene in scenes]
+        if self.forced:
+            plans = [
+                with_force(plan, force, scenes[0].cloth.shape)
+                for plan, force in zip(plans, self.forces, strict=True)
+            ]
+        return plans, [stable_dt(scene, self.integrator) for scene in scenes]
 
-    def _adopt(self, scenes: list[Scene], plans: list[Any], stable_dt: list[float]) -> None:
-        self.scenes, self.max_stable_dt = scenes, stable_dt
+    def _adopt(self, scenes: list[Scene], plans: list[Any], limits: list[float]) -> None:
+        self.scenes, self.max_stable_dt = scenes, limits
         on_gpu = self.options.backend == "gpu"
         self.kernel = "gather" if on_gpu else self.options.chosen_kernel
         self.instruction_set = str(
             cast("Any", self.core).adapter if on_gpu else plans[0].instruction_set
         )
-        self.judge = Judge(self.core, scenes, self.batched, self.integrator, stable_dt)
+        self.judge = Judge(self.core, scenes, self.batched, self.integrator, limits, self.forces)
         self._dt_of_depths = math.nan  # the time step whose stable depths the core has
         self._has_layers = self._driven = self._moves = False
         for scene in scenes:

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from ..base import check, frozen
 from ..base.text import counted
 from ..model.scene import Scene, cloth_text, spheres_text
-from ..typing import Backend, Integrator, Kernel, Precision
+from ..typing import Backend, Force, Integrator, Kernel, Precision
+from .force import forces_of
 from .options import Options
 from .snapshot import Snapshot, take
 from .state import FloatArray, State, check_driven_pins, scenes_of, sphere_targets
@@ -31,7 +32,7 @@ class Stepper:
     t : float, optional
         Time of that state [s]. Required where a sphere moves and `x` is given. Default: 0, the time
         of the scene's own state.
-    integrator, precision, threads, kernel, backend
+    integrator, precision, threads, kernel, backend, force
         As for `step`. With the backend "gpu" the state stays on the adapter.
 
     Attributes
@@ -69,9 +70,10 @@ class Stepper:
         threads: int | None = None,
         kernel: Kernel = "auto",
         backend: Backend = "cpu",
+        force: Force | list[Force] | None = None,
     ) -> None:
         self._options = Options(integrator, precision, threads, kernel, backend)
-        self._state = State.checked(scene, x, v, t, self._options)
+        self._state = State.checked(scene, x, v, t, self._options, force)
         self._state.given = scene
         self._state.warn_of_order()
 
@@ -211,9 +213,10 @@ class Stepper:
         self._state.warn_of_order()
 
     def set_force(self, force: npt.ArrayLike) -> None:
-        """Set the force on each mass point from now on, such as the wind of the next frame.
+        """Set the constant force on each mass point from now on.
 
-        The state, the engine and its threads stay. `scene` then has the new force.
+        The state, the engine and its threads stay. `scene` then has the new force. A force that
+        depends on time or state is the argument `force` of a stepper.
 
         Parameters
         ----------
@@ -249,13 +252,15 @@ class Stepper:
         )
 
     @classmethod
-    def restore(cls, snapshot: Snapshot) -> Stepper:
+    def restore(cls, snapshot: Snapshot, force: Force | list[Force] | None = None) -> Stepper:
         """A new stepper with the state and time of `snapshot`; it continues with the same bits.
 
         Parameters
         ----------
         snapshot : Snapshot
             From `snapshot`, in this process or unpickled in another.
+        force : callable, optional
+            That of the stepper, which no snapshot keeps: needed where it had one.
 
         Examples
         --------
@@ -276,8 +281,13 @@ class Stepper:
         scenes = scenes_of(scene) * (
             shape[0] if isinstance(scene, Scene) and len(shape) == 4 else 1
         )
+        forces = forces_of(force, scenes, not isinstance(scene, Scene))
+        if snapshot.forced and not forces:
+            raise ValueError(
+                "force must be given: the stepper had one, and no snapshot keeps functions"
+            )
         state = State(
-            scenes, len(shape) == 4, shape, snapshot.dtype, snapshot.time, stepper._options
+            scenes, len(shape) == 4, shape, snapshot.dtype, snapshot.time, stepper._options, forces
         )
         state.core.restore(snapshot.core)
         state.given = scene

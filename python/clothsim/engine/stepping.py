@@ -17,7 +17,8 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..model.scene import Scene
-from ..typing import Backend, Integrator, Kernel, Precision
+from ..typing import Backend, Force, Integrator, Kernel, Precision
+from .force import forces_of
 from .options import Options, core_plan, make_room
 from .state import FloatArray, State, check_driven_pins, scenes_of, start_time, state_arrays
 
@@ -41,6 +42,7 @@ def _engine(
     threads: Any,
     kernel: Any,
     backend: Any = "cpu",
+    force: Any = None,
 ) -> tuple[State, list[State], FloatArray, FloatArray]:
     """An engine for a call, which no other call can have meanwhile, where it may wait for the next,
     and the arrays for it.
@@ -61,6 +63,7 @@ def _engine(
         and type(threads) in _THREADS
         and type(backend) is str
         and backend == "cpu"
+        and force is None  # a function is kept by no scene
     ):
         # An engine that waits at a scene does not keep it: the two would wait for the collector of
         # cycles. Of a batch it knows the scenes, as another may have the identity of one that died.
@@ -90,9 +93,13 @@ def _engine(
     scenes, batched = scenes_of(scene), not isinstance(scene, Scene)
     x, v = state_arrays(x, v, scenes, batched, precision)
     members = len(x) if x.ndim == 4 and not batched else 1
-    state = State(scenes * members, x.ndim == 4, x.shape, x.dtype, 0.0, options)
+    scenes = scenes * members
+    forces = forces_of(force, scenes, batched)
+    state = State(scenes, x.ndim == 4, x.shape, x.dtype, 0.0, options, forces)
     if batched:
         state.known = [weakref.ref(one) for one in scenes]
+    if force is not None:
+        waiting = [state] * _MOST_WAITING  # of no scene, and full
     return state, waiting, x, v
 
 
@@ -111,6 +118,7 @@ def step(
     *,
     kernel: Kernel = "auto",
     backend: Backend = "cpu",
+    force: Force | list[Force] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
@@ -151,6 +159,9 @@ def step(
     backend : {"cpu", "gpu"}, default "cpu"
         "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather". With "gpu",
         `threads` is refused.
+    force : callable, optional
+        A force of time and state, as for `simulate`. A call with one builds an engine of its own:
+        a `Stepper` takes short calls faster.
 
     Returns
     -------
@@ -185,7 +196,9 @@ def step(
     >>> float(abs(x - scene.initial_position).max()) < 1e-10
     True
     """
-    state, waiting, x, v = _engine(scene, x, v, integrator, precision, threads, kernel, backend)
+    state, waiting, x, v = _engine(
+        scene, x, v, integrator, precision, threads, kernel, backend, force
+    )
     results = state.step(x, v, t, steps, dt, out)
     if len(waiting) < _MOST_WAITING:  # not after an error
         state.scenes.clear()
@@ -204,12 +217,14 @@ def acceleration(
     *,
     threads: int | None = None,
     kernel: Kernel = "auto",
+    force: Force | list[Force] | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Acceleration of every mass point: springs, damping and gravity. Spheres exert no force.
+    """Acceleration of every mass point: springs, damping, gravity, contact with response "penalty",
+    wind, and a function's force.
 
     Parameters
     ----------
-    scene, x, v, precision, threads, kernel
+    scene, x, v, precision, threads, kernel, force
         As for `step`.
     t : float, default 0.0
         Time of the state [s]; a driven pin must be at its place.
@@ -228,7 +243,7 @@ def acceleration(
     >>> round(float(a[0, 1, 0]), 12)
     -5.0
     """
-    state, waiting, x, v = _engine(scene, x, v, "rk4", precision, threads, kernel)
+    state, waiting, x, v = _engine(scene, x, v, "rk4", precision, threads, kernel, force=force)
     result = state.accelerate(x, v, t, out)
     if len(waiting) < _MOST_WAITING:
         state.scenes.clear()

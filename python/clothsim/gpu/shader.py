@@ -262,6 +262,10 @@ def check_scenes(scenes: Sequence[Scene]) -> None:
                 f"pins[{pin}] must be None with backend 'gpu', got a motion; backend='cpu' "
                 "drives pins"
             )
+        if scene.wind is not None:
+            raise ValueError(
+                "wind must be None with backend 'gpu', got a Wind; backend='cpu' has it"
+            )
         if scene.force is not None:
             raise ValueError(
                 "force must be None with backend 'gpu', got an array; backend='cpu' has it"

@@ -18,15 +18,15 @@ from .region import box_limit
 _limit = lru_cache(maxsize=4096)(box_limit)
 
 
-def guaranteed_dt(cloth: _core.Cloth, integrator: str) -> float:
+def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     """The guarantee that `clothsim.max_stable_dt` gives without a state [s]."""
-    stiffness, damping = cloth.mode_bounds
+    stiffness, damping = _core.mode_bounds(scene.cloth.core, scene.core_forces)
     return _limit(integrator, math.sqrt(stiffness), damping)
 
 
-def usable_dt(cloth: _core.Cloth, integrator: str) -> float:
-    """`guaranteed_dt`, or a ValueError for a method that has no stable time step for this cloth."""
-    limit = guaranteed_dt(cloth, integrator)
+def usable_dt(scene: Scene, integrator: str) -> float:
+    """`stable_dt`, or a ValueError for a method that has no stable time step for this scene."""
+    limit = stable_dt(scene, integrator)
     if limit == 0:
         raise ValueError(
             f"dt must be given with integrator {integrator!r}, which has no stable time step for "
@@ -34,11 +34,6 @@ def usable_dt(cloth: _core.Cloth, integrator: str) -> float:
             "'semi_implicit_euler' or 'rk4'"
         )
     return limit
-
-
-def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
-    """The guaranteed time step of a scene [s]."""
-    return guaranteed_dt(scene.cloth.core, integrator)
 
 
 def limit_in_layer(scene: Scene, integrator: str, k: int, depth: float) -> float:
@@ -82,7 +77,7 @@ def _layer_bounds(scene: Scene, k: int) -> tuple[float, _LayerBounds]:
     thickness, stiffness = layer["thickness"], layer["stiffness"]
     damping = layer["dissipation"] + 2 * obstacle.friction / layer["slip_speed"]
     bounds = _LayerBounds(
-        *cloth.core.mode_bounds,
+        *_core.mode_bounds(cloth.core, scene.core_forces),
         square=6 * stiffness / mass,
         cube=damping * stiffness * thickness / mass,
     )
@@ -123,8 +118,9 @@ class LimitingTerm:
     # "stiffness", "damping", "nothing", or "method" where the integrator has no stable time step
     # for this cloth.
     kind: str
-    families: tuple[str, ...]  # the spring families of the term, or "points" for drag
-    values: tuple[float, ...]  # of the term, for each family [N/m] or [N s/m]
+    # The spring families of the term, "points" for drag, and "air" for wind.
+    families: tuple[str, ...]
+    values: tuple[float, ...]  # of the term, for each family [N/m] or [N s/m]; of air [1/s]
     # Where the other kind limits the step, all families reduced in proportion; 0 if there is none.
     below: tuple[float, ...]
     max_stable_dt: float  # the guaranteed time step [s]
@@ -135,13 +131,13 @@ class LimitingTerm:
             return "nothing limits it"
         if self.kind == "method":
             return f"{self.integrator} amplifies undamped motion at every time step"
-        *most, last = [f for f in self.families if f != "points"] or [""]
-        springs = (
-            [f"the {self.kind} of {', '.join(most)}{' and ' * bool(most)}{last} springs"]
-            if last
-            else []
-        )
-        name = " and ".join([*springs, *["the drag of points"] * ("points" in self.families)])
+        if self.families == ("air",):
+            return f"the damping of the wind, {self.values[0]:.3g} 1/s at most, limits it"
+        *most, last = [f for f in self.families if f not in ("points", "air")] or [""]
+        names = [f"the {self.kind} of {', '.join(most)}{' and ' * bool(most)}{last} springs"]
+        names = names if last else []
+        names += ["the drag of points"] * ("points" in self.families)
+        name = " and ".join(names)
         other = "stiffness" if self.kind == "damping" else "damping"
         text = f"{name}, {self._listed(self.values)}, limits it"
         return (
@@ -157,14 +153,16 @@ class LimitingTerm:
 
 def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
     """The term that limits the step that `max_stable_dt` guarantees for a scene."""
-    return _term_of(scene.cloth, integrator)
+    wind = scene.wind.core.damping_bound(scene.cloth.core) if scene.wind else 0.0
+    return _term_of(scene.cloth, wind, integrator)
 
 
 @lru_cache(maxsize=64)
-def _term_of(cloth: Cloth, integrator: str) -> LimitingTerm:
+def _term_of(cloth: Cloth, wind: float, integrator: str) -> LimitingTerm:
     def bounds(**changes: Any) -> tuple[float, float]:
-        omega2, delta = cloth.replace(**changes).core.mode_bounds
-        return math.sqrt(omega2), delta
+        scene = Scene(cloth.replace(**changes, pins=cloth.pinned))
+        omega2, delta = _core.mode_bounds(scene.cloth.core, scene.core_forces)
+        return math.sqrt(omega2), delta + wind
 
     k, c = cloth.family_stiffness, cloth.family_damping
     omega, delta = bounds()
@@ -178,7 +176,8 @@ def _term_of(cloth: Cloth, integrator: str) -> LimitingTerm:
         kind, values, factor = "damping", c, alone[1] / alone[0]
         left = {f: bounds(damping={**c, f: 0.0})[1] for f in c}
         left["points"] = bounds(drag=0.0)[1]
-        values = {**c, "points": cloth.drag}
+        left["air"] = delta - wind
+        values = {**c, "points": cloth.drag, "air": wind}
         whole = delta
     else:
         kind, values, factor = "stiffness", k, (alone[0] / alone[1]) ** 2
@@ -186,5 +185,7 @@ def _term_of(cloth: Cloth, integrator: str) -> LimitingTerm:
         whole = omega
     fall = {f: whole - rest for f, rest in left.items()}
     named = tuple(f for f in fall if fall[f] >= _TIE * max(fall.values()))
+    if named[-1] == "air":  # whose values have another unit
+        named = ("air",)
     given = tuple(values[f] for f in named)
     return LimitingTerm(kind, named, given, tuple(factor * one for one in given), limit, integrator)

@@ -15,6 +15,7 @@ from .cloth import FAMILIES, Cloth
 from .motion import MOTIONS
 from .scene import Scene
 from .sphere import Plane, Sphere, kind_name, place_name
+from .wind import Wind
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel")
 """Names that change how a cloth is computed, not which cloth."""
@@ -41,8 +42,18 @@ _UNITS = {
         "s": ("period", "times", "dt", "duration"),
         "Hz": ("frequency",),
         "m/s": ("velocity", "push_out_speed", "slip_speed"),
-        "1": ("direction", "normal", "deceleration", "phase", "restitution", "friction", "rtol"),
+        "1": (
+            "direction",
+            "normal",
+            "tangential",
+            "deceleration",
+            "phase",
+            "restitution",
+            "friction",
+            "rtol",
+        ),
         "kg": ("mass",),
+        "kg/m^3": ("density",),
         "s/m": ("dissipation",),
         "N/m": ("stiffness",),
         "N s/m": ("damping", "drag"),
@@ -71,6 +82,9 @@ _FAMILY_PARTS = tuple(
 _SPHERE_PARTS = (*_SPHERE, *(f"center_{c}" for c in _COMPONENTS), *_MOTION)
 _PLANE_PARTS = (*_PLANE, *(f"{n}_{c}" for n in ("point", "normal") for c in _COMPONENTS), *_MOTION)
 
+_WIND = _arguments(Wind)
+_WIND_PARTS = (*_WIND, *(f"velocity_{c}" for c in _COMPONENTS), *_MOTION)
+
 NAMES = (
     "scene",
     *_CLOTH,
@@ -78,6 +92,7 @@ NAMES = (
     *_SCENE,
     *(f"gravity_{c}" for c in _COMPONENTS),
     *(f"pin0_{c}" for c in _COMPONENTS),
+    *(f"wind_{name}" for name in _WIND_PARTS),
     *(f"sphere_{name}" for name in _SPHERE_PARTS),
     *(f"plane_{name}" for name in _PLANE_PARTS),
     *RUN,
@@ -131,7 +146,7 @@ def units(name: str) -> str:
     if _PIN_NAME.fullmatch(name):
         return "m"
     match = _OBSTACLE_NAME.fullmatch(name)
-    name = match[3] if match else name
+    name = match[3] if match else name.removeprefix("wind_")
     for part in (*FAMILIES, *_COMPONENTS):
         name = name.removesuffix(f"_{part}")
     return _UNITS.get(name, "")
@@ -156,6 +171,9 @@ def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
     if gravity:
         changes["gravity"] = _with_components(changes.get("gravity", scene.gravity), gravity)
     pins = {name: values.pop(name) for name in [*values] if _PIN_NAME.fullmatch(name)}
+    air = {name: values.pop(name) for name in [*values] if name.startswith("wind_")}
+    if air:
+        changes["wind"] = _change_wind(changes.get("wind", scene.wind), air)
     if values:
         changes["spheres"] = _change_spheres(scene.spheres, values)
     if parts:
@@ -196,6 +214,22 @@ def _with_families(cloth: Cloth, parts: Mapping[str, Any]) -> dict[str, dict[str
         whole = cloth.family_stiffness if argument == "stiffness" else cloth.family_damping
         changed.setdefault(argument, dict(whole))[family] = value
     return changed
+
+
+def _change_wind(wind: Wind | None, values: Mapping[str, Any]) -> Wind:
+    if wind is None:
+        raise ValueError(f"{next(iter(values))} needs a scene with wind")
+    parts = {name.removeprefix("wind_"): value for name, value in values.items()}
+    velocity = {c: parts.pop(f"velocity_{c}") for c in _COMPONENTS if f"velocity_{c}" in parts}
+    whole = {name: parts.pop(name) for name in _WIND if name in parts}
+    if velocity:
+        whole["velocity"] = _with_components(whole.get("velocity", wind.velocity), velocity)
+    wind = wind.replace(**whole)
+    for part, value in parts.items():
+        if wind.motion is None or part not in _arguments(type(wind.motion)):
+            raise ValueError(f"wind_{part} needs a wind whose motion has it, got {wind.motion!r}")
+        wind = wind.replace(motion=wind.motion.replace(**{part: value}))
+    return wind
 
 
 def _change_spheres(

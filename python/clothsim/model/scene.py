@@ -20,6 +20,7 @@ from .cloth import Cloth
 from .motion import Keyframes, Motion
 from .record import Record
 from .sphere import Plane, Sphere
+from .wind import Wind
 
 SCHEMA = 2
 """Version of the layout of ``Scene.to_dict``."""
@@ -68,7 +69,10 @@ class Scene(Record):
         points.
     force : array_like, optional
         Force on each mass point [N], shape (rows, columns, 3), constant in time.
-        `Stepper.set_force` changes it between calls, for wind and the like. Default: none.
+        `Stepper.set_force` changes it between calls. Default: none. A force that depends on time
+        and state is the argument `force` of `simulate`.
+    wind : Wind, optional
+        Moving air that presses on the triangles. Default: none.
 
     Attributes
     ----------
@@ -92,6 +96,7 @@ class Scene(Record):
     position: npt.NDArray[np.float64] | None
     velocity: npt.NDArray[np.float64] | None
     force: npt.NDArray[np.float64] | None
+    wind: Wind | None
 
     @check.named
     def __init__(
@@ -102,7 +107,9 @@ class Scene(Record):
         position: npt.ArrayLike | None = None,
         velocity: npt.ArrayLike | None = None,
         force: npt.ArrayLike | None = None,
+        wind: Wind | None = None,
     ) -> None:
+        self._set(wind=None if wind is None else check.instance("wind", wind, Wind))
         shape = (*check.instance("cloth", cloth, Cloth).shape, 3)
         self._set(cloth=cloth, spheres=_spheres(spheres), gravity=check.vector("gravity", gravity))
         for name, value in (("position", position), ("velocity", velocity), ("force", force)):
@@ -140,6 +147,8 @@ class Scene(Record):
         ):
             if cloth.size is own.size:  # all other arguments fit
                 forget = ["engines", "_plans"]
+                if cloth.drag != own.drag:
+                    forget.append("core_forces")
                 if self.has_layers:
                     forget.append("core_spheres")  # their layers follow from the cloth
                 return self._copy(forget, cloth=cloth)
@@ -187,18 +196,29 @@ class Scene(Record):
         return [core_sphere(sphere, self) for sphere in self.spheres]
 
     @cached_property
+    def core_forces(self) -> list[_core.Force]:
+        """The forces beside springs, gravity and contact, as the core takes them."""
+        drag, wind = self.cloth.drag, self.wind
+        forces = [_core.Force("drag", [drag], _core.Motion())] if drag else []
+        return [*forces, wind.core] if wind else forces
+
+    @cached_property
     def has_layers(self) -> bool:
         """Whether an obstacle responds by a force in a layer."""
         return any(sphere.response == "penalty" for sphere in self.spheres)
 
     @property
     def damped(self) -> bool:
-        """Whether forces depend on velocities: those of damped springs, drag, and contact with
-        dissipation or friction.
+        """Whether forces depend on velocities: those of damped springs, drag, wind, and contact
+        with dissipation or friction.
         """
-        return self.cloth.damped or any(
-            sphere.response == "penalty" and (sphere.friction > 0 or sphere.dissipation != 0)
-            for sphere in self.spheres
+        return (
+            self.cloth.damped
+            or bool(self.core_forces)
+            or any(
+                sphere.response == "penalty" and (sphere.friction > 0 or sphere.dissipation != 0)
+                for sphere in self.spheres
+            )
         )
 
     @cached_property
@@ -303,6 +323,8 @@ class Scene(Record):
         if schema != SCHEMA:
             raise ValueError(f"schema must be {SCHEMA}, the version read here, got {schema}")
         arguments["cloth"] = Cloth.from_dict(arguments["cloth"])
+        if arguments.get("wind") is not None:
+            arguments["wind"] = Wind.from_dict(arguments["wind"])
         spheres = arguments.get("spheres", ())
         if not isinstance(spheres, (list, tuple)):
             raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
@@ -367,14 +389,13 @@ def _towards(
 
 
 def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
-    """Times between `begin` and `end` at which motions of pins and spheres turn, or pass a time of
-    their table [s].
+    """Times between `begin` and `end` at which motions of pins, spheres and wind turn, or pass a
+    time of their table [s].
 
     Between two of them every motion is smooth: error control ends its steps there.
     """
-    motions = {pins.motion for pins in scene.driven_pins} | {
-        one.motion for one in scene.spheres if one.motion
-    }
+    motions = {pins.motion for pins in scene.driven_pins}
+    motions |= {one.motion for one in (*scene.spheres, scene.wind) if one and one.motion}
     return sorted({t for motion in motions for t in motion._stops(begin, end)})
 
 

@@ -32,7 +32,7 @@ _COMMENTS = {
     "response": "what a contact does",
     "offset": "a rule, or m",
     "point": "m, a place on a plane",
-    "normal": "of a plane, of any length",
+    "wind": "moving air",
     "offsets": "m, from the start",
 }
 

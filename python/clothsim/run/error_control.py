@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import _core
 from ..base import Floats
 from ..engine.options import Options
 from ..errors import ContactError, UnstableError
@@ -187,9 +188,8 @@ def _smallest(job: Job) -> float:
 
 
 def _unseen(job: Job, **changes: object) -> Job:
-    """A run that is not returned: it has no frames, unless a force changes at them."""
-    frames = job.frames if job.force else Frames()
-    return replace(job, shown=False, frames=frames, **changes)  # type: ignore[arg-type]
+    """A run that is not returned: it has no frames."""
+    return replace(job, shown=False, frames=Frames(), **changes)  # type: ignore[arg-type]
 
 
 def _at_tolerance(job: Job, tolerance: float) -> Step:
@@ -211,7 +211,7 @@ def _at_tolerance(job: Job, tolerance: float) -> Step:
 
 def _longest_dt(job: Job, integrator: str) -> float:
     """The longest fixed step [s]: the guaranteed stable one, or half of it with spheres."""
-    stable = usable_dt(job.scene.cloth.core, integrator)
+    stable = usable_dt(job.scene, integrator)
     return min(stable / 2 if job.scene.spheres else stable, job.duration / 4)
 
 
@@ -339,7 +339,7 @@ def _first_tolerance(job: Job, asked: float) -> Generator[Job, Trajectory, float
     with suppress(UnstableError):
         part = max(tolerance, _smallest(job))
         steps = (yield _unseen(job, duration=PILOT * job.duration, tolerance=part)).steps / PILOT
-    _, damping = job.scene.cloth.core.mode_bounds
+    _, damping = _core.mode_bounds(job.scene.cloth.core, job.scene.core_forces)
     motion = steps * (tolerance / size_of(job.scene)) ** (1 / ORDER)
     kept = 1 + damping * job.duration / 2
     return float(tolerance / (1 + (motion / kept / GROWTH) ** 3))

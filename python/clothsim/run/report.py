@@ -17,7 +17,7 @@ _VERSION = _core.build_facts()["version"]
 RESUMED = "the error of a resumed run is not estimated"
 _SUMS = {
     *("steps", "rejected_steps", "force_evaluations", "solution_evaluations"),
-    *("wall_time", "force_work", "lift_work"),
+    *("wall_time", "force_work", "wind_work", "lift_work"),
 }
 _PARTS = ("kinetic", "elastic", "gravity", "force", "contact", "total")
 
@@ -38,6 +38,7 @@ def report(
     reason = f"the run ended early: {stopped}" if stopped else unknown
     estimate = (controlled.error if controlled else Estimate(reason=reason))._asdict()
     missing, time = watched.get("reason", ""), watched["first_contact"]
+    works = watched.get("force_work", {})
     untouched = "" if watched["in_contact"] else "no sphere responded"
     return {
         "steps": run.steps,
@@ -53,7 +54,8 @@ def report(
         "error_estimate": estimate,
         "tolerance": {"asked": asked, "reached": bool(estimate["rms"] <= asked)},
         "energy": {**_gained(scene, watched), **_energies(run)},
-        "force_work": run.force_work,
+        "force_work": works.get("function", 0.0),
+        "wind_work": works.get("wind", 0.0),
         "penetration": {
             "points": watched["point_depth"],
             "triangles": watched["triangle_depth"],

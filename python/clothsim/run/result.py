@@ -21,8 +21,9 @@ from ..engine.snapshot import Snapshot
 from ..measure import energy, largest_stretch, penetration
 from ..model.scene import Scene, cloth_text, spheres_text
 from ..model.sphere import Plane, Sphere
+from ..typing import Force
 from .report import joined
-from .trajectory import NEGLIGIBLE, Continuation, Force, Frames
+from .trajectory import NEGLIGIBLE, Continuation, Frames
 
 if TYPE_CHECKING:
     import xarray
@@ -74,8 +75,9 @@ class Run:
                                128 (in 16 with error control, or above `max_stable_dt`). Only an
                                error of the method can add energy, until a response after the step
                                changes it; afterwards it is NaN
-    "force_work"               work of the argument `force` of `simulate` on the cloth [J], with the
-                               positions of frames
+    "force_work"               work of the argument `force` of `simulate` on the free mass points
+                               [J], by the stages of the method
+    "wind_work"                the same of `Scene.wind`
     "penetration"              "points" and "triangles" [m]: greatest depths over all spheres; see
                                `penetration`. Mass points are measured at every state, triangles at
                                sampled ones. "triangles" is never less than "points"

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..base import Floats, check
 from ..base.progress import ProgressBar
+from ..engine.force import Held, checked_force, forces_of
 from ..engine.options import Options
 from ..engine.state import State, scenes_of
 from ..engine.stepper import Stepper
@@ -26,6 +27,7 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import limit_in_layer, stable_dt
 from ..model.scene import Scene
 from ..model.sphere import continuous, held
+from ..typing import Force
 from .report import report
 from .result import Run
 from .simulate import interrupted
@@ -65,6 +67,7 @@ def settle(
     max_evaluations: int = 400_000,
     threads: int | None = None,
     progress: bool = False,
+    force: Force | list[Force] | None = None,
 ) -> Run: ...
 @overload
 def settle(scene: Sequence[Scene], *arguments: Any, **options: Any) -> list[Run]: ...
@@ -77,6 +80,7 @@ def settle(
     max_evaluations: int = 400_000,
     threads: int | None = None,
     progress: bool = False,
+    force: Force | list[Force] | None = None,
 ) -> Run | list[Run]:
     """Find the rest state of a scene, from its initial state, with contact and friction.
 
@@ -102,6 +106,8 @@ def settle(
         As for `step`.
     progress : bool, default False
         True shows a progress bar of force evaluations.
+    force : callable, optional
+        As for `simulate`, at the time `t`; so are gusts of a wind.
 
     Returns
     -------
@@ -131,13 +137,16 @@ def settle(
             "threads": threads,
             "progress": progress,
         }
-        return [settle(one, tolerance, **more) for one in scenes_of(scene)]
+        scenes = scenes_of(scene)
+        forces = forces_of(force, scenes, True) or [None] * len(scenes)
+        return [settle(s, tolerance, **more, force=f) for s, f in zip(scenes, forces, strict=True)]
     tolerance = check.number("tolerance", tolerance, minimum=1e-12)
     t = check.number("t", t)
     most = check.integer("max_evaluations", max_evaluations, minimum=1)
-    search = _Relaxation(
-        scene_at(scene, t), tolerance, most, t, Options(_INTEGRATOR, threads=threads)
-    )
+    force = checked_force(force)
+    held = None if force is None else Held(force, t)
+    options = Options(_INTEGRATOR, threads=threads)
+    search = _Relaxation(scene_at(scene, t), tolerance, most, t, options, held)
     with ProgressBar(check.boolean("progress", progress), total=most) as bar:
         try:
             reason = search.run(bar.bar)
@@ -148,7 +157,12 @@ def settle(
 
 def scene_at(scene: Scene, t: float) -> Scene:
     """The scene with everything that moves held at its place at a time [s]."""
-    still = scene.replace(spheres=[held(sphere, sphere.center_at(t)) for sphere in scene.spheres])
+    wind = scene.wind
+    if wind and wind.motion:
+        velocity = np.array(wind.velocity) + wind.motion.velocity_at(t)
+        wind = wind.replace(velocity=velocity, motion=None)
+    spheres = [held(sphere, sphere.center_at(t)) for sphere in scene.spheres]
+    still = scene.replace(spheres=spheres, wind=wind)
     if not scene.cloth.driven:
         return still
     x = scene.initial_position.copy()
@@ -161,8 +175,15 @@ class _Relaxation:
     """The relaxation of a scene in which nothing moves, by `most` force evaluations at most."""
 
     def __init__(
-        self, scene: Scene, tolerance: float, most: int, t: float, options: Options
+        self,
+        scene: Scene,
+        tolerance: float,
+        most: int,
+        t: float,
+        options: Options,
+        force: Held | None,
     ) -> None:
+        self._force = force
         self.scene, self._tolerance, self._most, self._t, self._options = (
             scene,
             tolerance,
@@ -216,9 +237,8 @@ class _Relaxation:
         return self._plain.replace(cloth=cloth.replace(damping=damping, drag=2 * omega * mean))
 
     def _stepper_of(self, scene: Scene, x: Floats) -> Stepper:
-        stepper = Stepper(
-            scene, x, np.zeros_like(x), t=0.0, integrator=_INTEGRATOR, threads=self._options.threads
-        )
+        options: dict[str, Any] = {"integrator": _INTEGRATOR, "threads": self._options.threads}
+        stepper = Stepper(scene, x, np.zeros_like(x), t=0.0, **options, force=self._force)
         stepper._state.judge.own_steps()
         return stepper
 
@@ -262,7 +282,7 @@ class _Relaxation:
             x = self._stepper.positions
             if self._left(x):
                 return "the cloth moves away: no pin and no sphere holds it"
-            now = x, acceleration(self._plain, x, np.zeros_like(x))
+            now = x, acceleration(self._plain, x, np.zeros_like(x), force=self._force)
             if before is not None:
                 self._damp(before, now)
             before = now
@@ -315,12 +335,13 @@ class _Relaxation:
         cost = self._steps, 0, self._steps, self._seconds, self._dt
         watched = state.core.watched[0]
         run = Trajectory(
-            self.scene, options, t, x, v, *cost, watched, 0.0, state, None, Continuation(self._t)
+            self.scene, options, t, x, v, *cost, watched, state, None, Continuation(self._t)
         )
         found = report(run, unknown="a run to rest has no error in time")
         found["residual"] = self._residual if math.isfinite(self._residual) else math.nan
         found["reason"] = reason
         found["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]
         found["obstacle_work"] = [math.nan] * len(self.scene.spheres)
+        found["force_work"] = found["wind_work"] = math.nan
         found["impulse_reason"] = "impulses of a relaxation have no meaning"
         return Run(self.scene, np.array(t), x, v, found)

@@ -13,17 +13,18 @@ import numpy.typing as npt
 from ..base import check
 from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
+from ..engine.force import checked_force, forces_of
 from ..engine.options import Options
 from ..engine.snapshot import take
 from ..engine.state import own_arrays, scenes_of, state_arrays
 from ..errors import ContactError, RunInterrupted, UnstableError
 from ..methods.integrators import integrator_name, warn_of_order
 from ..model.scene import Scene
-from ..typing import Backend, Integrator, Kernel, Precision
+from ..typing import Backend, Force, Integrator, Kernel, Precision
 from .error_control import estimate_of, size_of, solve
 from .report import RESUMED, report
 from .result import Run
-from .trajectory import Failure, Force, Frames, Job, Recorder, StopRun, Trajectory, Watch
+from .trajectory import Failure, Frames, Job, Recorder, StopRun, Trajectory, Watch
 
 _DEFAULT_RTOL = 1e-3  # Where neither a step nor a tolerance is given.
 # A duration over the time of its end that is above the rounding of the clock by a thousand times.
@@ -49,7 +50,7 @@ def simulate(
     t: float = 0.0,
     times: npt.ArrayLike | None = None,
     fps: float | None = None,
-    force: Force | None = None,
+    force: Force | list[Force] | None = None,
     callback: Callable[[float, Any, Any], Any] | None = None,
     kernel: Kernel = "auto",
     backend: Backend = "cpu",
@@ -75,7 +76,7 @@ def simulate(
     t: float = 0.0,
     times: npt.ArrayLike | None = None,
     fps: float | None = None,
-    force: Force | None = None,
+    force: Force | list[Force] | None = None,
     callback: Callable[[float, Any, Any], Any] | None = None,
     kernel: Kernel = "auto",
     backend: Backend = "cpu",
@@ -110,9 +111,12 @@ def simulate(
     t : float, default 0.0
         Time of the initial state [s], at which moving spheres and pins start.
     force : callable, optional
-        ``force(t, x, v)`` returns a force on each mass point [N], shape (rows, columns, 3), such as
-        wind. It is called at each frame and held until the next, beside the scene's own force;
-        steps end there.
+        A force of time and state, a part of the equation: ``force(t, x, v)`` returns the force on
+        each mass point [N], shape (rows, columns, 3), for read-only arrays of positions and
+        velocities. It is called at every evaluation, so it must depend on its arguments alone. A
+        `scipy.LowLevelCallable` or a numba `cfunc` ``void(double t, const double *x, const double
+        *v, double *f, int64_t points)`` is called without Python; `f` comes filled with 0
+        (docs/runs.md). Of several scenes: one for all, or a list of one for each.
     callback : callable, optional
         ``callback(t, x, v)`` is called at each frame, with read-only arrays; True stops the run, at
         the end of the step. If error control repeats the run, the calls start again from the first
@@ -150,23 +154,13 @@ def simulate(
     """
     batched = not isinstance(scene, Scene)
     scenes = scenes_of(scene)
-    if batched and (
-        dt is None
-        or callback is not None
-        or force is not None
-        or estimate_error
-        or backend == "gpu"
-    ):
+    if batched and (dt is None or callback is not None or estimate_error or backend == "gpu"):
         given = (duration, dt, integrator, precision, rtol, atol, every, threads, progress)
-        named = {
-            "t": t,
-            "times": times,
-            "fps": fps,
-            "force": force,
-            "callback": callback,
-            "kernel": kernel,
-        }
-        return _one_by_one(scenes, *given, **named, backend=backend, estimate_error=estimate_error)
+        named = {"t": t, "times": times, "fps": fps, "callback": callback, "kernel": kernel}
+        forces = forces_of(force, scenes, batched) or [None] * len(scenes)
+        return _one_by_one(
+            scenes, forces, *given, **named, backend=backend, estimate_error=estimate_error
+        )
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     t = check.number("t", t)
     _check_end(t, duration)
@@ -192,12 +186,8 @@ def simulate(
         check.step_count(duration, dt)
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
-    _check_callables(callback=callback, force=force)
-    if force is not None and (options.backend == "gpu" or (dt is None and frames.steps)):
-        raise ValueError(
-            "force must be None with backend 'gpu', and with error control and frames that are "
-            "counted in steps: give every as seconds (a float), or fps or times"
-        )
+    _check_callback(callback)
+    forces_of(force, scenes, batched)
     if integrator == "auto":
         options = replace(options, integrator="dop853", precision="double")
     if options.precision == "single":
@@ -232,12 +222,14 @@ def run_batch(job: Job, watch: Watch | None = None) -> tuple[list[Run], dict[int
     return _runs(recorder), {k: error for k, (error, _) in recorder.failed.items()}
 
 
-def _one_by_one(scenes: list[Scene], *arguments: Any, **options: Any) -> list[Run]:
+def _one_by_one(
+    scenes: list[Scene], forces: list[Force | None], *arguments: Any, **options: Any
+) -> list[Run]:
     runs: list[Run] = []
     errors: list[Failure] = []
     for k, scene in enumerate(scenes):
         try:
-            runs.append(simulate(scene, *arguments, **options))
+            runs.append(simulate(scene, *arguments, **options, force=forces[k]))
         except (UnstableError, ContactError) as error:
             errors.append(replace(error, member=k))
             errors[-1].run = error.run
@@ -347,7 +339,8 @@ def resume(
     frames = before.frames
     if not (every is None and times is None and fps is None):
         frames = Frames.of(every, times, fps, before.start + before.seconds, duration)
-    _check_callables(callback=callback, force=force)
+    _check_callback(callback)
+    checked_force(force)
     if before.forced and force is None:
         raise ValueError("force must be given: this run had one, and functions are not kept")
     job = Job(
@@ -379,10 +372,9 @@ def _check_end(t: float, duration: float) -> None:
         )
 
 
-def _check_callables(**given: Any) -> None:
-    for name, value in given.items():
-        if value is not None and not callable(value):
-            raise TypeError(f"{name} must be callable, got {check.shown(value)}")
+def _check_callback(callback: Any) -> None:
+    if callback is not None and not callable(callback):
+        raise TypeError(f"callback must be callable, got {check.shown(callback)}")
 
 
 def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:

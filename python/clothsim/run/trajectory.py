@@ -20,18 +20,19 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import Floats, check
+from ..engine.force import forces_of
 from ..engine.options import Options
 from ..engine.snapshot import Snapshot, of_members
 from ..engine.state import State, put_driven_pins
 from ..errors import ContactError, UnstableError
-from ..methods.bound import guaranteed_dt, stable_dt
+from ..methods.bound import stable_dt
 from ..methods.integrators import METHODS
 from ..model.mesh import point_radii2
 from ..model.scene import Scene, stops_of
 from ..model.sphere import Plane, Sphere
+from ..typing import Force
 
 Callback = Callable[[float, Floats, Floats], Any]
-Force = Callable[[float, Floats, Floats], npt.ArrayLike]
 Failure = UnstableError | ContactError
 Pair = tuple[Floats, Floats]  # positions and velocities
 Moment = tuple[float, float]  # seconds since the start of the run, and the time of the scene [s]
@@ -168,7 +169,7 @@ class Job:
     options: Options
     start: float = 0.0  # time of the initial state [s]
     frames: Frames = Frames()
-    force: Force | None = None
+    force: Force | list[Force] | None = None
     dt: float | None = None  # [s]
     own_step: bool = False
     longest: float = math.inf  # own steps between two kinks are equal parts of steps of this [s]
@@ -197,7 +198,6 @@ class Trajectory:
     wall_time: float  # of stepping [s]
     step: float  # fixed: the time step, adaptive: the mean one [s]
     watched: Mapping[str, Any]  # extremes over the states, see Watched in the core
-    force_work: float  # of the force of a function [J]
     state: State
     saved: (
         dict[str, Any] | None
@@ -316,7 +316,8 @@ class Recorder:
 
     def __init__(self, job: Job, watch: Watch) -> None:
         self.job, self._watch = job, watch
-        self.state = State.own(job.scenes, job.batched, job.start, job.options)
+        forces = forces_of(job.force, job.scenes, job.batched)
+        self.state = State.own(job.scenes, job.batched, job.start, job.options, forces)
         self._earlier = Continuation(job.start)
         if job.resumed:
             snapshot, self._earlier = job.resumed
@@ -335,7 +336,6 @@ class Recorder:
         self.live = list(range(len(job.scenes)))
         self.failed: dict[int, tuple[Failure, Trajectory]] = {}
         self._ahead = False  # the present state comes after the last frame
-        self._force = _Forcing(job.force, job.scene.force, self.state) if job.force else None
         self._path = self._new_path() if job.dt is None else None
         if job.dt is not None:
             if job.own_step:
@@ -349,12 +349,10 @@ class Recorder:
         if self._path:
             self._control(self._path)
         elif self.job.dt is not None:
-            # A step ends where the force changes.
-            for part in pairwise(self.moments) if self._force else [self.moments]:
-                if self.job.own_step:
-                    self._pass_kinks(part, self.job.dt)
-                else:
-                    self._pass_frames(part, self.job.dt)
+            if self.job.own_step:
+                self._pass_kinks(self.moments, self.job.dt)
+            else:
+                self._pass_frames(self.moments, self.job.dt)
         return self
 
     # Fixed steps
@@ -493,13 +491,13 @@ class Recorder:
 
     def _new_path(self) -> _core.AdaptiveRun:
         job, state, before = self.job, self.state, self._earlier
-        cloth = job.scene.cloth.core
-        stable = guaranteed_dt(cloth, job.options.integrator)
+        stable = stable_dt(job.scene, job.options.integrator)
         # The law of contact is of order 1 in the step, so a method that takes long steps is no
         # better there.
         near = min(stable, stable_dt(job.scene)) / 2
         if before.control is None:
-            rate = _VELOCITY_WEIGHT * max(math.sqrt(cloth.mode_bounds[0]), 1.0 / job.duration)
+            stiffness, _ = _core.mode_bounds(job.scene.cloth.core, job.scene.core_forces)
+            rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / job.duration)
             tolerance, controller = (
                 job.tolerance,
                 (min(job.duration, 0.9 * stable), *_NEW_CONTROLLER),
@@ -509,10 +507,8 @@ class Recorder:
         self._control_values = tolerance, rate
         state.judge.own_steps()
         state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, job.duration / _SAMPLES)
-        (_, begin), *inner, (_, end) = self.moments
+        begin, end = self.moments[0][1], self.moments[-1][1]
         stops = {*stops_of(job.scene, begin, end), end}
-        if self._force:
-            stops.update(t for _, t in inner)
         # Steps that are given are accepted at any finite error.
         self._unit = unit = _ANY_ERROR * tolerance if job.grid else tolerance
         return _core.AdaptiveRun(unit, unit * rate, near, sorted(stops), list(job.grid), controller)
@@ -562,8 +558,6 @@ class Recorder:
             self._watch.begin(self, seconds)
         self._ahead = ahead
         self._watch.frame(t, x, v)
-        if self._force:
-            self._force.change(t, x, v)
 
     def _put(self, seconds: float, t: float, x: Floats, v: Floats) -> None:
         x, v = (x, v) if self.state.batched else (x[None], v[None])
@@ -590,7 +584,7 @@ class Recorder:
         saves = state.batched and not job.own_step
         saved = of_members(state.core.snapshot(), state.scenes) if saves else [None] * len(watched)
         control = (*self._control_values, path.controller) if path else earlier.control
-        method, work = METHODS[job.options.integrator], self._force.work if self._force else 0.0
+        method = METHODS[job.options.integrator]
         found = {}
         for k in members:
             frames = self._frames[k]
@@ -609,7 +603,7 @@ class Recorder:
                 job.force is not None,
             )
             cost = self.steps, path.rejected if path else 0, evaluations, self._wall_time, step
-            rest = watched[k], work, state, saved[k], settings
+            rest = watched[k], state, saved[k], settings
             found[k] = Trajectory(
                 job.scenes[k], job.options, frames.t, frames.x, frames.v, *cost, *rest
             )
@@ -618,27 +612,6 @@ class Recorder:
             one.tolerance, one.ends, one.kinks = job.tolerance, path.ends, path.kinks
             one.local_error = self._unit * path.local_error
         return found
-
-
-class _Forcing:
-    """The force of a function on each mass point, held from frame to frame, and its work [J]."""
-
-    def __init__(self, function: Force, constant: Floats | None, state: State) -> None:
-        self._function, self._state = function, state
-        self._constant = 0.0 if constant is None else constant
-        self._held: Pair | None = None  # the force, and positions where it was set
-        self.work = 0.0
-
-    def change(self, t: float, x: Floats, v: Floats) -> None:
-        """Ask the function for the force from this state on."""
-        force = check.array(
-            "the result of force(t, x, v)", self._function(t, *map(_constant, (x, v))), x.shape
-        )
-        if self._held is not None:
-            held, place = self._held
-            self.work += float((held * (x - place)).sum())
-        self._held = force, x
-        self._state.core.set_force(force + self._constant)
 
 
 def interpolated(

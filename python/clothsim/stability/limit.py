@@ -154,7 +154,7 @@ def max_stable_dt(
         if t is not None:
             raise ValueError(f"t must be None without x, got {check.shown(t)}")
         return stable_dt(scene, integrator)
-    time = start_time(t, [scene] if has_layers(scene) else [])
+    time = start_time(t, [scene] if has_layers(scene) or scene.wind else [])
     shape = (*scene.cloth.shape, 3)
     x = check.array("x", x, shape)
     v = np.zeros(shape) if v is None else check.array("v", v, shape)
@@ -169,9 +169,9 @@ def has_layers(scene: Scene) -> bool:
 def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operator, Operator]:
     """Products with K [1/s^2] and C [1/s] at a state, of vectors of shape (n, 3 points).
 
-    Contact at the time `t` is included. Both are scaled with the roots of the masses on either
-    side; pinned points are left out. Springs without length have no direction and exert no force;
-    they are left out too.
+    Contact and wind at the time `t` are included. Both are scaled with the roots of the masses on
+    either side; pinned points are left out. Springs without length have no direction and exert no
+    force; they are left out too.
     """
     cloth, table = scene.cloth, scene.cloth.spring_table()
     scale = np.where(cloth.pinned, 0.0, cloth.mass_per_point**-0.5).reshape(-1, 1)
@@ -213,6 +213,10 @@ def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operato
         y = y.reshape(len(y), -1, 3) * scale
         return np.subtract(y[:, j], y[:, i])
 
+    acting = [
+        force.damping_blocks(cloth.core, x.reshape(*cloth.shape, 3), v.reshape(*cloth.shape, 3), t)
+        for force in scene.core_forces
+    ]
     layers = None
     if has_layers(scene):
         plan = kept_plan(scene, Options())
@@ -232,11 +236,21 @@ def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operato
 
     def damping_(y: Floats) -> Floats:
         radial = damping * (apart(y) * n).sum(axis=2)
-        at_points = (y.reshape(len(y), -1, 3) * scale**2).reshape(y.shape)
-        force = np.asarray(cloth.drag * at_points - to_points(radial[..., None] * n))
+        force = -to_points(radial[..., None] * n)
+        for points, blocks in acting:
+            force = force + _product(points, blocks, y, scale)
         return force if layers is None else force + contact(y, layers[1])
 
     return stiffness, damping_
+
+
+def _product(points: npt.NDArray[np.int64], blocks: Floats, y: Floats, scale: Floats) -> Floats:
+    """Products of vectors of shape (n, 3 points) with a matrix of blocks between points."""
+    to, source = points.T
+    by_source = (y.reshape(len(y), -1, 3) * scale)[:, source]
+    on = np.einsum("pij,npj->nip", blocks, by_source)
+    sums = [[np.bincount(to, row, len(scale)) for row in one] for one in on]
+    return np.reshape(np.swapaxes(sums, 1, 2) * scale, y.shape)
 
 
 def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> float:

@@ -11,8 +11,10 @@ import xarray
 from ..errors import ContactError, UnstableError
 from ..model.motion import motion_from_dict
 from ..model.scene import Scene
+from ..model.wind import Wind
 from ..run.result import Run
 from ..run.simulate import simulate
+from ..typing import Force
 from .grid import Axis, Grid
 from .member import Maker, SweepOptions
 from .store import ATTRIBUTE
@@ -49,10 +51,13 @@ class ClothsimAccessor:
             )
         return dict(json.loads(text))
 
-    def member(self, *, every: float | None = None, **selection: Any) -> Run:
+    def member(
+        self, *, every: float | None = None, force: Force | None = None, **selection: Any
+    ) -> Run:
         """The `Run` of one member, to show, play and export, computed again with equal bits.
 
-        `every` is as for `simulate`; default: that of the sweep. `selection` has labels as for
+        `every` is as for `simulate`; default: that of the sweep. `force`: that of the sweep, which
+        keeps no function. `selection` has labels as for
         ``Dataset.sel``, one for each remaining dimension. The run of an unstable member ends at the
         last good state. Raises a ValueError if more than one member is selected, or the Dataset
         does not keep a swept array because of its size.
@@ -67,6 +72,11 @@ class ClothsimAccessor:
         """
         identity = self.provenance["identity"]
         given = {name: value for name, value in identity["settings"].items() if name != "metrics"}
+        if given["force"] is not None and force is None:
+            raise ValueError(
+                f"force must be given: the sweep had {given['force']}, and functions are not kept"
+            )
+        given["force"] = force
         every = given["every"] if every is None else every
         grid = Grid([_axis(entry) for entry in identity["over"]])
         chosen = self._dataset.sel(selection)["member"]
@@ -111,6 +121,8 @@ def _value(name: str, value: Any) -> Any:
         )
     if name == "scene":
         return Scene.from_dict(value)
+    if name == "wind" and value is not None:
+        return Wind.from_dict(value)
     if name.endswith("motion") and value is not None:
         return motion_from_dict(value)
     return value

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..base import check
+from ..engine.force import checked_force
 from ..engine.options import Options
-from ..methods.bound import guaranteed_dt, usable_dt
+from ..methods.bound import stable_dt, usable_dt
 from ..methods.integrators import integrator_name
 from ..model.fields import RUN, change_scene
 from ..model.scene import Scene
@@ -34,6 +35,7 @@ class SweepOptions:
     every: Any = None  # checked: steps (int), seconds (float) or None
     rtol: float | None = None
     atol: float | None = None
+    force: Any = None
 
     def __post_init__(self) -> None:
         self.__dict__.update(
@@ -43,6 +45,7 @@ class SweepOptions:
             if self.integrator is None
             else integrator_name(self.integrator, "auto"),
             every=checked_every(self.every),
+            force=checked_force(self.force),
         )
 
 
@@ -67,7 +70,7 @@ class Maker:
     def __init__(self, base: Scene, options: SweepOptions) -> None:
         self._base, self._options, self._known = base, options, dict[str, dict[str, Any]]()
         shared = "initial_position", "initial_velocity", "driven_pins", "core_spheres", "has_layers"
-        for name in shared:
+        for name in (*shared, "core_forces"):
             getattr(base, name)  # which caches it for all members
         _ = base.cloth.core  # with the arrays that it is made of
 
@@ -85,16 +88,16 @@ class Maker:
         settings = self._known.get(key := repr(run))
         if settings is None:
             settings = self._known[key] = self._settings(run)
-        cloth, integrator, dt = scene.cloth.core, settings["integrator"], settings["dt"]
+        integrator, dt = settings["integrator"], settings["dt"]
         integrator = "rk4" if integrator in ("auto", None) else integrator
-        limit = usable_dt(cloth, integrator) if dt is None else guaranteed_dt(cloth, integrator)
+        limit = usable_dt(scene, integrator) if dt is None else stable_dt(scene, integrator)
         return Member(index, scene, settings, dt, limit)
 
     def _settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
         """The checked arguments of `simulate` of members with the swept values `run`; what is not
         given is left to `simulate`.
         """
-        given = {name: run.get(name, getattr(self._options, name)) for name in RUN}
+        given = {name: run.get(name, getattr(self._options, name)) for name in (*RUN, "force")}
         if given["integrator"] is None and given["dt"] is not None:
             given["integrator"] = "rk4"
         name = given["integrator"]

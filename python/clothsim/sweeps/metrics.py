@@ -22,6 +22,7 @@ from ..base import Floats, check
 from ..model.scene import Scene
 from ..run.result import Run
 from ..run.settle import settle
+from ..typing import Force
 
 
 class Reference(NamedTuple):
@@ -34,10 +35,24 @@ class Reference(NamedTuple):
     contact: bool
 
 
+def reference_of(
+    scene: Scene, duration: float, threads: int | None = 1, force: Force | None = None
+) -> Reference:
+    """The reference of a scene, which this process computes once, or each time with a force."""
+    if force is None:
+        return _kept_reference(scene, duration, threads)
+    return _reference(scene, duration, threads, force)
+
+
 @functools.lru_cache(maxsize=64)
-def reference_of(scene: Scene, duration: float, threads: int | None = 1) -> Reference:
-    """The reference of a scene, which this process computes once."""
-    found = solve_in_double(scene, [duration], threads)
+def _kept_reference(scene: Scene, duration: float, threads: int | None) -> Reference:
+    return _reference(scene, duration, threads, None)
+
+
+def _reference(
+    scene: Scene, duration: float, threads: int | None, force: Force | None
+) -> Reference:
+    found = solve_in_double(scene, [duration], threads, force)
     x = found.x[-1]
     # Both runs may err by rounding, each as much as the other.
     return Reference(

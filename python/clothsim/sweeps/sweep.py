@@ -32,7 +32,7 @@ from ..model.scene import Scene
 from ..run.result import Run
 from ..run.simulate import run_batch, simulate
 from ..run.trajectory import PAUSE, Failure, Frames, Job
-from ..typing import Integrator, Kernel, Precision
+from ..typing import Force, Integrator, Kernel, Precision
 from .grid import Grid, make_grid, plain
 from .member import DONE, FAILED, PENDING, UNSTABLE, Maker, Member, MemberRecord, SweepOptions
 from .metrics import (
@@ -81,6 +81,7 @@ def sweep(
     threads: int | None = None,
     progress: bool = True,
     kernel: Kernel = "auto",
+    force: Force | None = None,
 ) -> xarray.Dataset:
     """Run a scene once for every combination of values, and label the results.
 
@@ -121,6 +122,8 @@ def sweep(
         default: 1.
     progress : bool, default True
         Show a bar with members done, their rate and the time left, in a terminal or notebook.
+    force : callable, optional
+        As for `simulate`, of every member. It must pickle to run in another process.
 
     Returns
     -------
@@ -160,12 +163,13 @@ def sweep(
     check.instance("scene", scene, Scene)
     grid = make_grid(over)
     chosen = choose_metrics(metrics)
-    options = SweepOptions(duration, dt, integrator, precision, kernel, every, rtol, atol)
+    options = SweepOptions(duration, dt, integrator, precision, kernel, every, rtol, atol, force)
     _check_grid(grid, options)
     make = Maker(scene, options)
     made = checked_members(make, grid)
     workers = Workers(executor, threads)
     settings = {**vars(options), "metrics": [describe(*metric) for metric in chosen.items()]}
+    settings["force"] = None if force is None else describe("force", force)
     identity = {
         "version": build_config()["version"],
         "scene": scene.to_dict(),
@@ -397,6 +401,7 @@ def _runs(members: Sequence[Member], task: Task) -> tuple[Sequence[Run], Mapping
             settings["duration"],
             options,
             frames=Frames(task.every),
+            force=settings["force"],
             dt=dt,
             own_step=True,
         )
@@ -416,7 +421,10 @@ def _record(member: Member, run: Run, error: Failure | None, task: Task) -> Memb
         record.max_stable_dt = stable_dt(member.scene, run.report["integrator"])
     reference = None
     if "error" in task.metrics:
-        reference = reference_of(member.scene, member.settings["duration"], task.threads)
+        settings = member.settings
+        reference = reference_of(
+            member.scene, settings["duration"], task.threads, settings["force"]
+        )
         record.message = incomparable(run, reference)
     for name, function in task.metrics.items():
         try:

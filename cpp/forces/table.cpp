@@ -1,0 +1,24 @@
+#include "forces/table.hpp"
+
+#include <map>
+#include <stdexcept>
+
+namespace clothsim {
+namespace {
+
+using Make = std::shared_ptr<const Force> (*)(std::string, std::vector<double>, Motion);
+const std::map<std::string, Make> table{
+    {"drag", make_drag},
+    {"wind", make_wind},
+};
+
+}  // namespace
+
+std::shared_ptr<const Force> make_force(const std::string& name, std::vector<double> values,
+                                        Motion motion) {
+    const auto entry = table.find(name);
+    if (entry == table.end()) throw std::invalid_argument("no force has the name " + name);
+    return entry->second(name, std::move(values), std::move(motion));
+}
+
+}  // namespace clothsim

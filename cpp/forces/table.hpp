@@ -1,0 +1,20 @@
+// The forces by their names.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "model/force.hpp"
+
+namespace clothsim {
+
+// Throws std::invalid_argument for a name that is none.
+std::shared_ptr<const Force> make_force(const std::string& name, std::vector<double> values,
+                                        Motion motion);
+
+// Entries of the table, each defined in the file of its force.
+std::shared_ptr<const Force> make_drag(std::string name, std::vector<double> values, Motion motion);
+std::shared_ptr<const Force> make_wind(std::string name, std::vector<double> values, Motion motion);
+
+}  // namespace clothsim
