@@ -107,6 +107,7 @@ CALLS = {
     CLOTH.spring_count: {},
     cs.Sphere: {"response": "ray"},
     cs.Plane: {"point": (0, 0, 0), "normal": (0, 1, 0)},
+    cs.Wind: {"velocity": (1, 0, 0), "density": 1.2, "normal": 1.2, "tangential": 0.1},
     BALL.center_at: {"t": 0.0},
     BALL.velocity_at: {"t": 0.0},
     BALL.offset_length: {"cloth": CLOTH},
@@ -253,6 +254,7 @@ RULES = [
     (among(MOTION), "motion"),
 ]
 TAKEN = {name: rule for rule, names in RULES for name in names.split()}
+OF_CASE = {("Wind", "normal"): number(lambda n: n >= 0)}
 TAKE_ARRAYS = {
     ("center_at", "t"),
     ("velocity_at", "t"),
@@ -325,7 +327,7 @@ def test_every_error_names_its_argument(function, given):
 def faults(function, argument, good):
     """Odd values of the argument that are taken, changed, or refused without its name."""
     case = name_of(function), argument
-    takes = None if case in TAKE_ARRAYS else TAKEN.get(argument)
+    takes = None if case in TAKE_ARRAYS else OF_CASE.get(case, TAKEN.get(argument))
     for odd in ODD:
         if (argument in ("callback", "force") and callable(odd)) or (
             case in LONG and number(lambda n: n > 0)(odd)

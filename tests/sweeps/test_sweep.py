@@ -149,7 +149,7 @@ def test_members_that_differ_only_in_numerics_use_one_reference(monkeypatch):
     from clothsim.sweeps import metrics
 
     solved, solve = [], metrics.solve_in_double
-    reference_of.cache_clear()
+    metrics._kept_reference.cache_clear()
     monkeypatch.setattr(
         metrics,
         "solve_in_double",
