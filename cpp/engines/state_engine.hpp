@@ -322,14 +322,16 @@ protected:
             return plan_.spheres[number].dissipation > 0 || plan_.spheres[number].friction > 0;
         });
     }
-    // Whether accelerations jump where a step from t0 to t1 of length h ends: the velocity of a pin
-    // or an obstacle does.
+    // Whether accelerations jump where a step from t0 to t1 of length h ends: the velocity of a pin,
+    // an obstacle or the air does.
     bool kink_at(double t0, double t1, double h) const {
         const StageTime before = StageTime::of_stage(t0, h, 1), after = StageTime::of_end(t1, h);
         const auto jumps = [&](const Motion& motion) {
             return motion.at(t1, before.inside).velocity != motion.at(t1, after.inside).velocity;
         };
         return std::any_of(plan_.pin_motions.begin(), plan_.pin_motions.end(), jumps) ||
+            std::any_of(plan_.forces.begin(), plan_.forces.end(),
+                        [&](const auto& force) { return jumps(force->motion); }) ||
             std::any_of(penalty_.begin(), penalty_.end(),
                         [&](std::size_t number) { return jumps(plan_.spheres[number].motion); });
     }

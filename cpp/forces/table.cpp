@@ -1,3 +1,4 @@
+// The forces that there are, by the names under which Python makes them.
 #include "forces/table.hpp"
 
 #include <map>

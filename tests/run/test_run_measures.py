@@ -112,7 +112,7 @@ def test_a_run_is_six_short_lines(run):
         assert part in text
     report = run.report
     change = report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
-    assert f"(change, by damping and contact, {change:.4g} J)" in text
+    assert f"(change, by damping, contact and forces, {change:.4g} J)" in text
     assert f"points {report['penetration']['points']:.4g} m" in text
     free = SCENE.replace(spheres=())
     mean = repr(cs.simulate(free, 0.6, rtol=1e-4, integrator="dopri5")).splitlines()[2]

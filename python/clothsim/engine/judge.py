@@ -167,15 +167,19 @@ class Judge:
             f"spheres[{k}]{self._of(member)}, as they are at t = {self._core.time:g} s"
         )
 
-    def _warn_of_growth(self, member: int, dt: float) -> None:
+    def _limit_at(self, member: int) -> float:
+        """The stable time step at the present state of a member."""
         from ..stability.limit import max_stable_dt
 
-        self.given |= {"dt", "grown", "stiff"}
         try:
             state = self._state(member)
-            limit = max_stable_dt(self._scenes[member], self._integrator, *state, t=self._core.time)
+            return max_stable_dt(self._scenes[member], self._integrator, *state, t=self._core.time)
         except ValueError:  # points too near for a direction; no reason to end the run
-            limit = self._max_stable_dt[member]
+            return self._max_stable_dt[member]
+
+    def _warn_of_growth(self, member: int, dt: float) -> None:
+        self.given |= {"dt", "grown", "stiff"}
+        limit = self._limit_at(member)
         advice = (
             "take a dt below it" if limit < dt else "states before it bear less; take a smaller dt"
         )
@@ -253,6 +257,8 @@ class Judge:
             if in_layer < limit:
                 limit = in_layer
                 term = f"mass points are {depth:.3g} m deep in the layer of spheres[{k}]"
+        if scene.wind is not None and (at_state := self._limit_at(member)) < limit:
+            return at_state, "the wind at the speeds of that state limits it"
         return limit, term
 
     def _depths(self, member: int, x: Any, t: float) -> list[float]:

@@ -21,7 +21,7 @@ from ..model.motion import Linear
 from ..model.scene import Scene
 from ..model.sphere import held, kind_name
 from ..typing import Force
-from .force import forces_of, with_force
+from .force import forces_of, is_python, with_force
 from .judge import Judge
 from .options import Options, kept_plan
 
@@ -309,6 +309,8 @@ class State:
             self.threads = _core.granted_threads(
                 options.threads_for(scenes[0].cloth.shape, len(scenes))
             )
+            if len(scenes) > 1 and any(map(is_python, self.forces)):
+                self.threads = 1  # that of the caller, which alone may call Python
             self.core = _core.Simulation(plans, t, self.threads)
         self.core.set_stable_dt(limits)
         self._may_lose_order = not METHODS[self.integrator].damped

@@ -295,7 +295,7 @@ class Scene(Record):
         Parameters
         ----------
         path : path-like
-            File to write. The shader has no `force` and no driven pins.
+            File to write. The shader has no `force`, no wind and no driven pins.
         dt : float, optional
             Time step [s], > 0. Default: half of the guaranteed stable step.
         title : str, optional

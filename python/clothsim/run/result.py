@@ -715,7 +715,7 @@ def _lines(run: Run) -> list[str]:
         f"{counted(report['steps'], 'step')} of {about}{quantity(report['dt'], 's')} by "
         f"{report['integrator']} in "
         f"{report['precision']}",
-        f"energy {start} at the start, {end} at the end (change, by damping and contact, {change})",
+        f"energy {start} at the start, {end} at the end (change, by damping, contact and forces, {change})",
         _penetration_line(scene, report["penetration"]),
         f"{report['wall_time']:.3g} s of computing on {counted(report['threads'], 'thread')}, "
         f"{report['steps_per_second']:,.0f} steps/s",
