@@ -25,7 +25,9 @@ class Wind(Record):
 
     acts on each corner with a third; w is 0.01 m/s. The triangles are those of `triangles`. The
     force is a part of the equation of motion, so that order, error control and derivatives hold in
-    it. It is that of a plate in a flow: no lift from a wake, and no air that the cloth drags along.
+    it; a triangle that turns through the wind has all but a kink in its force, which costs methods
+    of high order steps. It is that of a plate in a flow: no lift from a wake, and no air that the
+    cloth drags along.
 
     Parameters
     ----------
@@ -39,7 +41,9 @@ class Wind(Record):
         Coefficient of the shear, both sides together, >= 0.
     motion : Linear, Reciprocate, Sinusoid or Keyframes, optional
         Its velocity is added to `velocity`: gusts. A `Sinusoid` with the amplitude a [m] and the
-        frequency f makes gusts of 2 pi f a. Default: the wind is steady.
+        frequency f makes gusts of 2 pi f a. The velocity of `Keyframes` is less smooth than a
+        method of order 4 can use: it falls to some order 3 at a fixed step. Default: the wind is
+        steady.
 
     Examples
     --------

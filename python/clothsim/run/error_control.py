@@ -65,7 +65,9 @@ REFINEMENT = 1.25
 FEW = 60
 
 ORDER = 8  # of dop853
-ORDER_OF_CONTACT = 2  # least by which errors of runs in contact fall with more steps
+# Least by which errors fall with more steps in contact, and in wind: a triangle that turns through
+# the wind has all but a kink in its force.
+ORDER_OF_KINKS = 2
 # A promise, not a setting: force evaluations of everything over those of a run at the smallest
 # tolerance.
 MOST = 3.0
@@ -359,7 +361,8 @@ class _Pair:
         self.left = before.local_error, after.local_error
         found = self.left[1] / max(self.left[0], 1e-300)
         # A contact adds errors that fall more slowly than those of smooth motion.
-        order = ORDER_OF_CONTACT if after.watched["in_contact"] else ORDER
+        kinks = after.watched["in_contact"] or after.scene.wind is not None
+        order = ORDER_OF_KINKS if kinks else ORDER
         m = min((before.steps / after.steps) ** order if by_grid else found, 1 - SMALL)
         self.proportional = by_grid and 1 / MARGIN <= found / m <= MARGIN
         self.extrapolates = self.proportional and m >= SMALL and after.steps >= FEW
