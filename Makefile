@@ -12,7 +12,7 @@ demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
 
 # Files without the kernels' templates, which take clang-tidy minutes.
-TIDIED := $(wildcard $(foreach room,contact driver engines measure model picture reference,cpp/$(room)/*.cpp))
+TIDIED := $(wildcard $(foreach room,driver engines forces lanes measure model picture reference,cpp/$(room)/*.cpp))
 
 # Builds nothing: the tools read the sources. clang-tidy needs the headers of a C++ compiler, and is left out without g++.
 lint: $(VENV)/.lint

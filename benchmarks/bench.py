@@ -15,11 +15,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import clothsim as cs
 import numpy as np
 from clothsim.scenes import PAPER_DT
+from clothsim.typing import Response
 from common import aligned, conditions
 from peers.numba_peer import NumbaPeer
 from peers.numpy_peer import NumpyPeer
@@ -70,14 +71,10 @@ def swing(bend: bool = True) -> Start:
     return Start("swing, all springs" if bend else "swing", scene, *after(scene, 0.25), 0.25, True)
 
 
-def contact(**sphere: Any) -> Start:
+def contact(response: Response = "ray") -> Start:
     """The paper's cloth where it lies on its sphere."""
-    scene = cs.scenes.paper_static(bend=True)
-    scene = scene.replace(spheres=tuple(one.replace(**sphere) for one in scene.spheres))
-    label = "{response}, {offset}".format(
-        **{k: getattr(scene.spheres[0], k) for k in ("response", "offset")}
-    )
-    return Start(f"on a sphere, {label}", scene, *after(scene, 0.6), 0.6)
+    scene = cs.scenes.paper_static(response, bend=True, offset="cell")
+    return Start(f"on a sphere, {response}", scene, *after(scene, 0.6), 0.6)
 
 
 def batch(members: int) -> Start:
@@ -211,12 +208,7 @@ def steps(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
             make = partial(NumpyPeer, start.one, start.x, start.v, PAPER_DT, dtype)
             group.append((start, {"by": "numpy", "precision": precision, "threads": 1}, make))
         yield group + [*([] if quick else numba(start, threads))]
-    on = [
-        contact(),
-        contact(response="reflect"),
-        *(contact(response="continuous", offset=o) for o in ("none", "cell")),
-    ]
-    yield [one for start in on for one in cores(start)]
+    yield [one for response in get_args(Response) for one in cores(contact(response))]
 
 
 def features(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
@@ -264,7 +256,7 @@ def grids(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
 
 def calls(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
     """A step of many in a call, a step a call, and `clothsim.step`, on arrays."""
-    for start in (swing(), contact(response="continuous")):
+    for start in (swing(), contact("penalty")):
         options = [{"kernel": "edge", "precision": p, "threads": 1} for p in DTYPES]
         yield [
             core(start, call, **one)

@@ -15,7 +15,7 @@ function(clothsim_add_kernels isa)
   target_compile_definitions(${options} INTERFACE "CLOTHSIM_ISA=\"${isa}\"" "CLOTHSIM_ISA_FLAGS=\"${flags}\"")
 
   set(kernels clothsim_kernels_${isa})
-  add_library(${kernels} OBJECT cpp/kernels/kernel_table.cpp cpp/kernels/contact/contact_kernels.cpp)
+  add_library(${kernels} OBJECT cpp/kernels/kernel_table.cpp)
   if(arg_EDGE_IN_VERSIONS)
     target_compile_definitions(${options} INTERFACE CLOTHSIM_EDGE_IN_VERSIONS)
     # The parts of kernel_table.hpp (edge_part_count). Those that take longest to compile are begun first.

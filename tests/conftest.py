@@ -206,17 +206,16 @@ def overflowing():
 
 
 @pytest.fixture
-def trap():
-    """`trap(speed)`: a mass point on which six large spheres close in, and another far away."""
+def leak():
+    """`leak(speed)`: a mass point on its way to a soft plane, through whose layer it goes at 1 m/s,
+    and another far away.
+    """
 
     def scene(speed=1.0):
-        sides = np.vstack([np.eye(3), -np.eye(3)])
-        spheres = [
-            cs.Sphere(4.1 * n, 4.0, cs.Linear(-speed * n), "continuous", "none", restitution=1.0)
-            for n in sides
-        ]
-        position = np.array([[[0.001, 0.002, 0.003], [50.0, 50.0, 50.0]]])
+        plane = cs.Plane(thickness=0.1, stiffness=5.0, dissipation=0.0)
+        position = np.array([[[0.0, 0.11, 0.0], [50.0, 50.0, 50.0]]])
+        velocity = np.array([[[0.0, -speed, 0.0], [0.0, 0.0, 0.0]]])
         cloth = cs.Cloth((1, 2), springs=(), pins=(), mass=2.0, damping=0.0)
-        return cs.Scene(cloth, spheres, gravity=(0, 0, 0), position=position)
+        return cs.Scene(cloth, plane, (0, 0, 0), position, velocity)
 
     return scene

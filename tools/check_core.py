@@ -16,9 +16,9 @@ for room, *others in (
     ("kernels", "forces", "lanes", "model"),
     ("memory", "kernels", "forces", "lanes", "model"),
     ("measure", "memory"),
-    ("contact", "measure"),
+    ("responses", "measure"),
     ("integrators", "memory"),
-    ("engines", "integrators", "contact"),
+    ("engines", "integrators", "responses"),
     ("driver", "engines"),
     ("picture", "memory"),
 ):

@@ -22,12 +22,12 @@ SCENES: dict[str, tuple[cs.Scene, float]] = {
     "on three spheres, 0.5 s": (cs.Scene(cs.Cloth(pins=()), _BALLS), 0.5),
     "a ball on a floor, 1 s": (cs.Scene(cs.Cloth(), (_BALL, cs.Plane((0.0, -0.75, 0.0)))), 1.0),
 }
-RESPONSES: tuple[Response, ...] = ("penalty", "continuous", "ray", "reflect")
+RESPONSES: tuple[Response, ...] = ("penalty", "ray", "reflect")
 _DTS = [5e-4 / 2**k for k in range(5)]  # s, of rk4
 _RTOLS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 _FINEST_RTOL = 1e-8
-_COLORS = {"penalty": "#0072B2", "continuous": "#D55E00", "ray": "#009E73", "reflect": "#CC79A7"}
-_MARKERS = {"penalty": "o", "continuous": "s", "ray": "^", "reflect": "v"}
+_COLORS = {"penalty": "#0072B2", "ray": "#009E73", "reflect": "#CC79A7"}
+_MARKERS = {"penalty": "o", "ray": "^", "reflect": "v"}
 
 
 def distance(run: cs.Run, solution: cs.Run) -> float:

@@ -7,10 +7,8 @@ from typing import Any, get_args
 
 import clothsim as cs
 import numpy as np
-from clothsim.typing import Offset, Precision
+from clothsim.typing import Precision
 from timing import Steps, measure
-
-from .drape_cost import SCENES, drape_cost
 
 _FRICTION = 0.3
 _BALL = cs.Sphere((0.5, -5.01, 0.5), 5.0, offset="none")  # under a whole sheet
@@ -33,9 +31,8 @@ def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str,
     rows are of whole runs: the paper's scene over 1 s at 2.5e-4 s, for a sixth of the windows. The
     ratio is to the step of the same cloth without obstacles, with as many threads.
     """
-    hard = _BALL.replace(response="continuous", friction=_FRICTION)
     far = cs.Sphere((0.5, -9.0, 0.5), 0.25)
-    on_ball, on_floor, on_hard = map(_settled, (_BALL, _FLOOR, hard))
+    on_ball, on_floor = map(_settled, (_BALL, _FLOOR))
     variants: dict[str, tuple[Any, cs.Stepper]] = {
         "no obstacle": ((), on_ball),
         "sphere, nothing near": (far, on_ball),
@@ -43,13 +40,10 @@ def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str,
         "sphere, friction": (_BALL.replace(friction=_FRICTION), on_ball),
         "plane": (_FLOOR, on_floor),
         "plane, friction": (_FLOOR.replace(friction=_FRICTION), on_floor),
-        '"continuous" sphere, friction': (hard, on_hard),
     }
-    paper = cs.Sphere((0.5, -0.5, 0.5), 0.25)
     falls: dict[str, Any] = {
         "the paper's cloth, no obstacle": (),
-        "the paper's scene": paper,
-        'the paper\'s scene, "continuous"': paper.replace(response="continuous"),
+        "the paper's scene": cs.Sphere((0.5, -0.5, 0.5), 0.25),
     }
     rows = []
     for precision in get_args(Precision):
@@ -97,56 +91,3 @@ def _falls(scenes: list[cs.Scene], rounds: int, options: dict[str, Any]) -> list
                 stepper.advance(steps, dt)
                 least[k, part] = min(least[k, part], perf_counter() - start)
     return (least.sum(axis=1) / (parts * steps)).tolist()
-
-
-def offsets(
-    windows: int = 60, steps: int = 40, dt: float = 5e-6, scenes: int = len(SCENES)
-) -> list[dict[str, Any]]:
-    """Cost of every offset of "continuous" over a step without spheres, one thread: least times of
-    many short windows.
-
-    Nothing touches the sphere, or all points of the paper's cloth lie on it. The last figures are
-    for the light drapes of `drape_cost`, in double: least and largest mean, and the worst window of
-    50 steps.
-
-    Returns
-    -------
-    list of dict
-        "offset", "untouched", "touched" and "touched_in_single", "drape_least", "drape_mean",
-        "drape_worst".
-    """
-    cloth, rows = cs.Cloth(pins=()), []
-    for offset in get_args(Offset):
-        under = cs.Sphere((0.5, -5.0, 0.5), 5.0, None, "continuous", offset, friction=0.2)
-        settled = cs.Stepper(cs.Scene(cloth, under), threads=1)
-        settled.advance(6000, 5e-5)
-        ratios = {}
-        for precision in ("double", "single"):
-            works = [
-                Steps(
-                    cs.Stepper(
-                        scene, settled.positions, settled.velocities, threads=1, precision=precision
-                    ),
-                    dt,
-                    steps,
-                )
-                for scene in (
-                    cs.Scene(cloth, s)
-                    for s in ((), under.replace(center=(0.5, -9.0, 0.5), radius=0.25), under)
-                )
-            ]
-            least = [timing.minimum for timing in measure(works, windows)]
-            ratios[precision] = [time / least[0] for time in least]
-        drapes = [drape_cost(name, offset) for name in list(SCENES)[:scenes]]
-        rows.append(
-            {
-                "offset": offset,
-                "untouched": max(ratios["double"][1], ratios["single"][1]),
-                "touched": ratios["double"][2],
-                "touched_in_single": ratios["single"][2],
-                "drape_least": min(mean for mean, _ in drapes),
-                "drape_mean": max(mean for mean, _ in drapes),
-                "drape_worst": max(worst for _, worst in drapes),
-            }
-        )
-    return rows

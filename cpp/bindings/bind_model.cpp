@@ -7,7 +7,6 @@
 
 #include "bindings/bindings.hpp"
 #include "bindings/unlocked.hpp"
-#include "contact/continuous.hpp"
 #include "driver/energy_watch.hpp"
 #include "engines/coefficients.hpp"
 #include "forces/function.hpp"
@@ -16,6 +15,7 @@
 #include "integrators/methods.hpp"
 #include "measure/diagnostics.hpp"
 #include "memory/plan.hpp"
+#include "responses/paper.hpp"
 
 namespace clothsim {
 namespace {
@@ -76,9 +76,8 @@ Array<double> motion_states(const Motion& motion, const Array<double>& times) {
 
 Sphere make_sphere(const Vec3& center, double radius, double offset, const std::string& response,
                    bool as_printed, double restitution, double friction, const Motion& motion,
-                   bool cells, double push_out_speed, const Vec3& normal, double spread,
-                   double thickness, double stiffness, double dissipation, double slip_speed,
-                   double speed) {
+                   const Vec3& normal, double thickness, double stiffness, double dissipation,
+                   double slip_speed, double speed) {
     const auto name = std::find(response_names.begin(), response_names.end(), response);
     if (name == response_names.end())
         throw std::invalid_argument("no response has the name " + response);
@@ -94,11 +93,8 @@ Sphere make_sphere(const Vec3& center, double radius, double offset, const std::
             .slip_speed = slip_speed,
             .speed = speed,
             .as_printed = as_printed,
-            .cells = cells,
-            .push_out_speed = push_out_speed,
             .motion = motion,
-            .normal = normal,
-            .spread = spread};
+            .normal = normal};
 }
 
 Plan make_plan(const Cloth& cloth, const Vec3& gravity, std::vector<Sphere> spheres,
@@ -197,21 +193,17 @@ void append_layer(std::vector<double>& values, const Sphere& s, double t, double
          s.dissipation, s.friction, s.slip_speed * s.slip_speed, 2 * s.thickness});
 }
 
-// Any other sphere or plane after the step from t0 to t1, as gpu/shaders/contact.wgsl takes it but
-// for the rounded part of its place.
-void append_contact(std::vector<double>& values, const Sphere& sphere, const Cloth& cloth,
-                    double t0, double t1, double dt, bool single) {
-    const double rounding = single ? 0x1p-23 : 0x1p-52,
-                 of_cells = single ? cell_rounding<float> : cell_rounding<double>;
-    const bool path = sphere.response == Response::continuous;
-    SweptSphere s = swept(sphere, cloth, path ? t0 : t1, t1, dt, path ? rounding : 0, single);
-    if (!path) Eigen::Map<Vec3>(s.velocity) = sphere.velocity_at(t1);
-    for (const auto* vector : {&s.end, &s.velocity, &s.normal})
-        values.insert(values.end(), std::begin(*vector), std::end(*vector));
+// An obstacle with a response of the paper after the step that ends at the time t, as
+// gpu/shaders/contact.wgsl takes it but for the rounded part of its place.
+void append_contact(std::vector<double>& values, const Sphere& sphere, const Cloth& cloth, double t,
+                    double dt, bool single) {
+    const Contact contact(sphere, t, dt);
+    const NearLevel near(contact, cloth, single ? 0x1p-23 : 0x1p-52);
+    for (const Vec3& vector : {contact.place, contact.velocity, sphere.normal})
+        values.insert(values.end(), vector.begin(), vector.end());
     values.insert(values.end(),
-                  {s.curvature, s.least, s.innermost, s.band, s.tolerance, s.most_of_cells,
-                   s.restitution, s.friction, s.push, s.dt, s.near_level, s.near_curvature,
-                   s.curvature * of_cells, 1 + ContactBand::excess});
+                  {sphere.curvature(), contact.top, sphere.restitution, sphere.friction, near.level,
+                   near.curvature});
 }
 
 // Every obstacle at every time, shape (times, obstacles, values). `origin`: of the positions;
@@ -227,8 +219,7 @@ Array<double> contact_table(const Plan& plan, const std::vector<double>& times, 
                 sphere.normal = normals[k];
                 append_layer(values, sphere, times[i], dt, coefficient_scale(plan));
             } else {
-                append_contact(values, sphere, plan.cloth, times[i > 0 ? i - 1 : 0], times[i], dt,
-                               single);
+                append_contact(values, sphere, plan.cloth, times[i], dt, single);
             }
             values.resize((i * plan.spheres.size() + k + 1) * contact_values);
         }
@@ -295,11 +286,10 @@ void bind_model(py::module_& m) {
         .def("states", &motion_states);
     py::class_<Sphere>(m, "Sphere")
         .def(py::init(&make_sphere), py::kw_only(), "center"_a, "radius"_a, "offset"_a,
-             "response"_a, "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "cells"_a,
-             "push_out_speed"_a, "normal"_a, "spread"_a = 1.0, "thickness"_a = 0.0,
-             "stiffness"_a = 0.0, "dissipation"_a = 0.0, "slip_speed"_a = 0.0, "speed"_a = 0.0)
+             "response"_a, "as_printed"_a, "restitution"_a, "friction"_a, "motion"_a, "normal"_a,
+             "thickness"_a = 0.0, "stiffness"_a = 0.0, "dissipation"_a = 0.0, "slip_speed"_a = 0.0,
+             "speed"_a = 0.0)
         .def_readonly("normal", &Sphere::normal)
-        .def_readonly("spread", &Sphere::spread)
         .def("center_at", &Sphere::center_at)
         .def("velocity_at", [](const Sphere& s, double t) { return s.velocity_at(t); });
     py::class_<Force, std::shared_ptr<Force>>(m, "Force")

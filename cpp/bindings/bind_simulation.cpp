@@ -102,16 +102,10 @@ py::object reported(const Outcome& outcome) {
     py::dict result;
     if (const auto& inside = outcome.pinned_inside)
         result["pinned_inside"] = py::make_tuple(inside->member, inside->point);
-    if (const auto& large = outcome.large_cell)
-        result["large_cell"] = py::make_tuple(large->member, large->point);
-    if (const auto& start = outcome.start)
-        result["start"] = py::make_tuple(start->member, start->at.sphere, start->at.points,
-                                         start->at.deepest, start->at.depth);
     if (const auto& below = outcome.below)
         result["below"] = py::make_tuple(below->member, below->points, below->triangles);
     if (const auto& stiff = outcome.stiff)
         result["stiff"] = py::make_tuple(stiff->member, stiff->obstacle, stiff->depth);
-    if (outcome.lifted) result["lifted"] = *outcome.lifted;
     if (outcome.grown) {
         result["grown"] = *outcome.grown;
         result["steps"] = outcome.steps;
@@ -121,7 +115,6 @@ py::object reported(const Outcome& outcome) {
         result["point"] = unstable->point;
         result["step"] = unstable->step;
         result["time"] = unstable->time;
-        result["trapped"] = unstable->trapped;
         result["obstacle"] = unstable->obstacle;
         result["depth"] = unstable->depth;
     }
@@ -153,9 +146,7 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
     {
         Unlocked unlocked;
         const auto load = [&](std::size_t i) {
-            Engine& member = simulation->member(i);
-            member.rounding_of_arrays = std::numeric_limits<T>::epsilon();
-            return member.load(time, from.x_of(i), from.v_of(i));
+            return simulation->member(i).load(time, from.x_of(i), from.v_of(i));
         };
         outcome = simulation->call(time, load, steps, dt, threads,
                                    [&] { return unlocked.signal_pending(); });
@@ -235,7 +226,6 @@ py::list watched(SharedSimulation& shared) {
         one["point_depth"] = w.point_depth;
         one["triangle_depth"] = std::max(w.triangle_depth, w.point_depth);
         one["stretch"] = std::isfinite(w.stretch) ? w.stretch : 0.0;  // of a cloth without springs
-        one["lift_work"] = w.lift_work;
         one["energy_gained"] = simulation->energy_known(i) ? w.energy_gained : nan;
         std::vector<std::array<double, 3>> impulses;
         std::vector<double> work;

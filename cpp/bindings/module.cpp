@@ -5,7 +5,6 @@
 #include <xsimd/config/xsimd_config.hpp>
 
 #include "bindings/bindings.hpp"
-#include "contact/continuous.hpp"
 #include "driver/energy_watch.hpp"
 #include "driver/simulation.hpp"
 #include "kernels/kernel_table.hpp"
@@ -72,11 +71,6 @@ void bind_build(py::module_& m) {
         ends.append(py::make_tuple(n.row, n.column, family_names[n.family], int(n.kind)));
     m.attr("neighbours") = py::tuple(ends);
     m.attr("extents_that_are_far") = extents_that_are_far;
-    // As the live page has them: of single, bands and tolerance in epsilon.
-    m.attr("contact_constants") = py::dict(
-        "slop"_a = slop_epsilons, "band"_a = ContactBand::least,
-        "bandOfCells"_a = ContactBand::of_cells_in_single, "tolerance"_a = ContactBand::tolerance,
-        "rounding"_a = cell_rounding<float>, "excess"_a = 1 + ContactBand::excess);
 }
 
 }  // namespace clothsim

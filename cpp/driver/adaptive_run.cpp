@@ -1,6 +1,6 @@
 // The loop of error control: try, judge, accept.
 //
-// The contact pass follows each accepted step, as it follows each step of the fixed-step methods.
+// The paper's responses follow each accepted step, as they follow each step of the fixed-step methods.
 // To skip no contact, AdaptiveEngine::contact_step bounds a step near the spheres, by the
 // velocities before the step, and after a trial by those after it: a step that was too long is
 // tried again. Every trial comes to an end. The velocities after an unstable step mean nothing, so
@@ -90,19 +90,12 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         first_trial = accepted;
         if (accepted) {
             const double next = h == left ? end : t + h;
-            engine.accept_in_contact(t, next, threads);
+            engine.accept_and_respond(t, next, threads);
             run.begin = t;
-            const std::int64_t trapped = std::exchange(engine.contact_report.trapped, -1);
-            if (trapped >= 0) {
-                outcome.unstable = Outcome::Unstable{0, trapped, outcome.steps + 1, next, true};
-                return outcome;
-            }
             const bool due = (age_ + 1) % steps_between_energies == 0;
             if (due || next >= until || outcome.steps + 1 == steps) {
-                engine.note_large_cells(next);
                 engine.note_contacts();
-                ContactReport::keep_first(engine.contact_report.pinned_inside,
-                                          engine.pinned_below(next));
+                note_pinned_inside(0, next);
             }
             report_contacts(outcome);
             t = next;

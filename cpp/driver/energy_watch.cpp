@@ -25,7 +25,6 @@ Energy EnergyWatch::energy_of(const Engine& engine, double t) {
     engine.store(x_.data(), v_.data());
     const Energy now =
         energy(plan_, PointsView(x_.data(), x_.rows(), 3), PointsView(v_.data(), v_.rows(), 3), t);
-    largest_ = std::max(largest_, now.kinetic + now.elastic);
     return now;
 }
 
@@ -89,15 +88,6 @@ std::int64_t EnergyWatch::runaway_point(Engine& engine, double t, bool record) {
     }
     return made > negligible_ && beyond(runaway_part, made, moving) ? fastest_free_point(engine)
                                                                     : -1;
-}
-
-bool EnergyWatch::lifted(const Engine& engine, double t) {
-    const auto too_much = [&] {
-        return engine.watched.lift_work > std::max(lifted_part * largest_, negligible_);
-    };
-    if (lifted_ || !too_much()) return false;
-    energy_of(engine, t);
-    return lifted_ = too_much();
 }
 
 std::int64_t EnergyWatch::fastest_free_point(const Engine& engine) {

@@ -20,10 +20,7 @@ class EnergyWatch {
 public:
     explicit EnergyWatch(const Plan& plan);
 
-    void restart() {
-        started_ = grown_ = lifted_ = false;
-        largest_ = 0;
-    }
+    void restart() { started_ = grown_ = false; }
     // The run begins at the present state, unless it has begun. Nothing is watched before.
     void begin(const Engine& engine, double t);
     bool begun() const { return started_; }
@@ -51,11 +48,7 @@ public:
     std::int64_t runaway_point(Engine& engine, double t, bool record);
     // -1 if all are pinned.
     std::int64_t fastest_free_point(const Engine& engine);
-    // Whether lifts have made more than `lifted_part` of the largest kinetic and elastic energy;
-    // true once.
-    bool lifted(const Engine& engine, double t);
-    static constexpr double lifted_part = 0.01;
-    // The same of growth at a recorded inspection.
+    // Whether energy has grown out of nothing at a recorded inspection; true once.
     bool take_growth() { return std::exchange(news_, false); }
 
 private:
@@ -75,9 +68,8 @@ private:
     const Plan& plan_;
     double negligible_;  // J, what stretching every spring by a thousandth takes
     double start_ = 0;   // J
-    double largest_ = 0;  // kinetic and elastic energy of an inspected state [J]
     double swing_ = 0;   // the part that the method itself may make, see set_step
-    bool started_ = false, grown_ = false, news_ = false, lifted_ = false;
+    bool started_ = false, grown_ = false, news_ = false;
     bool guaranteed_ = false;  // the guarantee held at every inspected state of the run
     Points x_, v_;
 };

@@ -19,8 +19,6 @@ constexpr double seconds_between_polls = 0.05;
 // Ctrl-C waits for steps that are repeated at once. So these times the mass points are at most as
 // many, which is 0.1 s of RK4 on one slow core.
 constexpr std::int64_t most_points_repeated = 1 << 22;
-// A block is no shorter: the copy of the state takes up to a third of a step.
-constexpr std::int64_t least_steps_of_block = 8;
 // Least mass points of a member for a thread of a team. Such a team is taken to be three quarters
 // as many times faster as it has threads.
 constexpr std::int64_t least_points_per_thread = 512;
@@ -37,6 +35,7 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads)
     frozen_.assign(plans.size(), 0);
     bad_points_.assign(plans.size(), -1);
     passed_.assign(plans.size(), {});
+    pinned_inside_.assign(plans.size(), -1);
     told_below_.assign(plans.size(), 0);
     told_stiff_.assign(plans.size(), 0);
     stable_depths_.resize(plans.size());
@@ -175,12 +174,7 @@ void Simulation::run_member(std::size_t i, const Steps& steps, bool copy, int th
     Engine& member = *members_[i];
     member.threads = threads;
     if (copy) member.save_checkpoint();
-    if (!advance_member(i, clock, steps.count, threads, true)) {
-        back_to_start_of_block(i);
-        Clock from = clock;
-        from.steps -= steps_in_block_;
-        advance_member(i, from, steps_in_block_ + steps.count, threads, false);
-    }
+    advance_member(i, clock, steps.count, threads);
     if (steps.inspect) inspect(i, age_ + steps.count, steps.each);
     if (sample_every_ > 0 && (age_ + steps.count) % sample_every_ == 0)
         sample(i, clock.at(steps.count));
@@ -198,18 +192,16 @@ bool Simulation::may_pass(std::size_t i, double dt) const {
     });
 }
 
-bool Simulation::advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads,
-                                bool behind_planes) {
+void Simulation::advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads) {
     Engine& member = *members_[i];
-    if (!may_pass(i, from.dt))
-        return member.advance_in_contact(steps, from, threads, behind_planes);
+    if (!may_pass(i, from.dt)) return member.advance_and_respond(steps, from, threads);
     const Plan& plan = plans_[i];
     Points before(plan.cloth.points(), 3), after = before;
     member.store(after.data(), nullptr);
     Clock now = from;
     for (std::int64_t k = 0; k < steps; ++k, ++now.steps) {
         before.swap(after);
-        if (!member.advance_in_contact(1, now, threads, false)) return false;
+        member.advance_and_respond(1, now, threads);
         member.store(after.data(), nullptr);
         for (std::size_t s = 0; s < plan.spheres.size(); ++s) {
             const Sphere& sphere = plan.spheres[s];
@@ -224,11 +216,10 @@ bool Simulation::advance_member(std::size_t i, const Clock& from, std::int64_t s
                 const double part = length2 > 0 ? std::clamp(-a.dot(way) / length2, 0.0, 1.0) : 0;
                 if ((a + part * way).squaredNorm() >= least * least) continue;
                 passed_[i] = {p, std::int64_t(s), std::sqrt(length2)};
-                return true;
+                return;
             }
         }
     }
-    return true;
 }
 
 Simulation::Passed Simulation::passed_in(const std::vector<Depth>& depths, const Plan& plan) {
@@ -304,7 +295,7 @@ void Simulation::back_to_start_of_block(std::size_t i) {
 void Simulation::back_to_start_of_block() {
     for (std::size_t i = 0; i < members_.size(); ++i) {
         if (!frozen_[i]) back_to_start_of_block(i);
-        members_[i]->contact_report = {};
+        pinned_inside_[i] = -1;
         bad_points_[i] = -1;
         passed_[i] = {};
     }
@@ -327,19 +318,17 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) 
         const std::int64_t bad = first_bad_member();
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
-        const ContactReport contact = members_[std::size_t(bad)]->contact_report;
         const Passed passed = passed_[std::size_t(bad)];
         back_to_start_of_block();
         outcome.unstable = {bad, point, outcome.steps + 1, clock.at(1)};
         if (point < 0) {
-            outcome.unstable->trapped = contact.trapped >= 0;
-            outcome.unstable->point = contact.trapped >= 0 ? contact.trapped : passed.point;
+            outcome.unstable->point = passed.point;
             outcome.unstable->obstacle = passed.obstacle;
             outcome.unstable->depth = passed.depth;
         }
         break;
     }
-    for (auto& member : members_) member->contact_report = {};
+    pinned_inside_.assign(members_.size(), -1);
     end_block();
 }
 
@@ -364,12 +353,10 @@ void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
     if (frozen_[i]) return;
     bad_points_[i] = members_[i]->first_bad_point(speed_limits_[i]);
     const double now = clock.at(age - age_);
-    members_[i]->note_large_cells(now);
     if (members_[i]->has_penalty() && bad_points_[i] < 0) {
         members_[i]->note_contacts();
         passed_[i] = passed_point(i, now);
-        ContactReport::keep_first(members_[i]->contact_report.pinned_inside,
-                                  members_[i]->pinned_below(now));
+        note_pinned_inside(i, now);
     }
     const bool due = age % energy_period(i) == 0;
     // A block begins where states are sampled, at a good one.
@@ -407,19 +394,12 @@ void Simulation::sample() {
 
 std::int64_t Simulation::first_bad_member() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (bad_points_[i] >= 0 || members_[i]->contact_report.trapped >= 0 ||
-            passed_[i].obstacle >= 0)
-            return std::int64_t(i);
+        if (bad_points_[i] >= 0 || passed_[i].obstacle >= 0) return std::int64_t(i);
     return -1;
 }
 
-std::int64_t Simulation::steps_of_block() const {
-    std::int64_t steps = energy_period();
-    // Where a separating plane is crossed, a whole block is repeated at once.
-    if (std::any_of(members_.begin(), members_.end(),
-                    [](const auto& member) { return member->has_contacts(); }))
-        while (steps > least_steps_of_block && steps * points_ > most_points_repeated) steps /= 2;
-    return steps;
+void Simulation::note_pinned_inside(std::size_t i, double t) {
+    if (pinned_inside_[i] < 0) pinned_inside_[i] = members_[i]->pinned_below(t);
 }
 
 void Simulation::note_depths(std::size_t i, Outcome& outcome) {
@@ -440,17 +420,10 @@ void Simulation::note_depths(std::size_t i, Outcome& outcome) {
 
 void Simulation::report_contacts(Outcome& outcome) {
     for (std::size_t i = 0; i < members_.size(); ++i) {
-        ContactReport& found = members_[i]->contact_report;
-        const std::int64_t pinned = std::exchange(found.pinned_inside, -1),
-                           large = std::exchange(found.large_cell, -1);
-        const ContactReport::Start start = std::exchange(found.start, {});
+        const std::int64_t pinned = std::exchange(pinned_inside_[i], -1);
         if (pinned >= 0 && !outcome.pinned_inside)
             outcome.pinned_inside = {std::int64_t(i), pinned};
-        if (large >= 0 && !outcome.large_cell) outcome.large_cell = {std::int64_t(i), large};
-        if (start.points > 0 && !outcome.start) outcome.start = {std::int64_t(i), start};
         note_depths(i, outcome);
-        if (watches_[i].lifted(*members_[i], clock.now()) && !outcome.lifted)
-            outcome.lifted = std::int64_t(i);
     }
 }
 
@@ -458,8 +431,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
                             const std::function<bool()>& interrupted) {
     set_step(dt);
     Outcome outcome;
-    const std::int64_t block = steps_of_block();
-    // A call with arrays that ends before energies are compared needs none of them.
+    // A block ends where energies are compared. A call with arrays that ends before needs none.
     const std::int64_t period = energy_period();
     const bool watched = period < most_steps_of_block || !input_ || steps >= period;
     if (steps > 0 && watched) begin_watches();
@@ -469,7 +441,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
     while (outcome.steps < steps) {
         // Blocks end, and states are sampled, at the same steps whatever the clock on the wall
         // says.
-        const std::int64_t to_block = block - age_ % block;
+        const std::int64_t to_block = period - age_ % period;
         const std::int64_t to_sample =
             sample_every_ > 0 ? sample_every_ - age_ % sample_every_ : to_block;
         const std::int64_t to_inspection = std::min({to_block, to_sample, steps - outcome.steps});

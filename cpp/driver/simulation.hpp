@@ -19,7 +19,6 @@ struct Outcome {
         std::int64_t member, point;
         std::int64_t step;  // of this call, the first whose result is not finite or has run away
         double time;
-        bool trapped = false;  // finite, but the spheres leave this point no place
         std::int64_t obstacle = -1;  // finite, but the point has gone through the layer of this one
         double depth = 0;  // there, or the way of the step where it went past [m]
     };
@@ -27,13 +26,7 @@ struct Outcome {
     struct MemberPoint {
         std::int64_t member, point;
     };
-    std::optional<MemberPoint> pinned_inside;  // a continuous sphere has run into a pinned point
-    std::optional<MemberPoint> large_cell;  // a cell is larger than a sphere it touches
-    struct Start {
-        std::int64_t member;
-        ContactReport::Start at;
-    };
-    std::optional<Start> start;  // a continuous sphere has started on the cloth
+    std::optional<MemberPoint> pinned_inside;  // a pinned point is below a true surface
     // A free point or a triangle is below the true surface of a penalty obstacle.
     struct Below {
         std::int64_t member;
@@ -46,14 +39,12 @@ struct Outcome {
         double depth;  // m
     };
     std::optional<Stiff> stiff;
-    std::optional<std::int64_t> lifted;  // a member to which lifts have added energy
     // A member whose energy has grown out of nothing (EnergyWatch); steps may be left to do.
     std::optional<std::int64_t> grown;
 
     // All steps were done, and no event has to be reported.
     bool complete() const {
-        return !interrupted && !unstable && !pinned_inside && !large_cell && !start && !lifted &&
-            !grown && !below && !stiff;
+        return !interrupted && !unstable && !pinned_inside && !grown && !below && !stiff;
     }
 };
 
@@ -63,14 +54,13 @@ struct Outcome {
 //
 //     copy                              inspection
 //      |------- steps of a block -----------|
-//      |<~~~~~~~~~~~~ crossed by a member: it repeats them, with a contact pass after each
 //      |<~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~| a bad state: all members repeat them one by one,
 //                                             each inspected
 //
-// Planes are those of contact/separating_planes.hpp. A bad state is not finite, runs away, or holds
-// a mass point trapped between spheres. A block goes on over several calls of `advance`, as a call
-// may be one step long. In the first block of a call with arrays, these take the place of the
-// copies, and stay unchanged until the call has succeeded.
+// A bad state is not finite, runs away, or holds a mass point that has gone through a layer. A block
+// goes on over several calls of `advance`, as a call may be one step long. In the first block of a
+// call with arrays, these take the place of the copies, and stay unchanged until the call has
+// succeeded.
 //
 // Half copies and inspects twice as often; twice repeats more steps of an unstable run.
 inline constexpr std::int64_t most_steps_of_block = 128;
@@ -78,7 +68,7 @@ inline constexpr std::int64_t most_steps_of_block = 128;
 // The steps of one run with error control: what is asked of them, and what they were so far.
 struct AdaptiveRun {
     Tolerance tolerance;
-    double near = 0;  // longest step in reach of a sphere [s], stable
+    double near = 0;  // longest step in reach of a sphere that responds after it [s], stable
     // Rising times [s] at which a step ends; the last is the end of the run.
     std::vector<double> stops;
     std::vector<double> grid;  // prescribed ends of steps; empty: the controller chooses
@@ -187,13 +177,12 @@ private:
     void note_forces();
     void run_member(std::size_t i, const Steps& steps, bool copy, int threads);
     void set_step(double dt);
-    std::int64_t steps_of_block() const;
     void report_contacts(Outcome& outcome);
+    void note_pinned_inside(std::size_t i, double t);
     // Of penalty obstacles, see Outcome::below and Outcome::stiff.
     void note_depths(std::size_t i, Outcome& outcome);
     // Steps of a member, one by one and by their paths where a point may pass an obstacle in one.
-    bool advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads,
-                        bool behind_planes);
+    void advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads);
     bool may_pass(std::size_t i, double dt) const;
     // A point that has left a layer on its inner side.
     struct Passed {
@@ -239,6 +228,7 @@ private:
     std::vector<Passed> passed_;
     std::vector<std::vector<double>> stable_depths_;
     std::vector<std::uint8_t> told_below_, told_stiff_;
+    std::vector<std::int64_t> pinned_inside_;  // a point of each member below a surface, or -1
     bool watch_energy_ = true;
     std::int64_t age_ = 0;  // steps since the state was set
     std::int64_t sample_every_ = 0;  // steps; 0: nothing is sampled

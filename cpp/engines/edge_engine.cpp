@@ -465,8 +465,6 @@ void EdgeEngine<Real>::step_band(Band& band) {
         const int made = std::min(front - 3 * band.lag + band.several, n),
                   finished = made == n ? n : std::max(made - 1, 0);
         for (int row = done; strips && row < finished; ++row) band.give_border(row, band.step + 1);
-        const auto [first, end] = band.RowBand::rows(done, finished);
-        this->watch(first, end);
         done = finished;
     }
     ++band.step;

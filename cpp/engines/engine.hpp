@@ -9,7 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "contact/contact_report.hpp"
 #include "forces/contact_sums.hpp"
 #include "forces/contacts.hpp"
 #include "integrators/adaptive.hpp"
@@ -39,7 +38,6 @@ struct Watched {
     // End of the first step that a response changed [s].
     double first_contact = std::numeric_limits<double>::infinity();
     double point_depth = 0;  // of mass points below a sphere's surface, every step [m]
-    double lift_work = 0;  // energy that the growth of cells on spheres has made [J]
     double triangle_depth = 0;           // of triangles, at the states sampled [m]
     double stretch = -std::numeric_limits<double>::infinity();  // at the states sampled
     // Most that the total was above that of the start, where it is watched [J].
@@ -64,22 +62,9 @@ class Engine : public Tally {
 public:
     virtual ~Engine() = default;
 
-    // As `advance`, with a contact pass after each step. `behind_planes`: steps that are expected
-    // to be clear of the spheres may skip the pass (contact/separating_planes.hpp). False if a step
-    // was not clear; the state must then be discarded.
-    virtual bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads,
-                                    bool behind_planes) = 0;
+    // As `advance`, with the paper's responses after each step.
+    virtual void advance_and_respond(std::int64_t steps, const Clock& clock, int threads) = 0;
 
-    // Of the passes since the last inspection, see ContactReport.
-    ContactReport contact_report;
-
-    // Looks for a cell that is larger than a sphere and touches it, if the contact pass has run
-    // since.
-    virtual void note_large_cells(double t) = 0;
-
-    // Relative, of the arrays that a call has brought, until its first pass of contacts. In coarse
-    // arrays a point that lay on a sphere may lie in it.
-    double rounding_of_arrays = 0;
     int threads = 1;  // that the newest steps might use, and copies of the state may too
 
     // Arrays of shape (rows, columns, 3), C order, of time t [s]; whether all their numbers are finite in this
@@ -98,7 +83,6 @@ public:
     void begin_anew() {
         contact_responses = 0;
         evaluations = 0;
-        contact_report = {};
         watched = {};
         impulses.begin_anew();
         contacts.clear();
@@ -151,11 +135,11 @@ public:
     std::int64_t evaluations = 0;
     // Not null: the integrator carries an error estimate.
     virtual AdaptiveEngine* adaptive() { return nullptr; }
-    // Take the step that `adaptive()` has tried, from t0 to t1, with the contact pass at its end.
-    // Where the spheres leave a point no place (contact_report), the state is that at t0.
-    virtual void accept_in_contact(double t0, double t1, int threads) = 0;
+    // Take the step that `adaptive()` has tried, from t0 to t1, with the paper's responses at its
+    // end.
+    virtual void accept_and_respond(double t0, double t1, int threads) = 0;
     // Whether there are obstacles that respond after a step; obstacles of response "penalty".
-    virtual bool has_contacts() const = 0;
+    virtual bool has_responses() const = 0;
     virtual bool has_penalty() const = 0;
 };
 

@@ -136,7 +136,6 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
                 for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(stage, tile); });
                 barrier.wait();
             }
-            this->watch(rows() * thread / team, rows() * (thread + 1) / team);
         }
     });
 }

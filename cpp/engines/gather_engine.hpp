@@ -1,8 +1,6 @@
 // The engine of the "gather" kernel: padded structure of arrays, one tile a row of shader groups.
 #pragma once
 
-#include <array>
-
 #include "engines/state_engine.hpp"
 
 namespace clothsim {
@@ -27,11 +25,10 @@ struct PaddedLayout {
     std::ptrdiff_t first() const { return origin; }
     Blocks state_blocks() const { return {1, 6 * plane - origin, 0}; }
     VectorGeometry geometry(int lanes) const {
-        return {stride, lanes, plane, compensation(), rows, (columns + lanes - 1) / lanes};
+        return {stride, lanes, plane, rows, (columns + lanes - 1) / lanes};
     }
     RowShape row_shape() const { return {columns, 1, columns, 1, plane}; }
     int column(int vector, int lane, int lanes) const { return vector * lanes + lane; }
-    std::array<std::ptrdiff_t, 2> right() const { return {1, 1}; }
     static constexpr bool is_transposed = false;
 };
 

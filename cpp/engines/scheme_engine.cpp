@@ -70,7 +70,6 @@ public:
                 advance_implicit(clock.at(k - 1), clock.dt);
                 this->place_pins(StageTime::of_end(clock.at(k), clock.dt), 0, this->rows(),
                                  this->memory_);
-                this->watch(0, this->rows());
             }
             return;
         }
@@ -89,7 +88,6 @@ public:
                                  this->memory_);
                 known = method_.splitting->first_same_as_last() &&
                     !this->kink_at(t, clock.at(k), clock.dt);
-                this->watch(band.begin, band.end);
                 barrier.wait();
             }
             if (band.begin == 0) known_after = known;
@@ -139,7 +137,6 @@ public:
     }
 
     void accept_step(double t) override {
-        this->planes_.drop();
         previous_.swap(this->memory_);
         this->memory_.swap(result_);
         add_sums_of_step(0, this->rows());
@@ -258,8 +255,7 @@ private:
             double speed = (point.velocity - travel).norm();
             if (tried) speed = std::max(speed, (vector_in(result_, i, 3) - travel).norm());
             speed += sphere_speed;
-            const double gap =
-                std::max(sphere.height(point.position - place) - sphere.reach(), 0.0);
+            const double gap = std::max(sphere.height(point.position - place) - sphere.offset, 0.0);
             if (speed * allowed > gap)
                 allowed =
                     std::min(allowed, std::max(gap / speed, std::min(near, least_gap / speed)));
@@ -415,7 +411,6 @@ private:
             this->kernels().advance(field_, begin, end, this->memory_.data(), this->memory_.data(),
                                     result_sum_);
             this->place_pins(StageTime::of_end(t, planned_), begin, end, this->memory_);
-            this->watch(begin, end);
         });
         add_sums_of_step(band.begin, band.end);
     }

@@ -9,15 +9,14 @@
 #include <numeric>
 #include <utility>
 
-#include "contact/contact_pass.hpp"
-#include "contact/separating_planes.hpp"
-#include "contact/state_points.hpp"
 #include "engines/coefficients.hpp"
 #include "engines/engine.hpp"
 #include "lanes/aligned_vector.hpp"
 #include "lanes/dot.hpp"
 #include "memory/row_band.hpp"
+#include "memory/state_points.hpp"
 #include "memory/threads.hpp"
+#include "responses/paper.hpp"
 
 namespace clothsim {
 
@@ -61,7 +60,7 @@ public:
         else if (compensated)
             for (std::size_t s = 0; s < plan_.spheres.size(); ++s)
                 set_normal(plan_.spheres[s], state.normals[s]);
-        state_replaced();
+        state_known_ = false;
         impulses.go_on(state.impulses);
         contacts.go_on(state.contacts);
     }
@@ -73,50 +72,26 @@ public:
     void restore_checkpoint() final {
         memory_ = checkpoint_;
         static_cast<Tally&>(*this) = tally_at_checkpoint_;
-        state_replaced();
+        state_known_ = false;
     }
 
-    bool advance_in_contact(std::int64_t steps, const Clock& clock, int threads,
-                            bool behind_planes) final {
-        if (!has_contacts()) {
-            advance(steps, clock, threads);
-            return true;
-        }
+    void advance_and_respond(std::int64_t steps, const Clock& clock, int threads) final {
+        if (!has_responses()) return advance(steps, clock, threads);
         Clock now = clock;
-        for (const std::int64_t end = clock.steps + steps; now.steps < end; ++now.steps) {
-            const auto all = [&](int k) { return component(k, 0, rows()); };
-            while (
-                const std::int64_t clear = behind_planes
-                    ? planes_.clear_steps(plan_.spheres, plan_.gravity, now, end - now.steps, all)
-                    : 0) {
-                planes_.raise();
-                advance(clear, now, threads);
-                contact_pass_.forget(false);
-                if (!planes_.lower()) return false;
-                now.steps += clear;
-                if (now.steps == end) return true;
-            }
-            contact_pass_.keep(memory_);
+        for (std::int64_t k = 0; k < steps; ++k, ++now.steps) {
             advance(1, now, threads);
-            respond(now.at(0), now.at(1), now.dt, threads);
-            if (contact_report.trapped >= 0) break;
+            respond(now.at(1), now.dt, threads);
         }
-        return true;
     }
-    void accept_in_contact(double t0, double t1, int threads) final {
-        if (!has_contacts()) return adaptive()->accept_step(t1);
-        save_checkpoint();
-        contact_pass_.keep(memory_);
+    void accept_and_respond(double t0, double t1, int threads) final {
         adaptive()->accept_step(t1);
-        respond(t0, t1, t1 - t0, threads);
-        if (contact_report.trapped >= 0) restore_checkpoint();
+        if (has_responses()) respond(t1, t1 - t0, threads);
     }
 
     void set_sphere(std::size_t sphere, const Vec3& center, const Motion& motion) final {
         plan_.spheres[sphere].center = center;
         plan_.spheres[sphere].motion = motion;
         plan_.spheres[sphere].speed = motion.at(0).velocity.norm();
-        planes_.drop();
     }
     void set_force(const double* force) final {
         plan_.force = PointsView(force, plan_.cloth.points(), 3);
@@ -148,10 +123,7 @@ public:
         }
         return bad_pin;
     }
-    void note_large_cells(double t) final {
-        ContactReport::keep_first(contact_report.large_cell, contact_pass_.large_cell(memory_, t));
-    }
-    bool has_contacts() const final {
+    bool has_responses() const final {
         return std::any_of(plan_.spheres.begin(), plan_.spheres.end(),
                            [](const Sphere& sphere) { return !sphere.penalty(); });
     }
@@ -204,8 +176,7 @@ protected:
           layout_(layout),
           points_(layout_, plan.cloth.columns),
           memory_(std::size_t(size), Real(0)),
-          contact_pass_(plan_, layout_, impulses = Impulses(plan_)),
-          planes_(kernels()) {
+          responses_(plan_, layout_, impulses = Impulses(plan_)) {
         auto driven = plan_.driven_pins.begin();
         for (int i = 0; i < plan_.cloth.points(); ++i)
             if (plan_.cloth.pinned[std::size_t(i)]) pins_.push_back(i);
@@ -392,10 +363,6 @@ protected:
     const RealKernels<Real>& kernels() const { return kernels_of<Real>(*plan_.kernels); }
     int rows() const { return plan_.cloth.rows; }
     int columns() const { return plan_.cloth.columns; }
-    // Some rows are at the end of a step.
-    void watch(int begin, int end) {
-        if (planes_.up()) planes_.check([&](int k) { return component(k, begin, end); });
-    }
 
     Plan plan_;
     Layout layout_;
@@ -405,8 +372,7 @@ protected:
     // Data of the state that an engine keeps in memory still holds; false after every change from
     // elsewhere.
     bool state_known_ = false;
-    ContactPass<Real, Layout> contact_pass_;
-    SeparatingPlanes<Real> planes_;
+    PaperResponses<Real, Layout> responses_;
     // A force that the kernels do not compute, and its values on the mass points [N].
     struct Acting {
         std::shared_ptr<const Force> force;
@@ -514,19 +480,15 @@ private:
         for (const std::size_t number : penalty_)
             set_normal(plan_.spheres[number], normal_towards(plan_.spheres[number], middle, t));
     }
-    void respond(double t0, double t1, double dt, int threads) {
-        const double rounding = std::max(std::exchange(rounding_of_arrays, 0.0),
-                                         double(std::numeric_limits<Real>::epsilon()));
-        const ContactReport report = contact_pass_.respond(memory_, t0, t1, dt, rounding, threads);
-        contact_responses += report.responses;
-        contact_report.note(report);
-        if (report.changed) {  // also by a step that finds no place
+    void respond(double t, double dt, int threads) {
+        const Responses responses = responses_.respond(memory_, t, dt, threads);
+        contact_responses += responses.count;
+        if (responses.changed) {
             state_known_ = false;
-            watched.first_contact = std::min(watched.first_contact, t1);
+            watched.first_contact = std::min(watched.first_contact, t);
             watched.responded = true;
         }
-        watched.point_depth = std::max(watched.point_depth, report.depth);
-        watched.lift_work += report.lift_work;
+        watched.point_depth = std::max(watched.point_depth, responses.depth);
     }
     // Of a cloth in one strip.
     ComponentRows<Real> component(int k, int begin, int end) const {
@@ -535,12 +497,6 @@ private:
                 end - begin, g.vectors};
     }
 
-    // By another one, not by what a step or a contact makes of it.
-    void state_replaced() {
-        state_known_ = false;
-        contact_pass_.forget(true);
-        planes_.drop();
-    }
     void stop_held_pins() {
         for (const int point : held_pins_) points_.set_velocity(memory_, point, Vec3::Zero());
     }
@@ -584,7 +540,7 @@ private:
     template <class In>
     bool load_any(double t, const In* x, const In* v) {
         set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
-        state_replaced();
+        state_known_ = false;
         in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
             for (int r = int(begin); r < int(end); ++r) {
                 put_row(x + std::ptrdiff_t(r) * 3 * columns(), r, 0, origin_);

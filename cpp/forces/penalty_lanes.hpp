@@ -1,4 +1,5 @@
-// The law of forces/penalty.hpp for a vector of mass points. Per-instruction-set files only.
+// The law of forces/penalty.hpp for a vector of mass points, with exact roots and nothing fused.
+// Per-instruction-set files only.
 #pragma once
 
 #include "forces/penalty_arguments.hpp"
@@ -43,36 +44,29 @@ struct PenaltyPlace {
     V depth;            // in the layer
 };
 
-template <Arithmetic arithmetic, bool flat, class V>
+template <bool flat, class V>
 CLOTHSIM_INLINE PenaltyPlace<V> penalty_place(const Vector3<V>& x, const PenaltyLanes<V>& p) {
     using Real = typename V::value_type;
     const V one(Real(1));
     const Vector3<V> e = x - p.place;
-    if constexpr (flat) return {p.normal, one, one, one, p.reach - dot<arithmetic>(e, p.normal)};
+    if constexpr (flat) return {p.normal, one, one, one, p.reach - dot(e, p.normal)};
     PenaltyPlace<V> at;
-    at.across = {multiply_add<arithmetic>(p.curvature, e.x, p.normal.x),
-                 multiply_add<arithmetic>(p.curvature, e.y, p.normal.y),
-                 multiply_add<arithmetic>(p.curvature, e.z, p.normal.z)};
-    const V level = dot<arithmetic>(e, p.normal + at.across);
-    at.square = xsimd::max(multiply_add<arithmetic>(p.curvature, level, one),
-                           V(smallest_squared_length<Real>));
-    if constexpr (arithmetic == Arithmetic::strict) {
-        at.root = xsimd::sqrt(at.square);
-        at.reciprocal = one / at.root;
-    } else {
-        at.reciprocal = reciprocal_root<arithmetic>(at.square);
-        at.root = at.square * at.reciprocal;
-    }
-    if constexpr (arithmetic == Arithmetic::strict) at.depth = p.reach - level / (one + at.root);
-    else at.depth = xsimd::fnma(level, inverse(one + at.root), p.reach);
+    at.across = {p.curvature * e.x + p.normal.x, p.curvature * e.y + p.normal.y,
+                 p.curvature * e.z + p.normal.z};
+    const V level = dot(e, p.normal + at.across);
+    at.square = xsimd::max(p.curvature * level + one, V(smallest_squared_length<Real>));
+    at.root = xsimd::sqrt(at.square);
+    at.reciprocal = one / at.root;
+    at.depth = p.reach - level / (one + at.root);
     return at;
 }
 
 // The force on points of this depth, which is not below 0.
-template <Arithmetic arithmetic, bool flat, bool rough, class V>
+template <bool flat, bool rough, class V>
 CLOTHSIM_INLINE Vector3<V> penalty_force(const PenaltyPlace<V>& at, V depth, const Vector3<V>& v,
                                          const PenaltyLanes<V>& p) {
     using Real = typename V::value_type;
+    constexpr Arithmetic strict = Arithmetic::strict;
     Vector3<V> across = at.across;
     V square = at.square, reciprocal = at.reciprocal;
     if constexpr (!flat) {  // in the centre the normal is that of the surface point
@@ -85,17 +79,16 @@ CLOTHSIM_INLINE Vector3<V> penalty_force(const PenaltyPlace<V>& at, V depth, con
         reciprocal = xsimd::select(centre, one, reciprocal);
     }
     const Vector3<V> u = v - p.velocity;
-    const V closing = dot<arithmetic>(u, across);  // times the root
+    const V closing = dot(u, across);  // times the root
     const V q = p.dissipation * closing;
-    const V damped = q * reciprocal_root<arithmetic>(multiply_add<arithmetic>(q, q, square));
+    const V damped = q * reciprocal_root<strict>(q * q + square);
     const V elastic = p.push * (depth * depth) * depth;
     const V push = elastic - elastic * damped;
     const V along = flat ? push : push * reciprocal;
     if constexpr (!rough) return {along * across.x, along * across.y, along * across.z};
     const V part = flat ? closing : closing * (reciprocal * reciprocal);
     const Vector3<V> slip{u.x - part * across.x, u.y - part * across.y, u.z - part * across.z};
-    const V resisting =
-        p.friction * push * reciprocal_root<arithmetic>(p.slip2 + dot<arithmetic>(slip, slip));
+    const V resisting = p.friction * push * reciprocal_root<strict>(p.slip2 + dot(slip, slip));
     return {along * across.x - resisting * slip.x, along * across.y - resisting * slip.y,
             along * across.z - resisting * slip.z};
 }

@@ -14,10 +14,12 @@
 //     F = density / 4 ((normal P - tangential S) q / N.N N + tangential S u)
 //     P = sqrt(q^2 + w^2 N.N),  S = sqrt((u.u + w^2) N.N - q^2)
 //
-// Values: velocity (3) [m/s], density [kg/m^3], normal, tangential, largest speed of the motion [m/s].
+// Values: velocity (3) [m/s], density [kg/m^3], normal, tangential, and the largest speed of the
+// motion [m/s].
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <Eigen/Geometry>
 
 #include "forces/table.hpp"
 #include "lanes/versions.hpp"
@@ -137,8 +139,8 @@ public:
     }
 
     // Of a triangle the derivative by u is at most twice density / 2 A max(normal, tangential)
-    // sqrt(u.u + w^2), and the square of the mean velocity at most the mean of squares: a point with
-    // six triangles has a third of each. So it is that of two triangles.
+    // sqrt(u.u + w^2), and the square of the mean velocity at most the mean of squares: a point
+    // with six triangles has a third of each. So it is that of two triangles.
     double damping_bound(const Cloth& cloth) const override {
         const double speed = Vec3(values.data()).norm() + values[6];
         return values[3] * cloth.row_spacing * cloth.column_spacing *

@@ -25,7 +25,7 @@ public:
     // Try a step from time t: its error in units of the tolerance, not finite where the result is
     // not. The state stays.
     virtual double try_step(double t, double h, const Tolerance& tolerance, int threads) = 0;
-    // Take the step that was tried, with the collision pass at its end, time `t`.
+    // Take the step that was tried, which ends at the time `t`.
     virtual void accept_step(double t) = 0;
     // The longest step from the state at time t, at most h, which has no kink of a motion within.
     // No point moves further than its distance from the spheres, or, in a step of at most `near`,
@@ -35,7 +35,7 @@ public:
     // The deepest free points in the layers of penalty obstacles at the end, time t, of the step
     // that was tried.
     virtual std::vector<Depth> depths_tried(double t) const = 0;
-    // The state at time t within the last accepted step, before its collision pass. It comes from
+    // The state at time t within the last accepted step, before responses at its end. It comes from
     // the method's interpolant or, without an interpolant, from a step of the method from the same
     // start.
     virtual void dense(double t, double* x, double* v, int threads) = 0;

@@ -2,7 +2,6 @@
 // cloth.
 #include "kernels/kernel_table.hpp"
 
-#include "kernels/contact/contact_kernels.hpp"
 #include "kernels/edge/edge_forces.hpp"
 #include "kernels/edge/edge_general.hpp"
 #include "kernels/gather/gather_impl.hpp"
@@ -46,7 +45,7 @@ constexpr RealKernels<Real> real_kernels() {
 
 template <>
 constinit const KernelTable KernelTableOf<this_instruction_set>::table{
-    this_instruction_set,  CLOTHSIM_ISA,           CLOTHSIM_ISA_FLAGS,
-    real_kernels<float>(), real_kernels<double>(), ContactKernelsOf<this_instruction_set>::kernels};
+    this_instruction_set, CLOTHSIM_ISA, CLOTHSIM_ISA_FLAGS, real_kernels<float>(),
+    real_kernels<double>()};
 
 }  // namespace clothsim

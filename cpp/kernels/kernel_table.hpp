@@ -15,8 +15,6 @@
 
 namespace clothsim {
 
-struct ContactKernels;
-
 template <class Real>
 using GatherKernel = void (*)(const GatherArguments<Real>&, const Tile&);
 
@@ -71,7 +69,6 @@ struct KernelTable {
     std::string_view flags;  // compiler flags of its files
     RealKernels<float> single;
     RealKernels<double> double_;
-    const ContactKernels& contact;
 };
 
 template <InstructionSet set>

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 
 namespace clothsim {
 
@@ -13,6 +14,19 @@ struct ComponentRows {
     const Real* first;
     std::ptrdiff_t row, vector;  // elements from one to the next
     int rows, vectors;
+};
+
+// A layout seen as rows of vectors: component k of vector j of row i lies at i * row + j * vector +
+// k * component. Both engines' layouts have this form.
+struct VectorGeometry {
+    std::ptrdiff_t row, vector, component;
+    int rows, vectors;
+};
+
+// Places d from `place` with d.(2 n + k d) < below lie below a level of a sphere or plane.
+template <class Real>
+struct SurfaceLevel {
+    Real place[3], normal[3], curvature, below;
 };
 
 template <class Real>
@@ -68,8 +82,8 @@ struct RowShape {
 
 template <class Real>
 struct RowsKernels {
-    // Whether all are on one side of a value, or at it; not if one is no number.
-    bool (*beyond)(const ComponentRows<Real>&, bool above, Real value);
+    // The lanes of a vector of points that are below a level, a bit each.
+    std::uint64_t (*below)(const Real* points, std::ptrdiff_t component, const SurfaceLevel<Real>&);
     // The smallest and the largest; what is no number does not count.
     Extent<Real> (*extent)(const ComponentRows<Real>&);
     bool (*all_finite)(const Real*, const Blocks&);

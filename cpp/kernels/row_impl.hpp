@@ -19,18 +19,16 @@ CLOTHSIM_INLINE void each_vector(const ComponentRows<Real>& points, const Visit&
 }
 
 template <class Arch, class Real>
-bool component_is_beyond(const ComponentRows<Real>& points, bool above, Real value) {
+std::uint64_t points_below(const Real* points, std::ptrdiff_t component,
+                           const SurfaceLevel<Real>& level) {
     using V = Lanes<Real, Arch>;
-    auto good = V(value) == V(value);
-    if (above)
-        each_vector<V>(points, [&](const V& x) __attribute__((always_inline)) {
-            good = good & (x >= V(value));
-        });
-    else
-        each_vector<V>(points, [&](const V& x) __attribute__((always_inline)) {
-            good = good & (x <= V(value));
-        });
-    return xsimd::all(good);
+    V f(Real(0));
+    each<3>([&](auto k) __attribute__((always_inline)) {
+        const V d = V::load_unaligned(points + k * component) - V(level.place[k]);
+        const V n(level.normal[k]);
+        f = f + d * (n + n + V(level.curvature) * d);
+    });
+    return (f < V(level.below)).mask();
 }
 
 template <class Arch, class Real>
@@ -146,12 +144,8 @@ void square_rows(const FieldLayout& f, int begin, int end, const Real* state,
 
 template <class Arch, class Real>
 constexpr RowsKernels<Real> rows_kernels() {
-    return {&component_is_beyond<Arch, Real>,
-            &component_extent<Arch, Real>,
-            &all_finite<Arch, Real>,
-            &advance_rows<Arch, Real>,
-            &square_rows<Arch, Real>,
-            &read_points<Real>,
+    return {&points_below<Arch, Real>, &component_extent<Arch, Real>, &all_finite<Arch, Real>,
+            &advance_rows<Arch, Real>, &square_rows<Arch, Real>,      &read_points<Real>,
             &write_points<Real>};
 }
 

@@ -25,21 +25,6 @@ ModeBounds mode_bounds(const Cloth& cloth);
 
 // Largest length over rest length - 1 of all springs; -infinity where there is no spring.
 double largest_stretch(const Cloth& cloth, const PointsView& x);
-// Of all springs of point i, were it at x; `position(j)` of the others [J].
-template <class Position>
-double spring_energy(const Cloth& cloth, int i, const Vec3& x, Position position) {
-    const int row = i / cloth.columns, column = i % cloth.columns;
-    double energy = 0;
-    for (const Neighbour& n : neighbours) {
-        const int r = row + n.row, c = column + n.column;
-        if (!cloth.present[n.family] || r < 0 || r >= cloth.rows || c < 0 || c >= cloth.columns)
-            continue;
-        const double stretch = (position(r * cloth.columns + c) - x).norm() - cloth.rest_length(n);
-        energy += cloth.stiffness[n.family] / 2 * stretch * stretch;
-    }
-    return energy;
-}
-
 // Deepest depth below the surface [m], never negative.
 struct Penetration {
     double points, triangles;

@@ -12,11 +12,9 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cstdint>
 #include <vector>
 
-#include "kernels/contact/contact_arguments.hpp"
 #include "kernels/edge/edge_arguments.hpp"
 #include "kernels/row_arguments.hpp"
 #include "lanes/aligned_vector.hpp"
@@ -75,15 +73,11 @@ struct TransposedLayout {
         return {std::ptrdiff_t(strips) * rows, vectors * stride, row_size()};
     }
     // Of a cloth in one strip.
-    VectorGeometry geometry(int) const {
-        return {row_size(), stride, lanes, compensation(), rows, vectors};
-    }
+    VectorGeometry geometry(int) const { return {row_size(), stride, lanes, rows, vectors}; }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
     // Of a strip's row; of a record with so many vectors.
     RowShape shape(int count) const { return {window, lanes, vectors, count * lanes, lanes}; }
     RowShape row_shape() const { return shape(StateRecord::count); }
-    // From a vector to the neighbours of its points to the right, and from the last of a row.
-    std::array<std::ptrdiff_t, 2> right() const { return {stride, 1 - (vectors - 1) * stride}; }
     static constexpr bool is_transposed = true;
 
     // `visit(column, vector, lane)` of a window.

@@ -9,10 +9,17 @@
 
 namespace clothsim {
 
-// "penalty" is a force (forces/penalty.hpp); the others act after a step.
-enum class Response { reflect, ray, continuous, penalty };
-inline constexpr std::array<const char*, 4> response_names{"reflect", "ray", "continuous",
-                                                           "penalty"};
+// "penalty" is a force (forces/penalty.hpp); the paper's two act after a step (responses/paper.hpp).
+enum class Response { reflect, ray, penalty };
+inline constexpr std::array<const char*, 3> response_names{"reflect", "ray", "penalty"};
+
+// Of Kim et al., eq 13: O = sqrt((D/2)^2 + R^2) - R. Both ends of a spring of length D lie at
+// distance R + O from the centre. Then the spring's midpoint just touches the sphere of radius R.
+// Written without the cancellation of the printed form.
+inline double edge_offset(double radius, double rest_length) {
+    const double half = rest_length / 2;
+    return half * (half / (std::hypot(half, radius) + radius));
+}
 
 // A sphere, or a plane: a sphere of no curvature.
 struct Sphere {
@@ -28,23 +35,15 @@ struct Sphere {
     double slip_speed = 0;   // penalty: v_s [m/s]
     double speed = 0;        // the largest of the motion [m/s]
     bool as_printed = false;  // Kim et al. word for word: absolute velocity, approaching or not
-    bool cells = false;  // continuous: each point stands off by what its cells need as they are
-    double push_out_speed = 1;  // m/s, of points that the sphere starts on
     Motion motion;
     // Unit normal at the place of the surface from which points are measured: the top of a sphere.
     Vec3 normal = Vec3::UnitY();
-    // How far from there points are expected at most [m]. Farther out, levels in single and places
-    // in float32 arrays are rounded by more than bands and slop.
-    double spread = 1;
     Vec3 origin = Vec3::Zero();  // of the positions that the centre is compared with [m]
 
     bool penalty() const { return response == Response::penalty; }
     bool flat() const { return std::isinf(radius); }
     double curvature() const { return 1 / radius; }
     double contact_radius() const { return radius + offset; }
-    // No point keeps a larger distance from the surface; of cells the root of 2 times the radius,
-    // and a little.
-    double reach() const { return cells ? 0.4143 * radius : offset; }
     Vec3 center_at(double t) const { return motion.place(center, motion.at(t)) - origin; }
     Vec3 velocity_at(double t) const { return motion.at(t).velocity; }
     // The place from which points are measured.
@@ -59,8 +58,10 @@ struct Sphere {
     Vec3 velocity_at(const StageTime& time) const {
         return motion.at(time.t, time.inside).velocity;
     }
-    // The level of a point that is d from there, and heights over the surface by level
-    // (contact/continuous.hpp).
+    // The level f of a point that is d from there, and heights over the surface by level. With the
+    // normal n and the curvature k there
+    //     f(d) = 2 n.d + k d.d,  height = f / (1 + sqrt(1 + k f)),  f = height (2 + k height)
+    // No large numbers cancel.
     double level(const Vec3& d) const { return d.dot(normal + (normal + curvature() * d)); }
     double height(double level) const {
         return level / (1 + std::sqrt(std::max(1 + curvature() * level, 0.0)));

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
+#include <limits>
 
 #include "memory/poll.hpp"
 #include "reference/contact.hpp"
@@ -111,14 +111,18 @@ State respond(const Sphere& sphere, double t, double dt, const State& point) {
         const Vec3 back = speed > 0 ? Vec3(-relative / speed) : n;
         const double b = (flat ? n : m).dot(back);
         if (b < 0 && speed > 0 && !sphere.as_printed) return point;  // leaves by itself
+        // The ray ends where the point was before the step.
+        const double longest =
+            sphere.as_printed || speed == 0 ? std::numeric_limits<double>::infinity() : speed * dt;
         double s = 0;
         if (flat) {
-            s = b > 0 ? -m.dot(n) / b : 0;
+            s = std::min(b > 0 ? -m.dot(n) / b : 0, longest);
             after.x += b > 0 ? Vec3(s * back) : Vec3(-m.dot(n) * n);
         } else {
-            s = -b + std::sqrt(b * b - (m.squaredNorm() - radius * radius));
+            const double whole = -b + std::sqrt(b * b - (m.squaredNorm() - radius * radius));
+            s = std::min(whole, longest);
             n = direction(m + s * back);
-            after.x = center + radius * n;
+            after.x = s < whole ? Vec3(point.x + s * back) : Vec3(center + radius * n);
         }
         if (speed > 0) since = std::min(s / speed, dt);
     }
@@ -130,145 +134,9 @@ State respond(const Sphere& sphere, double t, double dt, const State& point) {
     return after;
 }
 
-// The response "continuous" by another way than the code that it judges: laws of motion over a
-// short substep. A mass point falls freely. At an impact, found by bisection in time, its normal
-// speed turns round with the restitution, and Coulomb's friction acts. Forces that press it against
-// a sphere are cancelled.
-//
-// Errors are of the first order in the substep h. Where a point presses with the acceleration a,
-// its speed is wrong by at most a h. Each impact adds at most a h^2 to the error of its place.
-//
-// A sphere with that response, straight on its way within one substep.
-struct MovingSphere {
-    Vec3 start, velocity;  // of the centre; of a place on a plane
-    double radius;  // of contact
-    double restitution, friction, push_out_speed;
-    bool flat;  // a plane
-    Vec3 normal;  // of a plane
-
-    MovingSphere(const Sphere& sphere, double t0, double t1)
-        : start(sphere.center_at(t0)),
-          velocity((sphere.center_at(t1) - start) / (t1 - t0)),
-          radius(sphere.contact_radius()),
-          restitution(sphere.restitution),
-          friction(sphere.friction),
-          push_out_speed(sphere.push_out_speed),
-          flat(sphere.flat()),
-          normal(sphere.normal) {}
-    Vec3 at(double s) const { return start + s * velocity; }
-    // Of a place p from the centre, or from the place on the plane.
-    double height(const Vec3& p) const { return flat ? p.dot(normal) : p.norm() - radius; }
-    Vec3 outward(const Vec3& p) const { return flat ? normal : direction(p); }
-};
-
-// Part of the radius, or length over a plane [m]. A point inside by less lies on the surface:
-// rounding is 1e-7 of it.
-constexpr double touching = 1e-9;
-double slack(const MovingSphere& sphere) {
-    return sphere.flat ? touching : touching * sphere.radius;
-}
-
-struct Path {
-    Vec3 x, v, a;
-    Vec3 at(double s) const { return x + s * v + s * s / 2 * a; }
-    Vec3 velocity(double s) const { return v + s * a; }
-};
-
-// The first time in [low, high] at which `holds`, which does so from then on; `high` if it never
-// does.
-template <class Predicate>
-double bisect(double low, double high, const Predicate& holds) {
-    for (int halving = 0; halving < 100; ++halving) {
-        const double middle = low + (high - low) / 2;
-        if (middle <= low || middle >= high) break;
-        (holds(middle) ? high : low) = middle;
-    }
-    return high;
-}
-
-// The time after `elapsed` at which the path next touches the sphere, within `left`.
-std::optional<double> impact(const Path& path, const MovingSphere& sphere, double elapsed,
-                             double left) {
-    const auto from_center = [&](double s) -> Vec3 { return path.at(s) - sphere.at(elapsed + s); };
-    const auto inside = [&](double s) { return sphere.height(from_center(s)) < 0; };
-    const auto approaches = [&](double s) {
-        return sphere.outward(from_center(s)).dot(path.velocity(s) - sphere.velocity) < 0;
-    };
-    if (sphere.height(from_center(0)) < -slack(sphere)) return {};
-    if (approaches(0)) {
-        const double nearest = bisect(0, left, [&](double s) { return !approaches(s); });
-        if (!inside(nearest)) return {};
-        return inside(0) ? 0 : bisect(0, nearest, inside);
-    }
-    const double farthest = bisect(0, left, approaches);
-    if (!approaches(left) || !inside(left)) return {};
-    return bisect(farthest, left, inside);
-}
-
-// At the end of the substep outside every sphere; out of one in which it began, no faster than it
-// may be pushed.
-bool leave(const std::vector<MovingSphere>& spheres, const State& before, State& point, double h) {
-    constexpr int most_rounds = 1000;
-    bool touched = false, moved = true;
-    for (int round = 0; moved && round < most_rounds; ++round) {
-        moved = false;
-        for (const MovingSphere& sphere : spheres) {
-            const double began = sphere.height(before.x - sphere.start);
-            const bool began_inside = began < -slack(sphere);
-            const double least =
-                began_inside ? std::min(0.0, began + h * sphere.push_out_speed) : 0;
-            const Vec3 p = point.x - sphere.at(h), n = sphere.outward(p);
-            const double height = sphere.height(p),
-                         rounding = sphere.flat ? 1e-15 : 1e-15 * sphere.radius;
-            if (height >= least - rounding) continue;
-            bounce(point.v, sphere.velocity, n, 0, began_inside ? 0 : sphere.friction);
-            point.x = sphere.flat ? Vec3(point.x + (least - height) * n)
-                                  : Vec3(sphere.at(h) + (sphere.radius + least) * n);
-            touched = moved = true;
-        }
-    }
-    return touched;
-}
-
-// `point`, a mass point's free state after a substep of length h from `before`, responds to the
-// spheres. Returns whether one of them touched it.
-bool respond(const std::vector<MovingSphere>& spheres, const State& before, State& point,
-             double h) {
-    constexpr int most_impacts = 100;
-    Path path{before.x, before.v, (point.v - before.v) / h};
-    double elapsed = 0;
-    bool touched = false;
-    for (int count = 0; count < most_impacts; ++count) {
-        const MovingSphere* first = nullptr;
-        double time = h - elapsed;
-        for (const MovingSphere& sphere : spheres) {
-            const auto found = impact(path, sphere, elapsed, h - elapsed);
-            if (!found || (first && *found >= time)) continue;
-            first = &sphere;
-            time = *found;
-        }
-        if (!first) break;
-        touched = true;
-        path = {path.at(time), path.velocity(time), path.a};
-        elapsed += time;
-        const double left = h - elapsed;
-        const Vec3 n = first->outward(path.x - first->at(elapsed));
-        if (left * path.a.dot(n) <= 2 * (path.v - first->velocity).dot(n)) {
-            // So slow that an elastic bounce ends within the substep: the point stays, and what
-            // presses it is a force of contact.
-            path = {path.x, path.velocity(left), Vec3::Zero()};
-            bounce(path.v, first->velocity, n, 0, first->friction);
-        } else {
-            bounce(path.v, first->velocity, n, first->restitution, first->friction);
-        }
-    }
-    if (touched) point = {path.at(h - elapsed), path.velocity(h - elapsed)};
-    return leave(spheres, before, point, h) || touched;
-}
-
 void collide(const Scene& scene, Points& x, Points& v, double t, double dt) {
     for (const Sphere& sphere : scene.spheres) {
-        if (sphere.response == Response::continuous || sphere.penalty()) continue;
+        if (sphere.penalty()) continue;
         for (int i = 0; i < scene.cloth.points(); ++i) {
             if (scene.cloth.pinned[i]) continue;
             const State after = respond(sphere, t, dt, {x.row(i), v.row(i)});
@@ -310,35 +178,6 @@ void advance(const Scene& scene, const std::vector<Spring>& list, Points& x, Poi
     v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
 }
 
-// One step in short substeps with every contact of the spheres "continuous". Returns whether there
-// was one.
-bool advance_in_contact(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v,
-                        double t0, double t1) {
-    // Errors of contact are as 1 / substeps of the step's: at 64 below 2 % of a bound that the step
-    // explains. 32 doubles them, 128 doubles the time.
-    constexpr int substeps = 64;
-    bool touched = false;
-    for (int k = 0; k < substeps; ++k) {
-        const double begin = t0 + k * (t1 - t0) / substeps,
-                     end = t0 + (k + 1) * (t1 - t0) / substeps;
-        std::vector<MovingSphere> spheres;
-        for (const Sphere& sphere : scene.spheres)
-            if (sphere.response == Response::continuous) spheres.emplace_back(sphere, begin, end);
-        if (spheres.empty()) return false;
-        const Points x0 = x, v0 = v;
-        advance(scene, list, x, v, begin, end - begin);
-        for (int i = 0; i < scene.cloth.points(); ++i) {
-            if (scene.cloth.pinned[i]) continue;
-            State point{x.row(i), v.row(i)};
-            if (!respond(spheres, {x0.row(i), v0.row(i)}, point, end - begin)) continue;
-            x.row(i) = point.x;
-            v.row(i) = point.v;
-            touched = true;
-        }
-    }
-    return touched;
-}
-
 // One step of eq 2-6 as printed: "a" of eq 2-5 already carries the time step; eq 3-6 multiply by it
 // once more.
 void advance_as_printed(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v,
@@ -365,15 +204,8 @@ bool step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t step
     for (std::int64_t n = 0; n < steps; ++n) {
         if (poll.stopped()) return false;
         const double t0 = t + double(n) * dt, t1 = t + double(n + 1) * dt;
-        Points touching_x = x, touching_v = v;
-        if (as_printed) {
-            advance_as_printed(scene, list, x, v, t0, dt);
-        } else if (advance_in_contact(scene, list, touching_x, touching_v, t0, t1)) {
-            x = touching_x;
-            v = touching_v;
-        } else {
-            advance(scene, list, x, v, t0, dt);
-        }
+        if (as_printed) advance_as_printed(scene, list, x, v, t0, dt);
+        else advance(scene, list, x, v, t0, dt);
         drive(scene, x, v, t1, dt, 0);
         collide(scene, x, v, t1, dt);
     }

@@ -25,8 +25,7 @@ Points accelerations(const Scene& scene, const std::vector<Spring>& springs, con
                      const Points& v, double t, double inside);
 
 // Classic RK4 steps, the first of them from time t. x and v are advanced. The paper's responses act
-// at the end of a step. A step in which a sphere with the response "continuous" touches a point is
-// taken in short substeps; the paper's responses follow it. `as_printed`: Kim et al., eq 2-6 word
+// at the end of a step. `as_printed`: Kim et al., eq 2-6 word
 // for word, where the time step multiplies the slopes and the sum; kept to show that it is not
 // consistent. False where `interrupted`, asked now and then between two steps, is true.
 bool step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t steps, double t,

@@ -76,10 +76,10 @@ Look up
 
 Errors and warnings
     UnstableError       the state is no longer finite, or grew beyond bounds
-    ContactError        spheres left a mass point no place
+    ContactError        a mass point has gone through the layer of an obstacle
     StabilityWarning    the time step is above the guaranteed limit
     OrderWarning        the integrator does not keep its order for this scene
-    ContactWarning      a sphere starts on the cloth, meets a pin, or is smaller than a cell
+    ContactWarning      a point or a pin is below a surface, or starts deep in a layer
 """
 
 from typing import TYPE_CHECKING

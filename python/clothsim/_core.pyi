@@ -12,7 +12,6 @@ State = npt.NDArray[np.float32] | npt.NDArray[np.float64]
 # What is called once, with all arguments by name, takes **values here: the core checks the names.
 
 group_size: int
-contact_constants: dict[str, float]
 most_threads: int
 spring_kinds: tuple[tuple[Family, int, int], ...]
 neighbours: tuple[tuple[int, int, Family, int], ...]
@@ -32,8 +31,6 @@ class Sphere:
     def __init__(self, **values: Any) -> None: ...
     @property
     def normal(self) -> Floats: ...
-    @property
-    def spread(self) -> float: ...
     def center_at(self, t: float) -> Floats: ...
     def velocity_at(self, t: float) -> Floats: ...
 

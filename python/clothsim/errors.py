@@ -66,9 +66,6 @@ class ContactWarning(UserWarning):
     """A point or triangle is below the true surface of an obstacle, an obstacle has run into a
     pinned point, or the cloth starts deep in a layer.
 
-    With the response "continuous" also: a sphere starts on the cloth, or is smaller than a cell
-    that it touches.
-
     Examples
     --------
     >>> import warnings
@@ -139,8 +136,7 @@ class _StepError(ArithmeticError):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class ContactError(_StepError):
-    """A free mass point has gone through the layer of an obstacle, or spheres with response
-    "continuous" have trapped it between them.
+    """A free mass point has gone through the layer of an obstacle with response "penalty".
 
     Parameters
     ----------
@@ -148,31 +144,25 @@ class ContactError(_StepError):
         The failed step, counted from 1 at the start of the call.
     time, point, x, v, member
         As for `UnstableError`, with the state before that step; `run` and `runs` too.
-    obstacle : int, optional
-        Index of the obstacle in ``Scene.spheres`` that the point has passed; None: it is trapped.
-    remedy : str, optional
+    obstacle : int
+        Index of the obstacle in ``Scene.spheres`` that the point has passed.
+    remedy : str
         What would hold the point.
 
     Examples
     --------
-    >>> print(cs.ContactError(step=3, time=0.5, point=(1, 2)))
-    no place left at step 3 (t = 0.5 s): mass point (1, 2) is trapped between spheres; keep them \
-further apart, or make them smaller
+    >>> print(cs.ContactError(step=3, time=0.5, point=(1, 2), obstacle=0, remedy="take rtol"))
+    mass point (1, 2) has gone through the layer of spheres[0] at step 3 (t = 0.5 s); take rtol
     """
 
-    obstacle: int | None = None
-    remedy: str = "keep them further apart, or make them smaller"
+    obstacle: int
+    remedy: str
 
     def __post_init__(self) -> None:
-        when = f"at step {self.step} (t = {self.time:g} s)"
-        text = f"no place left {when}: mass point {self.point}{self._which} is trapped between "
-        text += f"spheres; {self.remedy}"
-        if self.obstacle is not None:
-            text = (
-                f"mass point {self.point}{self._which} has gone through the layer of "
-                f"spheres[{self.obstacle}] {when}; {self.remedy}"
-            )
-        self.args = (text,)
+        self.args = (
+            f"mass point {self.point}{self._which} has gone through the layer of "
+            f"spheres[{self.obstacle}] at step {self.step} (t = {self.time:g} s); {self.remedy}",
+        )
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -186,8 +176,7 @@ class UnstableError(_StepError):
     ----------
     step : int
         The step after which it was found, counted from 1 at the start of the call. A runaway energy
-        may be found up to 128 steps late in short calls and, above 16,384 mass points, in
-        continuous contact.
+        may be found up to 128 steps late in short calls.
     time : float
         Time of the scene at the end of that step [s].
     point : tuple of int, optional

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-Response: TypeAlias = Literal["penalty", "reflect", "ray", "continuous"]
+Response: TypeAlias = Literal["penalty", "reflect", "ray"]
 """Contact responses of a `Sphere`."""
 
 Offset: TypeAlias = Literal["none", "edge", "cell"]

@@ -117,7 +117,7 @@ def test_names_stand_for_what_they_say():
 def test_a_contact_ends_what_is_known():
     scene = cs.Scene(
         cs.Cloth((6, 6), mass=18.0, stiffness=3e3, damping=10.0),
-        cs.Sphere((0.5, -0.5, 0.5), 0.25, response="continuous", friction=0.2),
+        cs.Sphere((0.5, -0.5, 0.5), 0.25, response="reflect", friction=0.2),
     )
     times, names = (
         np.linspace(0.05, 0.4, 8),

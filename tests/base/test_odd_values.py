@@ -228,7 +228,7 @@ def truth(odd):
 RULES = [
     (
         number(lambda n: n > 0),
-        "radius push_out_speed distance period mass length width dt duration every fps speed",
+        "radius distance period mass length width dt duration every fps speed",
     ),
     (number(lambda n: n > 0), "frequency longest tolerance sigma"),
     (number(lambda n: n >= 0), "stiffness damping drag friction deceleration offset rtol atol"),

@@ -49,7 +49,7 @@ def test_every_command_prints_strict_json(capsys, tmp_path, command):
 def test_a_scene_is_changed_and_saved_as_a_file_to_edit(capsys, tmp_path):
     path = tmp_path / "my.toml"
     changes = (
-        "--set sphere_response=continuous --set gravity=(0,-1,0) --set stiffness_shear=2e4 "
+        "--set sphere_response=reflect --set gravity=(0,-1,0) --set stiffness_shear=2e4 "
         "--set shape=(16,16)"
     )
     command = f"run paper_static {changes} --dt 1e-3 --duration 0.005 --save-scene {path}"
@@ -59,7 +59,7 @@ def test_a_scene_is_changed_and_saved_as_a_file_to_edit(capsys, tmp_path):
     assert (scene.cloth.shape, scene.gravity, scene.spheres[0].response) == (
         (16, 16),
         (0, -1, 0),
-        "continuous",
+        "reflect",
     )
     assert scene.cloth.family_stiffness == {"structural": 35_000.0, "shear": 2e4}
     saved = tmp_path / "run.npz"

@@ -88,14 +88,7 @@ def test_frames_within_the_steps_of_a_far_cloth_are_where_it_is(integrator):
 def test_a_step_of_an_implicit_method_starts_where_the_far_cloth_was():
     cloth = cs.Cloth((20, 20), mass=0.4, stiffness=60.0, damping=0.01, pins=())
     velocity = np.broadcast_to((0.1, -4.0, 0.0), (20, 20, 3))  # 8 mm a step
-    ball = cs.Sphere(
-        FAR + (0.5, -0.3, 0.5),
-        0.25,
-        response="continuous",
-        offset="cell",
-        restitution=0.0,
-        friction=0.3,
-    )
+    ball = cs.Sphere(FAR + (0.5, -0.3, 0.5), 0.25, friction=0.3)
     scene = cs.Scene(cloth, ball, position=cloth.rest_positions + FAR, velocity=velocity)
     double, single = (
         cs.Stepper(scene, integrator="implicit_midpoint", precision=p) for p in ("double", "single")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 CLOTH = cs.Cloth((8, 8), (1, 1), mass=0.3, stiffness=60.0, damping=0.02, pins=())
-BALL = cs.Sphere((0.5, -0.3, 0.5), 0.25, None, "continuous", "cell", restitution=0.0, friction=0.3)
+BALL = cs.Sphere((0.5, -0.3, 0.5), 0.25, response="ray", restitution=0.0, friction=0.3)
 SCENE = cs.Scene(CLOTH, BALL)
 
 

@@ -78,18 +78,12 @@ def test_one_scene_serves_several_threads(scene):
     assert all(len(waiting) <= 2 for waiting in scene.engines.values())
 
 
-def test_steps_are_taken_back_to_the_arrays_of_the_call(kernel, precision, same_bits):
-    """A sphere comes near, so that steps without its contact pass are done again, from the arrays
-    that the caller keeps.
-    """
-    sphere = cs.Sphere(
-        (0.5, -0.3, 0.5),
-        0.28,
-        cs.Linear((0, 6.0, 0)),
-        response="continuous",
-        offset="cell",
-        restitution=1.0,
-    )
+@pytest.mark.parametrize("response", ["ray", "penalty"])
+def test_a_call_that_meets_a_sphere_has_the_bits_of_a_stepper(
+    response, kernel, precision, same_bits
+):
+    """The call keeps the state before its first block in the arrays of its caller."""
+    sphere = cs.Sphere((0.5, -0.3, 0.5), 0.28, cs.Linear((0, 6.0, 0)), response)
     scene = cs.Scene(cs.Cloth((12, 14), mass=20.0), sphere)
     x, v = scene.initial_position, scene.initial_velocity
     options = {"kernel": kernel, "precision": precision, "threads": 1}

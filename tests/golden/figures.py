@@ -39,7 +39,7 @@ ERROR_CONTROL = (
         "1e-8 dop853",
         "1e-4 velocity_verlet",
     ),
-    ("free", "ray", "free", "cell"),
+    ("free", "ray", "free", "penalty"),
     ("pins", "driven", "force", "mass", "drag"),
     ("still", "linear", "keyframes"),
     ("6x7", "8x5"),
@@ -136,7 +136,7 @@ ROWS = [
     *(" ".join(("error_control", *row)) for row in pairwise(*ERROR_CONTROL)),
     *(f"max_stable_dt {name}" for name in ("rk4", "velocity_verlet", "pefrl", "dop853")),
     "sweep free",
-    "sweep cell",
+    "sweep ray",
     "work_precision",
 ]
 

@@ -17,7 +17,7 @@ FILE = Path(__file__).parent / "hashes.txt"
 COLUMNS = (
     ("edge double", "edge single", "gather double", "gather single"),
     ("rk4", "explicit_euler", "velocity_verlet", "pefrl", "dop853", "implicit_midpoint"),
-    ("free", "reflect", "ray", "printed", "none", "edge", "cell"),
+    ("free", "reflect", "ray", "printed"),
     ("pins", "driven", "force", "mass", "drag"),
     ("still", "linear", "keyframes"),
     ("9x20", "16x16", "21x13"),
@@ -25,7 +25,7 @@ COLUMNS = (
 )
 # Each is computed by 1, 2 and 3 threads.
 OF_THREADS = [
-    f"{kernel} double rk4 cell mass linear 40x32 structural+shear+bend"
+    f"{kernel} double rk4 ray mass linear 40x32 structural+shear+bend"
     for kernel in ("edge", "gather")
 ]
 SPACING = 3 / 64, 4 / 64  # diagonals of 5 / 64
@@ -134,17 +134,12 @@ def _spheres(contact, motion, cloth):
         first = cs.Sphere(place, 3 / 16, moves[motion], friction=0.25 * (motion == "still"))
         second = first.replace(center=(3 * x, y, z), motion=None, friction=0.5)
         return (first, second) if cloth.columns >= 20 else first
-    offset = contact if contact in ("none", "edge", "cell") else "edge"
     first = cs.Sphere(
         place,
         3 / 16,
         moves[motion],
-        "reflect"
-        if contact == "printed"
-        else contact
-        if contact in ("reflect", "ray")
-        else "continuous",
-        offset,
+        "reflect" if contact == "printed" else contact,
+        "edge",
         restitution=0.0 if motion == "still" else 0.5,
         friction=0.25,
         as_printed=contact == "printed",

@@ -46,9 +46,7 @@ def test_a_new_scene_keeps_the_state_and_one_that_is_refused_changes_nothing(cru
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
 @pytest.mark.parametrize(
-    "ball",
-    [BALL, BALL.replace(response="continuous", offset="cell")],
-    ids=lambda ball: ball.response,
+    "ball", [BALL, BALL.replace(response="reflect")], ids=lambda ball: ball.response
 )
 def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(ball, crumpled, same_bits):
     """Scenes of equal features share a dispatch, and none of their numbers."""

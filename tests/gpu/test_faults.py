@@ -57,21 +57,6 @@ def test_an_unstable_run_has_the_error_of_the_core(same_bits):
     assert steppers[1].time == steppers[0].time
 
 
-def test_a_point_that_spheres_trap_has_the_error_of_the_core(trap):
-    scene, errors = trap(), []
-    scene = scene.replace(spheres=[sphere.replace(restitution=0.0) for sphere in scene.spheres])
-    for backend in ("cpu", "gpu"):
-        stepper = cs.Stepper(scene, t=0.0, precision="single", kernel="gather", backend=backend)
-        with pytest.raises(cs.ContactError) as raised:
-            stepper.advance(400, 1e-3)
-        errors.append(raised.value)
-    cpu, gpu = errors
-    assert 1 < gpu.step == cpu.step and (gpu.point, gpu.time) == (cpu.point, cpu.time) == (
-        (0, 0),
-        gpu.time,
-    )
-
-
 def test_a_state_that_is_not_finite_at_once_is_found():
     """No step is above the limit: only overflow makes it bad, in its first step."""
     scene = stiff()
@@ -158,27 +143,13 @@ def test_a_cloth_of_more_bytes_than_a_buffer_is_refused(device):
         Simulation([cs.Scene(cloth)], 0.0, "single")
 
 
-@pytest.mark.parametrize(
-    "sphere, shape, said",
-    [
-        (
-            cs.Sphere((0.2, -0.35, 0.2), 0.25, cs.Linear((-1.0, 1.5, -1.0))),
-            (20, 20),
-            "pinned mass point .* is inside a",
-        ),
-        (
-            cs.Sphere((0.5, -0.05, 0.5), 0.03, response="continuous"),
-            (9, 9),
-            "is larger than the sphere that it touches",
-        ),
-    ],
-)
-def test_it_warns_as_the_core_does(sphere, shape, said):
+def test_it_warns_as_the_core_does():
+    sphere = cs.Sphere((0.2, -0.35, 0.2), 0.25, cs.Linear((-1.0, 1.5, -1.0)))
     for backend in ("cpu", "gpu"):
         stepper = cs.Stepper(
-            cs.Scene(cs.Cloth(shape), sphere), t=0.0, precision="single", backend=backend
+            cs.Scene(cs.Cloth((20, 20)), sphere), t=0.0, precision="single", backend=backend
         )
-        with pytest.warns(cs.ContactWarning, match=said):
+        with pytest.warns(cs.ContactWarning, match="pinned mass point .* is inside a"):
             stepper.advance(500, 4e-4)
 
 

@@ -19,7 +19,8 @@ def test_double_is_refused():
 
 @pytest.mark.parametrize("response", ["reflect", "ray"])
 def test_a_response_errs_by_units_in_the_last_place(response):
-    """A cloud of free points in a sphere 18 radii from the origin, one step without forces.
+    """A cloud of free points that fly into a sphere 18 radii from the origin, in one step without
+    forces.
 
     Farther off the state would be kept relative to an origin of its own, by the sphere.
     """
@@ -38,9 +39,9 @@ def test_a_response_errs_by_units_in_the_last_place(response):
     scene = cs.Scene(cloth, ball, gravity=(0, 0, 0))
     direction = rng.normal(size=(*shape, 3))
     direction /= np.linalg.norm(direction, axis=-1)[..., None]
-    x = np.array(ball.center) + direction * rng.uniform(0.05, 0.24, shape)[..., None]
-    v = rng.normal(size=(*shape, 3))
-    dt = 1e-6
+    v, dt = rng.normal(size=(*shape, 3)), 0.5
+    end = ball.center_at(dt) + direction * rng.uniform(0.05, 0.24, shape)[..., None]
+    x = end - dt * v
     gpu, cpu = (
         cs.Stepper(scene, x, v, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu")
     )
@@ -55,29 +56,13 @@ def test_a_response_errs_by_units_in_the_last_place(response):
     assert np.abs(x_gpu - cpu.positions).max() < units * eps * ball.radius
     assert np.abs(v_gpu - cpu.velocities).max() < 60 * eps
     if response == "ray":
-        moved = np.abs(x_gpu - x).max(axis=-1) > 1e-3
-        distance = np.linalg.norm(x_gpu - ball.center_at(dt), axis=-1)[moved]
+        distance = np.linalg.norm(x_gpu - ball.center_at(dt), axis=-1)
+        outside = np.linalg.norm(x - ball.center, axis=-1) > ball.contact_radius(cloth)
+        # Those on their way out stay where they are.
+        moved = outside & (np.abs(x_gpu - end).max(axis=-1) > 1e-3)
         assert moved.sum() > 500
         # With friction a point travels on from the surface for the rest of the step.
-        assert (distance - ball.contact_radius(cloth)).min() > -4 * eps * ball.radius
-
-
-@pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
-@pytest.mark.parametrize("offset, friction", [("cell", 0.3), ("edge", 0.2), ("none", 0.0)])
-def test_continuous_contact_is_near_the_core_and_outside(offset, friction):
-    ball = cs.Sphere(
-        (0.5, -0.29, 0.5), 0.25, cs.Linear((0.1, 0.5, 0.0)), "continuous", offset, friction=friction
-    )
-    scene = cs.Scene(cs.Cloth((20, 20)), ball)
-    gpu, cpu = (cs.Stepper(scene, t=0.0, **SINGLE, backend=backend) for backend in ("gpu", "cpu"))
-    free = cs.Stepper(scene.replace(spheres=()), t=0.0)
-    for stepper in (gpu, cpu, free):
-        stepper.advance(400, 4e-4)
-    assert np.abs(free.positions - cpu.positions).max() > 1e-3
-    assert np.abs(gpu.positions - cpu.positions).max() < 5e-6
-    assert np.abs(gpu.velocities - cpu.velocities).max() < 1e-3
-    depths = cs.penetration(gpu.positions, ball, gpu.time)
-    assert depths["triangles" if offset == "cell" else "points"] == 0
+        assert (distance - ball.contact_radius(cloth))[moved].min() > -4 * eps * ball.radius
 
 
 def test_a_layer_has_the_bits_of_the_core(exact):

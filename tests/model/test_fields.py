@@ -67,8 +67,9 @@ def test_arguments_of_a_sphere_come_together(order):
         ("ray", 0.0, 0.25),
     ]
     ray = cs.Scene(cs.Cloth(), cs.Sphere(response="ray"))
-    cell = {"sphere_response": "continuous", "sphere_offset": "cell"}
-    assert change_scene(ray, dict(list(cell.items())[::order])).spheres[0].restitution == 0.0
+    layer = {"sphere_response": "penalty", "sphere_thickness": 0.01}
+    sphere = change_scene(ray, dict(list(layer.items())[::order])).spheres[0]
+    assert sphere.restitution is None and sphere.thickness == 0.01
 
 
 def test_every_argument_of_the_model_has_a_name():

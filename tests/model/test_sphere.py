@@ -48,11 +48,32 @@ def test_other_offsets():
         Sphere().contact_radius((32, 32))
 
 
-def test_an_offset_that_left_names_what_serves_instead():
-    with pytest.raises(
-        ValueError, match="got 'face'.*; use 'cell', and more mass points where a sphere is smaller"
-    ):
+def test_names_that_have_left_name_what_serves_instead():
+    with pytest.raises(ValueError, match=r"offset must be one of .*'cell'.* or a length .*'face'"):
         Sphere(offset="face")
+    for obstacle in (Sphere, cs.Plane):
+        with pytest.raises(ValueError, match="got 'continuous'.*'penalty' takes its place"):
+            obstacle(response="continuous")
+        with pytest.raises(TypeError, match="push_out_speed.*; response 'penalty' pushes out"):
+            obstacle(push_out_speed=0.5)
+
+
+@pytest.mark.parametrize("obstacle", [Sphere(), cs.Plane()])
+def test_files_with_names_that_have_left_name_what_serves_instead(obstacle, tmp_path):
+    scene = cs.Scene(Cloth((2, 2)), obstacle)
+    for name, value, match in (
+        ("response", "continuous", "got 'continuous'.*'penalty' takes its place"),
+        ("push_out_speed", 0.5, "unknown key 'push_out_speed'; response 'penalty' pushes out"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            type(obstacle).from_dict({**obstacle.to_dict(), name: value})
+        path = cs.save_scene(scene, tmp_path / "scene.toml")
+        lines = [line for line in path.read_text().splitlines() if not line.startswith(name)]
+        at = lines.index("[[spheres]]") + 1
+        lines.insert(at, f"{name} = {value!r}")
+        path.write_text("\n".join(lines))
+        with pytest.raises(ValueError, match=match):
+            cs.load_scene(path)
 
 
 def test_a_restitution_that_was_given_stays_and_a_default_follows_the_response():
@@ -63,9 +84,7 @@ def test_a_restitution_that_was_given_stays_and_a_default_follows_the_response()
         lambda s: Sphere.from_dict(s.to_dict()),
     ):
         for given, expected in ((None, 1.0), (0.0, 0.0)):
-            sphere = copied(cs.Sphere(response="continuous", restitution=given).replace(radius=0.1))
-            assert (
-                sphere.restitution == 0.0 and sphere.replace(response="ray").restitution == expected
-            )
-    assert cs.scenes.paper_static().spheres[0].replace(response="continuous").restitution == 1.0
+            sphere = copied(cs.Sphere(response="reflect", restitution=given).replace(radius=0.1))
+            assert sphere.restitution == sphere.replace(response="ray").restitution == expected
+    assert cs.scenes.paper_static().spheres[0].replace(response="reflect").restitution == 1.0
     assert cs.Sphere().restitution is None and cs.Sphere().replace(response="ray").restitution == 1

@@ -42,11 +42,7 @@ VALUES = [
     cs.Sphere(np.array([1, 2, 3]), np.float32(0.5), response="ray", offset=0.01, as_printed=True),
     cs.Sphere(motion=cs.Reciprocate((1, 0, 0)), response="reflect", offset="none"),
     cs.Sphere(
-        motion=cs.Keyframes([0, 1], np.eye(2, 3)),
-        response="continuous",
-        restitution=0.5,
-        friction=0.3,
-        push_out_speed=0.3,
+        motion=cs.Keyframes([0, 1], np.eye(2, 3)), response="reflect", restitution=0.5, friction=0.3
     ),
     cs.Sphere(thickness=0.01, stiffness=1e5, dissipation=0.0, friction=0.3, slip_speed=1e-3),
     cs.Plane(normal=(0.0, 2.0, 0.0), dissipation=1.0),

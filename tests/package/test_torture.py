@@ -43,7 +43,7 @@ def test_ctrl_c_at_any_moment_leaves_a_whole_step():
     for _ in range(3 * ROUNDS):
         shape = rng.choice([(9, 7), (64, 64), (120, 130)])
         ball = cs.Sphere(
-            (0.5, -0.26, 0.5), 0.25, None, "continuous", rng.choice(["none", "cell"]), 0.0, 0.3
+            (0.5, -0.26, 0.5), 0.25, response="ray", offset=rng.choice(["none", "cell"])
         )
         cloth = cs.Cloth(shape, mass=1.0, stiffness=10.0, damping=0.0, pins=())
         scene = cs.Scene(

@@ -11,7 +11,7 @@ import pytest
 
 FREE = cs.scenes.paper_swing()
 BALL = FREE.replace(spheres=cs.Sphere((0.5, -0.6, 0.5), 0.2, response="ray", offset="edge"))
-CELLS = FREE.replace(spheres=cs.Sphere((0.5, -0.6, 0.5), 0.2))
+LAYER = FREE.replace(spheres=cs.Sphere((0.5, -0.6, 0.5), 0.2))
 MOVING = FREE.replace(spheres=cs.Sphere((0.5, -0.6, 0.5), 0.2, cs.Linear((0.0, 0.1, 0.0))))
 
 
@@ -30,7 +30,7 @@ def calls(function):
 
 
 @pytest.mark.parametrize(
-    "scene", [FREE, BALL, CELLS, MOVING], ids=["free", "ray", "cell", "moving"]
+    "scene", [FREE, BALL, LAYER, MOVING], ids=["free", "ray", "layer", "moving"]
 )
 def test_a_warm_step(scene):
     x, v = scene.initial_position, scene.initial_velocity
@@ -40,7 +40,7 @@ def test_a_warm_step(scene):
 
 
 @pytest.mark.parametrize(
-    "scene", [FREE, BALL, CELLS, cs.scenes.hanging()], ids=["swing", "ray", "cell", "hanging"]
+    "scene", [FREE, BALL, LAYER, cs.scenes.hanging()], ids=["swing", "ray", "layer", "hanging"]
 )
 def test_a_run(scene):
     assert len(calls(lambda: cs.simulate(scene, 0.2, rtol=1e-6))) <= 400

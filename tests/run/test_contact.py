@@ -1,5 +1,6 @@
 """Runs in penalty contact: the error that is told, misuse, warnings and errors."""
 
+import pickle
 import warnings
 
 import clothsim as cs
@@ -203,3 +204,33 @@ def test_spheres_by_hand_have_the_speed_of_their_travel():
     run = cs.simulate(moving, 0.3, dt=1e-3)
     assert run.report["first_contact"]["time"] < 0.25
     assert abs(stepper.x - run.x[-1]).max() < 1e-12
+
+
+def test_the_error_of_a_point_that_passes_has_the_state_before_the_step(leak):
+    stepper = cs.Stepper(leak())
+    with pytest.raises(cs.ContactError, match=r"point \(0, 0\) has gone through") as caught:
+        stepper.advance(1000, 1e-3)
+    error = caught.value
+    assert error.point == (0, 0) and error.obstacle == 0 and error.member is None
+    assert "is held by a stiffness of" in error.remedy and str(error).endswith(error.remedy)
+    assert error.step == pytest.approx(error.time / 1e-3) and 0.2 < error.time < 0.3
+    assert np.array_equal(error.x, stepper.positions) and error.x[0, 0, 1] > -0.1
+    assert stepper.time == pytest.approx(error.time - 1e-3)
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
+def test_a_sphere_that_runs_into_a_pinned_point_warns_once_and_the_point_stays():
+    cloth = cs.Cloth((1, 2), stiffness=0.0, damping=0.0, pins=((0, 0), (0, 1)))
+    x = np.array([[(0.0, 0.0, 0.0), (90.0, 90.0, 90.0)]])
+    sphere = cs.Sphere((0, -1, 0), 0.5, cs.Linear((0, 1, 0)), thickness=0.01, stiffness=1.0)
+    stepper = cs.Stepper(cs.Scene(cloth, sphere, (0, 0, 0), x))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        stepper.advance(499, 1e-3)
+    with pytest.warns(cs.ContactWarning, match=r"pinned mass point \(0, 0\)") as seen:
+        stepper.advance(101, 1e-3)
+    assert len(seen) == 1 and seen[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        stepper.advance(100, 1e-3)
+    assert not stepper.positions[0, 0].any() and not stepper.velocities[0, 0].any()

@@ -141,14 +141,14 @@ def test_view_says_what_it_does_not_take_and_where_no_browser_is(monkeypatch, tm
 
 
 OTHERS = (
-    cs.Sphere((0.15, -0.2, 0.8), 0.1, response="continuous"),
-    cs.Plane((0.0, -0.3, 0.0), response="continuous"),
+    cs.Sphere((0.15, -0.2, 0.8), 0.1, response="reflect"),
+    cs.Plane((0.0, -0.3, 0.0), response="ray"),
 )
 
 
 @pytest.mark.parametrize(
     "response, offset, others",
-    [("ray", "cell", ()), ("continuous", "cell", OTHERS), ("continuous", "none", ())],
+    [("ray", "cell", ()), ("ray", "edge", OTHERS), ("reflect", "none", ())],
 )
 def test_contact_has_the_bits_of_the_adapter_without_float64_and_follows_the_core(
     live, same_bits, monkeypatch, response, offset, others
@@ -273,8 +273,8 @@ def test_controls_change_the_scene_and_the_file_has_it(live):
         page, "drag", page.tab.evaluate("() => Number(document.getElementById('drag').max) / 2")
     )
     set_slider(page, "restitution", 0.25)
-    page.tab.select_option("#method", label="continuous")
-    page.tab.select_option("#offset", label="edge")
+    page.tab.select_option("#method", label="1 (reflect)")
+    page.tab.select_option("#offset", label="none")
     page.tab.evaluate("() => { window.live.live.moved[0] = { by: [0.1, 0, 0], to: [0.1, 0, 0] }; }")
     idle(page)
     with page.tab.expect_download() as download:
@@ -294,10 +294,8 @@ def test_controls_change_the_scene_and_the_file_has_it(live):
         == pytest.approx(200, rel=0.1)
         == 2 * cloth.family_damping["shear"]
     )
-    assert (sphere.response, sphere.offset) == (
-        "continuous",
-        "edge",
-    ) and sphere.restitution == pytest.approx(0.25, abs=0.1)
+    assert (sphere.response, sphere.offset) == ("reflect", "none")
+    assert sphere.restitution == pytest.approx(0.25, abs=0.1)
     assert sphere.friction == 0.1 and sphere.motion.centers[1].tolist() == [0.6, -0.2, 0.5]
     assert page.said == [] and page.tab.is_hidden("#problem")
     page.tab.click("#reset")
@@ -330,7 +328,7 @@ MOVED = cs.Keyframes([0.0, 1.0], [(0.0, -0.6, 0.0), (0.0, -0.5, 0.0)])
             cs.Plane((0, -1, 0), motion=cs.Linear((0, 1, 0))),
         ],
         [
-            cs.Plane((0.0, -0.6, 0.0), response="continuous", restitution=0.5),
+            cs.Plane((0.0, -0.6, 0.0), response="reflect", restitution=0.5),
             ball(),
             ball(center=(3, 0, 0), offset=0.01),
         ],
@@ -372,7 +370,7 @@ def test_a_method_has_the_restitution_of_python(live):
     page = live(scene)
     pause(page)
     page.tab.click("#live summary")
-    methods = ("ray", "2 (ray)"), ("continuous", "continuous"), ("penalty", "penalty")
+    methods = ("ray", "2 (ray)"), ("reflect", "1 (reflect)"), ("penalty", "penalty")
     for response, name in (*methods, methods[0]):
         changed = scene.replace(spheres=scene.spheres[0].replace(response=response))
         page.tab.select_option("#method", label=name)
@@ -409,7 +407,7 @@ def test_a_restitution_and_a_layer_are_saved_where_their_response_is(live):
     plane, sphere = saved(page).spheres
     assert sphere.thickness == pytest.approx(plane.thickness, rel=0.1)
     assert sphere.restitution is None
-    page.tab.select_option("#method", label="continuous")
+    page.tab.select_option("#method", label="2 (ray)")
     idle(page)
     plane, sphere = saved(page).spheres
     assert plane.restitution == sphere.restitution == pytest.approx(0.25, abs=0.01)
@@ -445,7 +443,7 @@ def test_free_cloth_has_the_bits_of_the_gather_kernel_with_the_coefficients_of_t
 
 
 def test_the_recording_is_a_page_of_its_own(live, opened, tmp_path):
-    page = live(draped(response="continuous", offset="none"))
+    page = live(draped(offset="none"))
     page.tab.wait_for_function("() => window.live.live.t.length > 8")
     pause(page)
     idle(page)
@@ -493,10 +491,10 @@ def test_the_list_of_methods_has_those_of_python(live):
     page = live(draped(**options))
     pause(page)
     names = page.tab.locator("#method option").all_inner_texts()
-    classic = ["1 (reflect)", "1, as printed", "2 (ray)", "2, as printed", "continuous"]
-    assert names == ["penalty", *classic]
-    expected, responses = [], ("reflect", "reflect", "ray", "ray", "continuous")
-    for name, response, printed in zip(classic, responses, (0, 1, 0, 1, 0), strict=True):
+    paper = ["1 (reflect)", "1, as printed", "2 (ray)", "2, as printed"]
+    assert names == ["penalty", *paper]
+    expected, responses = [], ("reflect", "reflect", "ray", "ray")
+    for name, response, printed in zip(paper, responses, (0, 1, 0, 1), strict=True):
         page.tab.select_option("#method", label=name)
         idle(page)
         (planes, _), _ = after(page, 250)
@@ -607,9 +605,8 @@ def place(page, point):
     return page.tab.evaluate(script, list(point))
 
 
-@pytest.mark.parametrize("response", ["continuous", "penalty"])
-def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live, response):
-    page = live(draped(response=response, offset="cell"))
+def test_a_mouse_drags_spheres_and_pins_and_turns_and_zooms(live):
+    page = live(draped(response="penalty", offset="cell"))
     mouse = page.tab.mouse
     page.tab.hover("#canvas-0")  # the view no longer follows the cloth
     for place_now, point in (
@@ -716,8 +713,9 @@ def red_pixels(page, draw):
 
 @pytest.mark.parametrize("obstacle", ["cell", "none", "plane"])
 def test_red_is_shown_where_cloth_is_inside_and_nowhere_else(live, opened, tmp_path, obstacle):
-    plane = cs.Scene(cs.Cloth((16, 16), pins=()), cs.Plane((0, -0.1, 0), response="continuous"))
-    scene = plane if obstacle == "plane" else draped(response="continuous", offset=obstacle)
+    plane = cs.Scene(cs.Cloth((16, 16), pins=()), cs.Plane((0, -0.1, 0)))
+    response = "ray" if obstacle == "none" else "penalty"
+    scene = plane if obstacle == "plane" else draped(response=response, offset=obstacle)
     page = live(scene)
     pause(page)
     _, out = after(page, 500)

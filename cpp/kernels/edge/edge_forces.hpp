@@ -1,8 +1,7 @@
 // The edge kernel: forces on the mass points of a row beside those of its springs.
 //
 // They are added to the forces on the pending row, whose stage is finished later: masses, pins and
-// every stage follow by themselves. A force on points reads the row alone. A force on cells would
-// read the row below too, and hand its part of that row on in `received`, as a spring does.
+// every stage follow by themselves.
 #pragma once
 
 #include "forces/penalty_lanes.hpp"

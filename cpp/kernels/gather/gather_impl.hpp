@@ -126,13 +126,19 @@ CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t
     });
 }
 
+template <bool flat, class V>
+CLOTHSIM_INLINE Vector3<V> push_of(const PenaltyPlace<V>& at, V depth, const Vector3<V>& v,
+                                   const PenaltyLanes<V>& constants, bool rough) {
+    return rough ? penalty_force<flat, true>(at, depth, v, constants)
+                 : penalty_force<flat, false>(at, depth, v, constants);
+}
+
 // Adds the forces of the obstacles on a vector of points. Sums go from point to point, so that they
 // are the same for any number of lanes.
 template <class V, class Real>
 __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int row, int column,
                                             const Real* free, const Vector3<V>& x,
                                             const Vector3<V>& v, Vector3<V>& force) {
-    constexpr Arithmetic strict = Arithmetic::strict;
     constexpr int W = int(V::size), lanes = group_size;
     const V zero(Real(0));
     for (int i = 0; i < g.contacts.count; ++i) {
@@ -144,17 +150,14 @@ __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int 
             if (xsimd::none(V(p.side) * along < V(p.bound))) continue;
         }
         const PenaltyLanes<V> constants(p);
-        const bool flat = p.curvature == 0, rough = p.friction > 0;
-        const PenaltyPlace<V> at = flat ? penalty_place<strict, true>(x, constants)
-                                        : penalty_place<strict, false>(x, constants);
+        const bool flat = p.curvature == 0;
+        const PenaltyPlace<V> at =
+            flat ? penalty_place<true>(x, constants) : penalty_place<false>(x, constants);
         const V depth =
             xsimd::select(V::load_unaligned(free) != zero, xsimd::max(at.depth, zero), zero);
         if (xsimd::none(depth > zero)) continue;
-        const Vector3<V> f = flat
-            ? (rough ? penalty_force<strict, true, true>(at, depth, v, constants)
-                     : penalty_force<strict, true, false>(at, depth, v, constants))
-            : (rough ? penalty_force<strict, false, true>(at, depth, v, constants)
-                     : penalty_force<strict, false, false>(at, depth, v, constants));
+        const Vector3<V> f = flat ? push_of<true>(at, depth, v, constants, p.friction > 0)
+                                  : push_of<false>(at, depth, v, constants, p.friction > 0);
         force = force + f;
         double* const sums = block + column % group_size;
         alignas(64) Real values[4][W];

@@ -23,7 +23,7 @@ from ..engine.stepper import Stepper
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene, stops_of
-from ..model.sphere import continuous, kind_name
+from ..model.sphere import kind_name
 from ..run.trajectory import PAUSE, Frames
 from ..typing import Force
 
@@ -190,13 +190,11 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
     # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
     stops = sorted({*times, *stops_of(free, 0.0, times[-1])})
     frames = np.searchsorted(stops, times)
-    # A continuous sphere misses no contact between two states, and does nothing without one.
-    # Without such spheres the extrapolation comes first: it finds out whether forces are smooth.
-    swept = [s if s.response == "penalty" else continuous(s) for s in scene.spheres]
-    hard = len(layers) < len(swept)
+    # Where spheres respond after a step, the method of the kernels tells whether they do. Without
+    # such spheres the extrapolation comes first: it finds out whether forces are smooth.
     double = None
-    if hard:
-        double = solve_in_double(scene.replace(spheres=swept), stops, threads, force)
+    if len(layers) < len(scene.spheres):
+        double = solve_in_double(scene, stops, threads, force)
     if double and double.ended.contact:
         raise ValueError(
             f"duration must end before a {kind_name(scene.spheres)} responds after a step, at "

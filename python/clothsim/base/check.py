@@ -48,6 +48,7 @@ _INSTEAD = {
     "wind": "; Scene(wind=cs.Wind(velocity)) has moving air",
     "air": "; Scene(wind=cs.Wind()) has air at rest, and Cloth(drag=...) slows points down",
     "floor": "; a floor is a cs.Plane among the spheres",
+    "push_out_speed": "; response 'penalty' pushes out what starts inside, slowed by dissipation",
 }
 
 
@@ -201,9 +202,8 @@ def keys(
     if not isinstance(value, Mapping):
         _refuse(TypeError, name, f"a mapping with the keys {accepted}", value)
     for key in (one for one in value if one not in known):
-        raise ValueError(
-            f"{name} has the unknown key {key!r}{nearest(key, known)}; accepted: {accepted}"
-        )
+        hint = _INSTEAD.get(key) or nearest(key, known)
+        raise ValueError(f"{name} has the unknown key {key!r}{hint}; accepted: {accepted}")
     for key in (one for one in required if one not in value):
         raise ValueError(f"{name} lacks the key {key!r}; needed: {', '.join(map(repr, required))}")
     return dict(value)

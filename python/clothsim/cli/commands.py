@@ -151,7 +151,7 @@ def _add_scene(command: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="change the scene by a name of clothsim.sweepable(), such as stiffness=2e4, "
         "shape=(64,64), "
-        "sphere_response=continuous; may be given several times",
+        "sphere_response=reflect; may be given several times",
     )
 
 

@@ -45,8 +45,6 @@ def _text(value: Any) -> str:
 def _radius_text(sphere: Sphere | Plane, cloth: Cloth) -> str:
     if isinstance(sphere, Plane):
         return "a plane"
-    if sphere.in_cells:
-        return f"contact radius by cells, {sphere.contact_radius(cloth):.6g} m at rest"
     return f"contact radius {sphere.contact_radius(cloth):.6g} m"
 
 

@@ -146,6 +146,7 @@ def start_time(t: Any, scenes: Sequence[Scene]) -> float:
             if sphere.motion is not None
         ]
         moving += [("pin", f"pins[{pin}]") for pin in scene.cloth.driven]
+        moving += [("wind", "wind")] if scene.wind and scene.wind.motion else []
         if moving:
             raise ValueError(
                 f"t must be given where a {moving[0][0]} moves, and {moving[0][1]} has a motion: "
@@ -405,6 +406,7 @@ class State:
             self._moves |= self._driven or any(
                 sphere.motion is not None for sphere in scene.spheres
             )
+            self._moves |= scene.wind is not None and scene.wind.motion is not None
 
     def step(
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any

@@ -104,9 +104,9 @@ class Stepper:
             and elastic energy (docs/stability.md); or, with a step above `max_stable_dt`, if a
             point crosses the whole sheet within a step.
         ContactError
-            If spheres trap a mass point. After either error all members have the state before that
-            step, with the bits that they have when run alone. After `freeze` of the failed member,
-            the others can continue.
+            If a mass point goes through a layer. After either error all members have the state
+            before that step, with the bits that they have when run alone. After `freeze` of the
+            failed member, the others can continue.
         KeyboardInterrupt
             On Ctrl-C. The stepper is then at the end of a step, at the time `time`.
 
@@ -331,7 +331,7 @@ class Stepper:
         """Impulse on each sphere since the stepper was made [N s], shape (spheres, 3).
 
         It is the momentum that responses of the sphere took from the cloth, summed over the steps.
-        Moves of points without velocity, such as `push_out_speed`, give none. Pinned points take no
+        Moves of points without velocity, as those of "ray", give none. Pinned points take no
         momentum.
 
         A batch has one row per member, shape (B, spheres, 3), NaN where a member has fewer spheres.

@@ -122,8 +122,8 @@ def step(
 ) -> tuple[FloatArray, FloatArray]:
     """Advance positions and velocities by `steps` time steps of `dt`.
 
-    One collision pass per sphere follows each step of the integrator. Velocities given for pinned
-    points are taken as 0.
+    The paper's responses follow each step of the integrator. Velocities given for pinned points are
+    taken as 0.
 
     Parameters
     ----------
@@ -172,8 +172,8 @@ def step(
     Raises
     ------
     UnstableError, ContactError
-        If the state stops being finite or runs away, or spheres trap a mass point. After any error,
-        and after Ctrl-C, which acts between two steps, nothing is written to `out`.
+        If the state stops being finite or runs away, or a mass point goes through a layer. After
+        any error, and after Ctrl-C, which acts between two steps, nothing is written to `out`.
 
     Warns
     -----
@@ -182,8 +182,7 @@ def step(
     OrderWarning
         If the method loses its order with the damping of this scene.
     ContactWarning
-        If a continuous sphere starts on the cloth, runs into a pinned point, or is smaller than a
-        cell that it touches.
+        If a point or a pin is below the true surface of an obstacle.
 
     Examples
     --------
@@ -264,10 +263,7 @@ def reference_step(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Step by the scalar reference: spring by spring, in double, not optimised.
 
-    The code (cpp/reference) follows the paper's equations. A step in which a continuous sphere
-    touches a point is taken in 64 substeps, with impacts found by bisection in time. In such a step
-    the velocities of `step` differ by order a dt, and the positions by order a dt^2, where a is the
-    largest acceleration.
+    The code (cpp/reference) follows the paper's equations and shares none with the kernels.
 
     Parameters
     ----------
@@ -286,12 +282,6 @@ def reference_step(
     x, v : numpy.ndarray
         The new state, float64. May be non-finite: nothing is checked here.
 
-    Raises
-    ------
-    ValueError
-        If a continuous sphere has ``offset="cell"``: the reference keeps mass points out of
-        spheres, not faces.
-
     Examples
     --------
     >>> scene = cs.scenes.paper_static()
@@ -302,13 +292,6 @@ def reference_step(
     True
     """
     check.instance("scene", scene, Scene)
-    for k, sphere in enumerate(scene.spheres):
-        if sphere.in_cells:
-            raise ValueError(
-                f"offset of spheres[{k}] is {sphere.offset!r}, and the reference keeps mass "
-                "points out of spheres alone; accepted: 'edge', 'none' or a length [m]; compare "
-                "`step` with itself at a shorter time step instead"
-            )
     t = start_time(t, [scene])
     x, v = state_arrays(x, v, [scene], False)
     if x.ndim != 3:

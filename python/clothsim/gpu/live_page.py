@@ -61,7 +61,6 @@ METHODS = (
     ("1, as printed", "reflect", True),
     ("2 (ray)", "ray", False),
     ("2, as printed", "ray", True),
-    ("continuous", "continuous", False),
 )
 HEIGHT = 700  # pixels of the page in a notebook
 # Arguments of spheres and planes that the page's controls change.
@@ -218,8 +217,6 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
 
     names, methods = [], []
     for name, response, as_printed in METHODS:
-        if response == "continuous" and not scene.spheres:
-            continue
         if response == "penalty" and not (scene.spheres and layered):
             continue
         names.append(name)
@@ -227,15 +224,13 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
             method(
                 [
                     SphereFeatures(
-                        response,
-                        as_printed and "as_printed" in obstacle.__match_args__,
-                        response != "continuous",
+                        response, as_printed and "as_printed" in obstacle.__match_args__, rough=True
                     )
                     for obstacle in scene.spheres
                 ]
             )
         )
-    own = method([s._replace(rough=s.response != "continuous") for s in features.spheres])
+    own = method([s._replace(rough=True) for s in features.spheres])
     if own not in methods:  # spheres of different methods
         names.append("as in the scene")
         methods.append(own)
@@ -254,7 +249,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "shape": list(cloth.shape),
         "size": list(cloth.size),
         "offsets": {
-            name: {"side": side, "cells": name == "cell", "offset": 0}
+            name: {"side": side, "diagonal": name == "cell", "offset": 0}
             for name, side in {"none": 0, **lengths_of_offsets(cloth)}.items()
         },
         "group": GROUP[0],
@@ -289,7 +284,6 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "firstSpring": FIRST_SPRING,
         "firstWeight": FIRST_WEIGHT,
         "contactSize": CONTACT_SIZE,
-        "contact": _core.contact_constants,
         "epsilon": eps,
         "largestFloat": float(np.finfo(np.float32).max),
         "constants": features.constants(),
@@ -325,13 +319,11 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
         "center": list(sphere.center),
         "radius": sphere.radius if math.isfinite(sphere.radius) else None,  # None: a plane
         "normal": list(core.normal),
-        "spread": core.spread,
         # None: that of the response.
         "restitution": sphere.to_dict().get("restitution"),
         "friction": sphere.friction,
         "side": side,
-        "cells": sphere.offset == "cell",
-        "push": sphere.push_out_speed,
+        "diagonal": sphere.offset == "cell",  # at most the diameter
         "offset": 0.0 if side else sphere.offset_length(scene.cloth),
         "named": sphere.offset,
         "centers": sphere.motion.to_dict().get("centers") if sphere.motion else None,

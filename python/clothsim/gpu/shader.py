@@ -23,6 +23,10 @@ from .device import Device
 FIRST_SPRING = 5
 FIRST_WEIGHT = FIRST_SPRING + 3 * len(_core.spring_kinds)
 CONTACT_SIZE = 28
+# What the shader notes of each member, in the order of `results` (layout.wgsl): the first mass
+# point that is not finite or too fast, the first pinned one in an obstacle, the first through a
+# layer (counted over obstacle after obstacle), and the steps before the first contact with a layer.
+FINDINGS = ("bad", "pinned_inside", "passed", "first_contact")
 
 
 def springs(neighbours: Sequence[tuple[int, int, str, int]] = _core.neighbours) -> str:
@@ -81,7 +85,6 @@ class Features:
     mass_per_point: bool
     pinned: bool
     moving: bool
-    cells: bool
     spheres: tuple[SphereFeatures, ...]
 
     @classmethod
@@ -94,11 +97,8 @@ class Features:
             mass_per_point=not cloth.uniform_mass,
             pinned=bool(cloth.pinned.any()),
             moving=any(sphere.motion is not None for sphere in scene.spheres),
-            cells=any(one.in_cells for one in scene.spheres),
             spheres=tuple(
-                SphereFeatures(
-                    s.response, s.as_printed, s.response in ("reflect", "ray") and s.friction > 0
-                )
+                SphereFeatures(s.response, s.as_printed, s.response != "penalty" and s.friction > 0)
                 for s in scene.spheres
             ),
         )
@@ -106,12 +106,12 @@ class Features:
     def constants(self) -> dict[str, float]:
         """Values of the shader's override constants."""
         switches = {family: float(family in self.families) for family in FAMILIES}
-        names = ("spring_damping", "drag", "mass_per_point", "pinned", "moving", "cells")
+        names = ("spring_damping", "drag", "mass_per_point", "pinned", "moving")
         return switches | {name: float(getattr(self, name)) for name in names}
 
     def contacts(self) -> str:
-        """WGSL of the forces of penalty obstacles, in their order, and of the collision pass: the
-        classic responses of spheres in their order, then the continuous ones.
+        """WGSL of the forces of penalty obstacles and of the responses after a step, both in the
+        order of the obstacles.
         """
         lines = [
             "fn pushed(force: vec3<real>, x: vec3<real>, v: vec3<real>, id: vec3<u32>) "
@@ -124,32 +124,15 @@ class Features:
             if s.response == "penalty"
         ]
         lines += ["    return result;", "}"]
-        continuous = [k for k, s in enumerate(self.spheres) if s.response == "continuous"]
-        if continuous:
-            is_one = " || ".join(f"k == {k}u" for k in continuous)
-            lines += [
-                f"const spheres = {len(self.spheres)}u;",
-                f"const first_continuous = {continuous[0]}u;",
-                f"fn is_continuous(k: u32) -> bool {{ return {is_one}; }}",
-                shader_text("continuous"),
-            ]
-        lines += [
-            "fn after_contacts(body: Body, before: Body, id: vec3<u32>) -> Body {",
-            "    var result = body;",
-        ]
-        lines.append("    if (!is_pinned(id)) {")
+        lines += ["fn respond_all(body: Body, id: vec3<u32>) -> Body {", "    var result = body;"]
         for k, s in enumerate(self.spheres):
-            if s.response in ("reflect", "ray"):
+            if s.response != "penalty":
                 flags = ", ".join(
                     str(flag).lower() for flag in (s.response == "ray", s.as_printed, s.rough)
                 )
                 lines.append(
-                    f"        result = respond(result, contact_of(id.z, {k}u, 0u), id.z, {flags});"
+                    f"    result = respond(result, contact_of(id.z, {k}u), id.z, {flags});"
                 )
-        lines += [
-            "    }",
-            *["    result = respond_continuously(result, before, id);"] * bool(continuous),
-        ]
         return "\n".join([*lines, "    return result;", "}"])
 
 
@@ -203,12 +186,12 @@ def source(features: Features, precision: str, float64: bool) -> str:
         "fn keep_all(a: vec3<real>) -> vec3<real> "
         "{ return vec3<real>(keep(a.x), keep(a.y), keep(a.z)); }"
     )
-    sizes = 2.0 ** (23 if precision == "single" else 52) / _core.contact_constants["tolerance"]
-    lines.append(f"const size_of_tolerance = wide({sizes});")
     shared = {
         "first_spring": FIRST_SPRING,
         "first_weight": FIRST_WEIGHT,
         "contact_size": CONTACT_SIZE,
+        **{name: k for k, name in enumerate(FINDINGS)},
+        "findings": len(FINDINGS),
     }
     lines += [
         f"const {name} = {value}u;"
@@ -219,9 +202,7 @@ def source(features: Features, precision: str, float64: bool) -> str:
 
 
 class Pipelines:
-    """Compiled pipelines for given features: the four stages of a step, the rounds of `raise`, and
-    the check.
-    """
+    """Compiled pipelines for given features: the four stages of a step, and the check."""
 
     def __init__(self, device: Device, features: Features, precision: str) -> None:
         handle = device.handle
@@ -241,10 +222,6 @@ class Pipelines:
 
         constants = features.constants()
         self.stages = [pipeline("advance", {**constants, "stage": k}) for k in (1, 2, 3, 4)]
-        # From b to a, from a to b, and the last, from b to the state.
-        self.rounds = [
-            pipeline("raise", {**constants, "stage": k}) for k in (5, 6, 7) if features.cells
-        ]
         self.check = pipeline("check", constants)
 
 

@@ -24,24 +24,24 @@ from ..model.mesh import GROUP
 from ..model.scene import Scene
 from . import device as devices
 from .device import Device, translated
-from .shader import CONTACT_SIZE, FIRST_WEIGHT, Features, check_scenes, pipelines, scene_parameters
+from .shader import (
+    CONTACT_SIZE,
+    FINDINGS,
+    FIRST_WEIGHT,
+    Features,
+    check_scenes,
+    pipelines,
+    scene_parameters,
+)
 
 NONE = 0xFFFFFFFF
 # Steps between two checks of the state, at most. The exact step of a failure is then found by
 # repeating steps.
 MOST_STEPS_UNCHECKED = 96
-# Rounds of `raise` a step, at most; each leaves at most 0.71 of the last move
-# (cpp/contact/contact_pass.hpp).
-MOST_ROUNDS = 127
-# Runs after which a step gets fewer rounds. Half tries again more often, twice keeps rounds that
-# nothing needs for longer.
-RUNS_WITH_EQUAL_ROUNDS = 16
 # Steps a submission: the adapter works on one while the host records the next.
 STEPS_PER_SUBMISSION = 32
 # The state is inspected after as many steps as this takes [s], or fewer.
 SECONDS_BETWEEN_CHECKS = 0.02
-# Findings of the adapter, in the order of layout.wgsl.
-FINDINGS = ("bad", "pinned_inside", "large_cell", "trapped", "passed", "contact")
 # Depth below a true surface up to which nobody is warned, as in the core [m].
 NEGLIGIBLE_DEPTH = 1e-9
 NOT_WATCHED = {"points": 0.0, "triangles": 0.0, "first_contact": math.inf}
@@ -312,11 +312,11 @@ class Simulation:
         nan = math.nan
         found = []
         for scene, count, extremes in zip(self._scenes, self.contacts, self._extremes, strict=True):
-            responded = count > 0 or any(s.response == "continuous" for s in scene.spheres)
+            responded = count > 0
             first = extremes["first_contact"]
             found.append(
                 {
-                    **dict.fromkeys(("stretch", "energy_gained", "lift_work"), nan),
+                    **dict.fromkeys(("stretch", "energy_gained"), nan),
                     "point_depth": extremes["points"],
                     "triangle_depth": extremes["triangles"],
                     "first_contact": nan if responded or first == math.inf else first,
@@ -450,7 +450,6 @@ class Block:
         self.points = rows * columns
         self.groups = math.ceil(columns / GROUP[0]), math.ceil(rows / GROUP[1]), len(members)
         self.ahead = False  # of the checkpoint
-        self._rounds, self._runs, self._settled = 1, 0, True
         self._make_buffers(rows, columns, len(members))
 
     def _make_buffers(self, rows: int, columns: int, members: int) -> None:
@@ -481,7 +480,7 @@ class Block:
         self.contact_table = create(
             (tables * per_step or 1) * np.dtype(self.wide).itemsize, "STORAGE", "COPY_DST"
         )
-        self._results = np.zeros(2 + (1 + len(FINDINGS)) * members, np.uint32)
+        self._results = np.zeros(1 + (1 + len(FINDINGS)) * members, np.uint32)
         self._results[1 : 1 + len(FINDINGS) * members] = NONE
         self.results = create(self._results.nbytes, *both)
         self.constants = create(96, "UNIFORM", "COPY_DST")
@@ -561,23 +560,12 @@ class Block:
     def run(self, times: Sequence[float]) -> dict[str, Any] | None:
         """Save a checkpoint and take the steps between `times`. `take_back` undoes them.
 
-        Return member of the batch and mass point of the first bad state, whether the point is
-        trapped, and the obstacle through whose layer it has gone, or -1; or None.
+        Return member of the batch and mass point of the first bad state, and the obstacle through
+        whose layer it has gone, or -1; or None.
         """
         if self.features.moving:
             self._write_contacts(times)
-        bad, self._runs = self._run(len(times) - 1), self._runs + 1
-        while not self._settled and self._rounds < MOST_ROUNDS:
-            self.take_back()
-            self._rounds, self._runs = 2 * self._rounds + 1, 0
-            bad = self._run(len(times) - 1)
-        if self._runs == RUNS_WITH_EQUAL_ROUNDS:
-            self._rounds, self._runs = max(1, self._rounds // 2), 0
-        return bad
-
-    def _run(self, steps: int) -> dict[str, Any] | None:
-        handle, rounds = self.device.handle, self.pipelines.rounds
-        step = [*self.pipelines.stages, *rounds[:2] * (self._rounds // 2), *rounds[2:]]
+        handle, steps = self.device.handle, len(times) - 1
         self._write(self.results, self._results)
         encoder = handle.create_command_encoder()
         for buffer, copy in zip(self.kept, self.checkpoint, strict=True):
@@ -589,7 +577,7 @@ class Block:
             )
             work = encoder.begin_compute_pass()
             work.set_bind_group(0, self.bindings)
-            for stage in [*step * count, *[self.pipelines.check] * last]:
+            for stage in [*self.pipelines.stages * count, *[self.pipelines.check] * last]:
                 work.set_pipeline(stage)
                 work.dispatch_workgroups(*self.groups)
             work.end()
@@ -608,24 +596,21 @@ class Block:
             np.frombuffer(self.readback.read_mapped(), np.uint32)[: len(self._results)]
         )
         self.readback.unmap()
-        self._settled = not results[-1]
-        *found, self.contacts = results[1:-1].reshape(1 + len(FINDINGS), -1)  # layout.wgsl
-        self.first = found[FINDINGS.index("contact")]
+        *found, self.contacts = results[1:].reshape(1 + len(FINDINGS), -1)  # layout.wgsl
+        self.first = found[FINDINGS.index("first_contact")]
         firsts = {
             name: (self.members[k], int(values[k]))
             for name, values in zip(FINDINGS, found, strict=True)
             for k in np.flatnonzero(values != NONE)[:1]
         }
-        names = "pinned_inside", "large_cell"
-        self.found = {name: firsts[name] for name in names if name in firsts}
-        for name in ("bad", "trapped", "passed"):
+        self.found = {k: firsts[k] for k in ("pinned_inside",) if k in firsts}
+        for name in ("bad", "passed"):
             if name in firsts:
                 member, value = firsts[name]
                 obstacle, point = divmod(value, self.points)
                 return {
                     "member": member,
                     "point": point,
-                    "trapped": name == "trapped",
                     "obstacle": obstacle if name == "passed" else -1,
                 }
         return None

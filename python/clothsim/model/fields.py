@@ -41,7 +41,7 @@ _UNITS = {
         ),
         "s": ("period", "times", "dt", "duration"),
         "Hz": ("frequency",),
-        "m/s": ("velocity", "push_out_speed", "slip_speed"),
+        "m/s": ("velocity", "slip_speed"),
         "1": (
             "direction",
             "normal",
@@ -71,7 +71,7 @@ def _arguments(cls: type) -> tuple[str, ...]:
 
 
 _CLOTH = _arguments(Cloth)
-_SPHERE_ALONE = ("radius", "offset", "as_printed", "push_out_speed")  # what no plane has
+_SPHERE_ALONE = ("radius", "offset", "as_printed")  # what no plane has
 _SPHERE = _arguments(Sphere)
 _PLANE = _arguments(Plane)
 _SCENE = tuple(name for name in _arguments(Scene) if name not in ("cloth", "spheres"))

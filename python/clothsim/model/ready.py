@@ -31,7 +31,7 @@ def paper_static(
 
     Parameters
     ----------
-    response : {"ray", "reflect", "penalty", "continuous"}, default "ray"
+    response : {"ray", "reflect", "penalty"}, default "ray"
         "ray" is the paper's method 2, "reflect" its method 1. The restitution is 1 for each but
         "penalty", which has none.
     bend : bool, default False

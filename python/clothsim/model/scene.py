@@ -338,8 +338,7 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
     """The sphere or plane in the form of the core, without offset if no scene is given.
 
     The core measures points from the top of a sphere, against gravity, or from the `point` of a
-    plane. Points are assumed to get at most four sizes of the cloth farther from there than they
-    start.
+    plane.
     """
     up = (
         np.array((0.0, 1.0, 0.0))
@@ -349,7 +348,7 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
     if isinstance(sphere, Plane):
         up = sphere.unit_normal
     normal = up / np.linalg.norm(up)
-    offset, spread = 0.0, 1.0
+    offset = 0.0
     layer: dict[str, float] = {}
     if scene is not None:
         if sphere.response == "penalty":
@@ -357,11 +356,7 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
             layer = {**sphere.layer(scene.cloth), "speed": speed}
             if not isinstance(sphere, Plane):
                 normal = _towards(scene.initial_position, sphere, normal)
-        offset = 0.0 if sphere.in_cells else sphere.offset_length(scene.cloth)
-        place = sphere.center_at(0.0) + (0 if isinstance(sphere, Plane) else sphere.radius * normal)
-        spread = 4 * float(np.hypot(*scene.cloth.size)) + float(
-            np.abs(scene.initial_position - place).max()
-        )
+        offset = sphere.offset_length(scene.cloth)
     return _core.Sphere(
         center=sphere.center,
         radius=sphere.radius,
@@ -371,10 +366,7 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
         restitution=sphere.restitution or 0.0,
         friction=sphere.friction,
         motion=sphere.motion.core if sphere.motion else _core.Motion(),
-        cells=sphere.in_cells,
-        push_out_speed=sphere.push_out_speed,
         normal=normal,
-        spread=spread,
         **layer,
     )
 

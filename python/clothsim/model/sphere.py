@@ -19,7 +19,6 @@ from .record import Record
 
 Self = TypeVar("Self", bound="Obstacle")
 RESPONSES: tuple[Response, ...] = get_args(Response)
-_RESTITUTION = {"continuous": 0.0, "ray": 1.0, "reflect": 1.0}  # where none is given
 LAYER = ("thickness", "stiffness", "dissipation", "slip_speed")
 # The defaults of the layer, found on cloths that fall on a sphere (docs/contact.md).
 _THICKNESS = 0.25  # of the smallest structural rest length
@@ -54,6 +53,11 @@ class Obstacle(Record):
     def _set_response(
         self, motion: Any, response: Any, restitution: Any, friction: Any, **layer: Any
     ) -> None:
+        if isinstance(response, str) and response == "continuous":
+            raise ValueError(
+                "response must be one of 'penalty', 'reflect', 'ray', got 'continuous', which has "
+                "left: 'penalty' takes its place"
+            )
         check.choice("response", response, RESPONSES)
         penalty = response == "penalty"
         if penalty and restitution is not None:
@@ -74,7 +78,7 @@ class Obstacle(Record):
         if has_own:
             restitution = check.number("restitution", restitution, minimum=0, maximum=1)
         else:
-            restitution = _RESTITUTION.get(response)
+            restitution = None if penalty else 1.0
         self._set(
             motion=checked_motion("motion", motion),
             response=response,
@@ -87,11 +91,6 @@ class Obstacle(Record):
     def _values(self) -> dict[str, Any]:
         values = super()._values()
         return values if self._has_own_restitution else {**values, "restitution": None}
-
-    @property
-    def in_cells(self) -> bool:
-        """Whether the contact radius of each mass point follows from its deformed cells."""
-        return self.offset == "cell" and self.response == "continuous"
 
     @classmethod
     def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
@@ -260,8 +259,7 @@ class Sphere(Obstacle):
     thickness h, n the normal, u the velocity relative to the sphere and s its part across n, the
     push is F = k d^3 / h^2 (1 - w / sqrt(1 + w^2)), w = c u.n, and the friction is
     -mu F s / sqrt(s.s + v_s^2) (docs/contact.md). "reflect" and "ray" test the end of a step; fast
-    points pass between two steps, and the responses can make energy. "continuous" finds the time of
-    impact within the step.
+    points pass between two steps, and the responses can make energy.
 
     Parameters
     ----------
@@ -273,15 +271,14 @@ class Sphere(Obstacle):
         True radius [m], > 0.
     motion : Linear, Reciprocate, Sinusoid or Keyframes, optional
         Default: the sphere stands still.
-    response : {"penalty", "reflect", "ray", "continuous"}, default "penalty"
+    response : {"penalty", "reflect", "ray"}, default "penalty"
         "reflect" (method 1, eq 7) reflects the velocity and keeps the position. "ray" (method 2, eq
-        8-12) moves the point back along its velocity to the contact radius, then reflects the
-        velocity.
+        8-12) moves the point back along its velocity to the contact radius, but no further than it
+        came in the step, then reflects the velocity.
     offset : {"cell", "edge", "none"} or float, default "cell"
         Length that the contact radius adds to `radius`: that of eq 13 for the cells at rest, so
         that triangles of an unstretched cloth stay out ("cell"); for the structural springs
-        ("edge"); 0 ("none"); or a length [m], >= 0. With "continuous", "cell" takes the cells as
-        they are deformed.
+        ("edge"); 0 ("none"); or a length [m], >= 0.
     thickness, stiffness, dissipation : float, optional
         With "penalty": h [m] and k [N/m], > 0, and c [s/m], >= 0, where 0 is an elastic contact.
         `layer` has the defaults, which follow from the cloth. A thinner layer costs evaluations as
@@ -292,15 +289,11 @@ class Sphere(Obstacle):
         With "penalty": v_s [m/s], > 0, the slip below which friction falls to 0. Default: see
         `layer`.
     restitution : float, optional
-        With the other responses: normal velocity after a contact over that before it, 0 <=
-        restitution <= 1. Default: 1 with the paper's two, 0 with "continuous". The attribute holds
-        the number in use, None with "penalty".
+        With the paper's two: normal velocity after a contact over that before it, 0 <= restitution
+        <= 1. Default: 1. The attribute holds the number in use, None with "penalty".
     as_printed : bool, default False
         True follows the paper as printed: a moving sphere's velocity is ignored, and a point's
         velocity is reflected even if it is leaving. With "ray" and "reflect" alone.
-    push_out_speed : float, default 1.0
-        With the response "continuous", speed at which points that start inside the contact radius
-        are pushed out [m/s], > 0. It is not added to their velocity.
 
     Examples
     --------
@@ -323,7 +316,6 @@ class Sphere(Obstacle):
     slip_speed: float | None
     restitution: float | None
     as_printed: bool
-    push_out_speed: float
 
     @check.named
     def __init__(
@@ -340,16 +332,12 @@ class Sphere(Obstacle):
         slip_speed: float | None = None,
         restitution: float | None = None,
         as_printed: bool = False,
-        push_out_speed: float = 1.0,
     ) -> None:
         self._set(
             center=check.vector("center", center),
             radius=check.number("radius", radius, minimum=0, exclusive=True),
             offset=_offset(offset),
             as_printed=check.boolean("as_printed", as_printed),
-            push_out_speed=check.number(
-                "push_out_speed", push_out_speed, minimum=0, exclusive=True
-            ),
         )
         self._set_response(
             motion,
@@ -386,7 +374,7 @@ class Plane(Obstacle):
         Direction out of the plane, of any length > 0.
     motion : Linear, Reciprocate or Keyframes, optional
         Default: the plane stands still.
-    response : {"penalty", "reflect", "ray", "continuous"}, default "penalty"
+    response : {"penalty", "reflect", "ray"}, default "penalty"
         As for `Sphere`.
     thickness, stiffness, dissipation, friction, slip_speed, restitution : float, optional
         As for `Sphere`.
@@ -410,7 +398,7 @@ class Plane(Obstacle):
     slip_speed: float | None
     restitution: float | None
 
-    radius, as_printed, push_out_speed = math.inf, False, 1.0  # what a sphere has of its own
+    radius, as_printed = math.inf, False  # what a sphere has of its own
     offset = "none"
 
     @check.named
@@ -471,25 +459,18 @@ def held(obstacle: Sphere | Plane, center: npt.ArrayLike) -> Sphere | Plane:
     return obstacle.replace(**{place_name(obstacle): center, "motion": None})
 
 
-def continuous(obstacle: Sphere | Plane, **changes: Any) -> Sphere | Plane:
-    """The sphere or plane with response "continuous", which the paper does not have, and with
-    further `changes`.
-    """
-    mended: dict[str, Any] = {"as_printed": False} if obstacle.as_printed else {}
-    mended |= dict.fromkeys(LAYER)
-    return obstacle.replace(response="continuous", **mended, **changes)
+def as_layer(obstacle: Sphere | Plane, **changes: Any) -> Sphere | Plane:
+    """The sphere or plane with response "penalty" and further `changes`."""
+    if obstacle.response != "penalty":
+        changes |= {"response": "penalty", "restitution": None}
+    if obstacle.as_printed:
+        changes["as_printed"] = False
+    return obstacle.replace(**changes)
 
 
 def _offset(value: Any) -> Offset | float:
     if not isinstance(value, str):
         return check.number("offset", value, minimum=0)
     if value not in OFFSETS:
-        instead = (
-            "; use 'cell', and more mass points where a sphere is smaller than a cell"
-            if value == "face"
-            else ""
-        )
-        raise ValueError(
-            f"offset must be one of {OFFSETS} or a length >= 0 [m], got {value!r}{instead}"
-        )
+        raise ValueError(f"offset must be one of {OFFSETS} or a length >= 0 [m], got {value!r}")
     return value

@@ -117,9 +117,9 @@ GALLERY: dict[str, tuple[str, cs.Scene]] = {
     "live_static.html": ("Experiment 1: a static sphere", cs.scenes.paper_static()),
     "live_moving.html": ("Experiment 2: a moving sphere", cs.scenes.paper_moving()),
     "live_swing.html": ("The cloth alone", cs.scenes.paper_swing()),
-    "live_continuous.html": (
-        "Beyond the paper: no triangle enters",
-        cs.scenes.paper_moving("continuous", offset="cell"),
+    "live_penalty.html": (
+        "Beyond the paper: contact as a force",
+        cs.scenes.paper_moving("penalty", offset="cell"),
     ),
 }
 

@@ -17,7 +17,7 @@ _VERSION = _core.build_facts()["version"]
 RESUMED = "the error of a resumed run is not estimated"
 _SUMS = {
     *("steps", "rejected_steps", "force_evaluations", "solution_evaluations"),
-    *("wall_time", "force_work", "wind_work", "lift_work"),
+    *("wall_time", "force_work", "wind_work"),
 }
 _PARTS = ("kinetic", "elastic", "gravity", "force", "contact", "total")
 
@@ -69,10 +69,9 @@ def report(
         "impulse": watched["impulse"],
         "impulse_reason": missing,
         "obstacle_work": watched["obstacle_work"],
-        "lift_work": watched.get("lift_work", math.nan),
         "kernel": state.kernel,
         "integrator": options.integrator,
-        "as_printed": any(sphere.as_printed for sphere in scene.spheres),
+        "as_printed": True in {sphere.as_printed for sphere in scene.spheres},
         "precision": options.precision,
         "threads": state.threads,
         "instruction_set": state.instruction_set,

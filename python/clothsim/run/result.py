@@ -89,8 +89,6 @@ class Run:
                                own. "impulse_reason"
     "obstacle_work"            work on the cloth by the motion of each obstacle of response
                                "penalty" [J]; the reason of a NaN is "impulse_reason"
-    "lift_work"                energy that cells which grew on a sphere have made by lifting mass
-                               points [J]; the reason of a NaN is "impulse_reason"
     "residual", "reason"       of `settle`
     "integrator", ...          "precision", "kernel", "threads", "backend", "instruction_set" (with
                                "gpu" the adapter) and "version" say how the run was computed;
@@ -715,7 +713,8 @@ def _lines(run: Run) -> list[str]:
         f"{counted(report['steps'], 'step')} of {about}{quantity(report['dt'], 's')} by "
         f"{report['integrator']} in "
         f"{report['precision']}",
-        f"energy {start} at the start, {end} at the end (change, by damping, contact and forces, {change})",
+        f"energy {start} at the start, {end} at the end "
+        f"(change, by damping, contact and forces, {change})",
         _penetration_line(scene, report["penetration"]),
         f"{report['wall_time']:.3g} s of computing on {counted(report['threads'], 'thread')}, "
         f"{report['steps_per_second']:,.0f} steps/s",

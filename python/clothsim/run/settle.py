@@ -26,7 +26,7 @@ from ..engine.stepping import acceleration
 from ..errors import ContactError, UnstableError
 from ..methods.bound import limit_in_layer, stable_dt
 from ..model.scene import Scene
-from ..model.sphere import continuous, held
+from ..model.sphere import as_layer, held
 from ..typing import Force
 from .report import report
 from .result import Run
@@ -92,9 +92,9 @@ def settle(
     ----------
     scene : Scene or sequence of Scene
         Scenes of one shape give a list of runs. Spheres and driven pins are held at their places at
-        the time `t`. Spheres with the responses of the paper respond as "continuous" without
-        restitution does, because a cloth that bounces does not rest. The friction of a
-        layer is 0 at rest: a free sheet on a ball, or one that it alone holds, has no rest.
+        the time `t`. Spheres with the responses of the paper get a layer, as with response
+        "penalty", because a cloth that bounces does not rest. The friction of a layer is 0 at rest:
+        a free sheet on a ball, or one that it alone holds, has no rest.
     tolerance : float, default 1e-6
         Largest unbalanced force of a mass point after contact forces, over the largest weight of a
         mass point. Without gravity, over the largest given force. At least 1e-12.
@@ -192,12 +192,7 @@ class _Relaxation:
             options,
         )
         # The friction of a layer is 0 at rest, and would only slow the way there.
-        still = [
-            sphere.replace(friction=0.0)
-            if sphere.response == "penalty"
-            else continuous(sphere, restitution=0.0)
-            for sphere in scene.spheres
-        ]
+        still = [as_layer(sphere, friction=0.0) for sphere in scene.spheres]
         self._plain = scene.replace(spheres=still)
         self._mass = scene.cloth.mass_per_point[..., None]
         self._free = ~scene.cloth.pinned
@@ -207,9 +202,8 @@ class _Relaxation:
         damped = self._with_drag(self._slow)
         limits = [stable_dt(damped, _INTEGRATOR)]
         for k, sphere in enumerate(still):
-            if sphere.response == "penalty":
-                depth = sphere.layer(damped.cloth)["thickness"] / 2
-                limits.append(limit_in_layer(damped, _INTEGRATOR, k, depth))
+            depth = sphere.layer(damped.cloth)["thickness"] / 2
+            limits.append(limit_in_layer(damped, _INTEGRATOR, k, depth))
         stable = _STEP * min(limits)
         self._dt = stable if math.isfinite(stable) else 0.1 / self._slow
         self._stepper = self._stepper_of(damped, self._start)

@@ -133,8 +133,8 @@ def simulate(
     Raises
     ------
     UnstableError, ContactError
-        If the state runs away, or spheres trap a mass point; ``error.run`` is the run so far. Of
-        many scenes it is the first error, of ``error.member``, raised when all have ended;
+        If the state runs away, or a mass point goes through a layer; ``error.run`` is the run so
+        far. Of many scenes it is the first error, of ``error.member``, raised when all have ended;
         ``error.runs`` has all runs.
     RunInterrupted
         On Ctrl-C; its ``run`` ends with the last whole step.

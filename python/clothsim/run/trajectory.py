@@ -27,7 +27,6 @@ from ..engine.state import State, put_driven_pins
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..methods.integrators import METHODS
-from ..model.mesh import point_radii2
 from ..model.scene import Scene, stops_of
 from ..model.sphere import Plane, Sphere
 from ..typing import Force
@@ -633,8 +632,10 @@ def interpolated(
     for k, scene in enumerate(scenes):
         member = k if x.ndim == 4 else ...
         for sphere in scene.spheres:
+            if sphere.response == "penalty":
+                continue
             ends = ((begin, x0[member]), (begin + h, x1[member]))
-            offset = 0.0 if sphere.in_cells else sphere.offset_length(scene.cloth)
+            offset = sphere.offset_length(scene.cloth)
             _lift(x[member], ends, ~scene.cloth.pinned, sphere, offset, t)
     return x, v
 
@@ -650,15 +651,7 @@ def _lift(
     """Lift free points to their lesser height at both ends where it is below the contact offset."""
     height = sphere.height(x, t)
     least = np.minimum(*(sphere.height(places, time) for time, places in ends))
-    highest = np.full(height.shape, offset)
-    if sphere.in_cells:
-        near = free & (height < np.minimum(least, (math.sqrt(2) - 1) * sphere.radius))
-        if near.any():
-            part = tuple(slice(max(k.min() - 1, 0), k.max() + 2) for k in np.nonzero(near))
-            highest[part] = sphere.radius * (
-                np.sqrt(1 + np.minimum(point_radii2(x[part]) / sphere.radius**2, 1)) - 1
-            )
-    allowed = np.minimum(least, highest)
+    allowed = np.minimum(least, offset)
     inside = free & (height < allowed)
     if isinstance(sphere, Plane):
         x[inside] += (allowed - height)[inside, None] * sphere.unit_normal

@@ -1,13 +1,18 @@
-// A step of classic RK4 in Nystroem form, one dispatch a stage (cpp/kernels/gather/gather_impl.hpp is the same on the
-// CPU). Every invocation gathers from its point's neighbours, and finishes its own point. The host writes `spring_forces` from
-// `neighbours` (cpp/model/stencil.hpp), and `pushed` (penalty.wgsl). Operations and their order are those of the core's kernel.
+// A step of classic RK4 in Nystroem form, one dispatch a stage (cpp/kernels/gather/gather_impl.hpp
+// is the same on the CPU). Every invocation gathers from its point's neighbours, and finishes its
+// own point. The host writes `spring_forces` from `neighbours` (cpp/model/stencil.hpp), and
+// `pushed` (penalty.wgsl). Operations and their order are those of the core's kernel.
 //
-//   f = (K (l - L) / l + c (w.d) / l^2) d,  d = x_j - x_i, w = v_j - v_i, l = |d|    (Kim et al., eq 1)
+//   f = (K (l - L) / l + c (w.d) / l^2) d,  d = x_j - x_i, w = v_j - v_i, l = |d|    (eq 1)
 
-fn state_at(at: u32) -> vec3<real> { return vec3<real>(state[at], state[at + points()], state[at + 2u * points()]); }
+fn state_at(at: u32) -> vec3<real> {
+    let n = points();
+    return vec3<real>(state[at], state[at + n], state[at + 2u * n]);
+}
 
 fn low_at(at: u32) -> vec3<real> {
-    return vec3<real>(compensation[at], compensation[at + points()], compensation[at + 2u * points()]);
+    let n = points();
+    return vec3<real>(compensation[at], compensation[at + n], compensation[at + 2u * n]);
 }
 
 fn body_before(at: u32) -> Body {
@@ -17,10 +22,12 @@ fn body_before(at: u32) -> Body {
 }
 
 fn acceleration_at(at: u32) -> vec3<real> {
-    return vec3<real>(accelerations[at], accelerations[at + points()], accelerations[at + 2u * points()]);
+    let n = points();
+    return vec3<real>(accelerations[at], accelerations[at + n], accelerations[at + 2u * n]);
 }
 
-// A vector that the stage before left for this one: x_n for the first, later of the buffer that the stage does not write.
+// A vector that the stage before left for this one: x_n for the first, later of the buffer that the
+// stage does not write.
 fn source(at: u32) -> vec3<real> {
     let n = points();
     if (stage == 1u) { return state_at(at); }
@@ -32,7 +39,8 @@ fn source(at: u32) -> vec3<real> {
 fn store(at: u32, first: vec3<real>, second: vec3<real>) {
     for (var k = 0u; k < 6u; k++) {
         let value = select(second[k % 3u], first[k % 3u], k < 3u);
-        if (stage % 2u == 1u) { stage_a[at + k * points()] = value; } else { stage_b[at + k * points()] = value; }
+        let to = at + k * points();
+        if (stage % 2u == 1u) { stage_a[to] = value; } else { stage_b[to] = value; }
     }
 }
 
@@ -59,7 +67,8 @@ fn pulled(force: vec3<real>, x: vec3<real>, v: vec3<real>, other: u32, first: u3
 }
 
 fn weight(id: vec3<u32>) -> real {
-    return parameters[id.z * constants.parameter_stride + first_weight + id.y * constants.columns + id.x];
+    let first = id.z * constants.parameter_stride + first_weight;
+    return parameters[first + id.y * constants.columns + id.x];
 }
 
 fn is_pinned(id: vec3<u32>) -> bool { return pinned && weight(id) == real(0.0); }
@@ -91,7 +100,7 @@ fn advance(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var k = 0u; k < 3u; k++) { accelerations[into + k * points()] = kept[k]; }
 }
 
-// The last stage's sums, then the collision pass: a point is moved by its own invocation only.
+// The last stage's sums, then the responses: a point is moved by its own invocation only.
 fn finish(id: vec3<u32>, a: vec3<real>) {
     let at = place(id);
     let v_at = at + 3u * points();
@@ -106,10 +115,9 @@ fn finish(id: vec3<u32>, a: vec3<real>) {
         let v = added(before.velocity, before.velocity_low, dv);
         body = Body(x[0], x[1], v[0], v[1]);
     }
-    body = after_contacts(body, before, id);
+    if (!is_pinned(id)) { body = respond_all(body, id); }
+    store_state(at, body.position, body.position_low);
     store_state(v_at, body.velocity, body.velocity_low);
-    // With cells, `raise` ends the step.
-    if (cells) { store(at, body.position, body.position_low); } else { store_state(at, body.position, body.position_low); }
 }
 
 // old + increment, and its rounding error (Kahan 1965).

@@ -42,8 +42,7 @@ class Live extends PageRun {
   async apply() {
     const { data, stiffness, damping, drag, gravity, dt } = this;
     this.limit = guaranteed(data, stiffness, damping, drag);
-    const cells = data.methods[this.method].responses.some((one, s) => one === "continuous" && this.spheres[s].cells);
-    const features = { spring_damping: Object.values(damping).some((c) => c > 0), drag: drag > 0, cells }, key = JSON.stringify([this.method, features]);
+    const features = { spring_damping: Object.values(damping).some((c) => c > 0), drag: drag > 0 }, key = JSON.stringify([this.method, features]);
     if (this.compiled !== key) await this.solver.compile(this.method, features);
     this.compiled = key;
     this.solver.set({ dt, stiffness, damping, drag, gravity, limit: this.limit });
@@ -51,10 +50,10 @@ class Live extends PageRun {
   // Another time step: the clock counts from now on, as Python's does.
   setStep(dt) { Object.assign(this, { origin: this.time, steps: 0, dt }); }
   get time() { return this.origin + this.steps * this.dt; }
-  contactOffset(sphere, s, R) {
-    if (this.data.methods[this.method].responses[s] === "continuous" && sphere.cells) return 0;
-    const half = Math.min(sphere.side, (sphere.cells ? 2 : Infinity) * R) / 2;
-    return sphere.side ? half * (half / (Math.hypot(half, R) + R)) : sphere.offset;
+  // Eq 13 for a radius R, which a slider changes (Sphere.offset_length).
+  contactOffset({ side, diagonal, offset }, R) {
+    const half = Math.min(side, (diagonal ? 2 : Infinity) * R) / 2;
+    return side ? half * (half / (Math.hypot(half, R) + R)) : offset;
   }
   isPenalty(s) { return this.data.methods[this.method].responses[s] === "penalty"; }
   // The restitution of a sphere: its own, else that of its response to contact, which is null for a penalty.
@@ -83,7 +82,7 @@ class Live extends PageRun {
     for (let n = 0; n <= steps; n++) path.push(this.spheres.map((sphere, s) => {
       const t = this.origin + (this.steps + n) * dt, { radius: now } = this.moved[s], radius = now === null ? Infinity : now + ways[s].radius * (n / steps);
       const stages = [0, 0.5, 1].map((part) => at(s, n + part, t + part * dt, t + Math.min(Math.max(part, END_PART), 1 - END_PART) * dt));
-      return { ...sphere, ...at(s, n, t, t), stages, radius, restitution: this.restitution(s), offset: this.contactOffset(sphere, s, radius) };
+      return { ...sphere, ...at(s, n, t, t), stages, radius, restitution: this.restitution(s), offset: this.contactOffset(sphere, radius) };
     }));
     return { path, ways };
   }
@@ -110,8 +109,7 @@ class Live extends PageRun {
     if (read.bad >= 0) {
       this.solver.takeBack();
       const above = this.dt > this.limit;
-      const [what, why] = read.trapped ? ["NO PLACE LEFT", "spheres or planes trap it between them"]
-        : read.passed ? ["THROUGH THE LAYER", "a thicker or stiffer layer, or a shorter time step, holds it"]
+      const [what, why] = read.passed ? ["THROUGH THE LAYER", "a thicker or stiffer layer, or a shorter time step, holds it"]
         : ["UNSTABLE", `the time step ${this.dt.toPrecision(3)} s is ${above ? "above" : "within"} the guaranteed ${this.limit.toPrecision(3)} s`];
       this.problem = `${what} at step ${this.counted + 1} (t = ${(this.time + this.dt).toPrecision(6)} s), first at ${this.nameOf(read.bad)}: ${why}`;
       return;
@@ -127,7 +125,7 @@ class Live extends PageRun {
     return this.spheres.flatMap((sphere, s) => {
       if (!this.isPenalty(s)) return [];
       const { normal, stiffness, thickness } = sphere, { radius } = this.moved[s], center = this.centerNow(s);
-      const reach = thickness + this.contactOffset(sphere, s, radius ?? Infinity);
+      const reach = thickness + this.contactOffset(sphere, radius ?? Infinity);
       const height = (e) => (radius ? Math.hypot(...e) - radius : e[0] * normal[0] + e[1] * normal[1] + e[2] * normal[2]);
       return (p) => stiffness / 4 * Math.max(0, reach - height(p.map((k, i) => k - center[i]))) ** 4 / thickness ** 2;
     });
@@ -391,7 +389,7 @@ async function startLive() {
   fit();
   for (const back of Object.values(sliders)) back();
   $("method").addEventListener("change", () => changed(() => { live.method = $("method").selectedIndex; fit(); }));
-  const offsetOf = ({ side, cells, offset }) => data.offsets[$("offset").value] ?? { side, cells, offset };
+  const offsetOf = ({ side, diagonal, offset }) => data.offsets[$("offset").value] ?? { side, diagonal, offset };
   $("offset").addEventListener("change", () => changed(() => live.spheres.forEach((s, n) => Object.assign(s, offsetOf(data.spheres[n])))));
   $("method").parentElement.hidden = !data.spheres.length;
   $("offset").parentElement.hidden = !spheres;

@@ -4,8 +4,7 @@
 
 const NONE = 0xffffffff;
 const MOST_STEPS = 512;  // a frame; the table of sphere places has one row more
-const MOST_ROUNDS = 127;  // as in gpu/simulation.py
-const RESULTS = 36;      // bytes of `results` in layout.wgsl
+const RESULTS = 24;      // bytes of `results` in layout.wgsl
 const END_PART = 1e-6;   // of a step: a velocity that jumps at its ends is that of this part inside (cpp/model/motion.hpp)
 // Centre and velocity of a sphere at a time, by the pieces of model/motion.py; `inside` selects the piece.
 function motionAt({ motion: m, center }, t, inside = t) {
@@ -42,7 +41,7 @@ class Solver {
     const { device, data } = this, [rows, columns] = data.shape, points = rows * columns;
     const U = GPUBufferUsage, both = U.STORAGE | U.COPY_SRC | U.COPY_DST;
     const six = 24 * points, make = (size, usage) => device.createBuffer({ size: Math.ceil(size / 16) * 16, usage });
-    Object.assign(this, { points, rounds: 1, state: make(six, both), compensation: make(six, both), results: make(RESULTS, both) });
+    Object.assign(this, { points, state: make(six, both), compensation: make(six, both), results: make(RESULTS, both) });
     const working = [0, 1, 2].map(() => make(six, U.STORAGE));
     this.parameters = make(4 * (data.firstWeight + points), U.STORAGE | U.COPY_DST);
     this.table = make(4 * ((MOST_STEPS + 1) * data.spheres.length * data.contactSize || 1), U.STORAGE | U.COPY_DST);
@@ -56,16 +55,15 @@ class Solver {
     this.bindings = device.createBindGroup({ layout: this.layout, entries: bound.map((buffer, binding) => ({ binding, resource: { buffer } })) });
     this.groups = [Math.ceil(columns / data.group), Math.ceil(rows / data.group)];
   }
-  // Compile the shader for a collision method, whose texts differ in `pushed` and `after_contacts` alone, and for its features.
+  // Compile the shader for a collision method, whose texts differ in `pushed` and `respond_all` alone, and for its features.
   async compile(method, features) {
     const { device, data } = this, module = device.createShaderModule({ code: data.wgsl + data.methods[method].wgsl });
     const said = (await module.getCompilationInfo()).messages.filter((m) => m.type === "error");
     if (said.length) throw new Error(`The browser refuses the shader: ${said[0].message}`);
     const layout = device.createPipelineLayout({ bindGroupLayouts: [this.layout] });
     const make = (entryPoint, constants) => device.createComputePipelineAsync({ layout, compute: { module, entryPoint, constants } });
-    const constants = { ...data.constants, ...features }, { cells } = features;
+    const constants = { ...data.constants, ...features };
     this.stages = await Promise.all([1, 2, 3, 4].map((stage) => make("advance", { ...constants, stage })));
-    this.raise = await Promise.all((cells ? [5, 6, 7] : []).map((stage) => make("raise", { ...constants, stage })));
     this.check = await make("check", {});
     this.responses = data.methods[method].responses;
   }
@@ -97,50 +95,32 @@ class Solver {
     return [...stages.flatMap(({ center, velocity }) => [...surface(center), ...velocity]), ...towards, curvature, offset + thickness,
       scale * stiffness / (thickness * thickness), dissipation, friction, slip_speed * slip_speed, 2 * thickness];
   }
-  // A sphere and its offset after a step, as Block writes them; `from`: its centre before.
-  contact(s, { center, velocity, radius, offset, restitution, friction, push, normal, spread, cells }, from) {
-    const { dt, data: { epsilon, contact } } = this;
-    const curvature = 1 / radius, size = Math.min(radius, spread), level = (h) => h * (2 + curvature * h);
-    const sum = (v) => Math.abs(v[0]) + Math.abs(v[1]) + Math.abs(v[2]), path = this.responses[s] === "continuous";
-    const place = center.map((c, i) => curvature ? c + radius * normal[i] : c), gone = center.map((c, i) => c - from[i]);
-    const slop = path ? contact.slop * epsilon * (sum(place) + size) : 0, least = level(offset + slop), inCells = path && cells;
-    const band = inCells ? 2 * contact.bandOfCells * size : contact.band * epsilon * size;
-    const tolerance = contact.tolerance * epsilon * size;
-    const near = least + band + tolerance + 32 * epsilon * (size + sum(place) + sum(gone));
-    return [...place, ...place.map((k) => k - Math.fround(k)), ...(path ? gone.map((k) => k / dt) : velocity), ...normal,
-      curvature, least, level(offset - slop), band, tolerance, inCells ? radius : 0, restitution, friction, push * dt, dt,
-      near, curvature - 64 * epsilon / size, curvature * contact.rounding, contact.excess];
+  // An obstacle with a response after a step, as Block writes it.
+  contact({ center, velocity, radius, offset, restitution, friction, normal }) {
+    const { epsilon, size } = this.data, curvature = 1 / radius, spread = Math.min(radius, 4 * Math.hypot(...size));
+    const place = center.map((c, i) => (curvature ? c + radius * normal[i] : c)), top = offset * (2 + curvature * offset);
+    const near = top + 64 * epsilon * (spread + place.reduce((sum, k) => sum + Math.abs(k), 0));
+    return [...place, ...place.map((k) => k - Math.fround(k)), ...velocity, ...normal,
+      curvature, top, restitution, friction, near, curvature - 64 * epsilon / spread];
   }
   // Take the steps of a path: every sphere before the first step and after each, and at the stages of the step that follows.
-  // Resolves to {bad, trapped, passed, planes, low}; bad is the first mass point that is not finite, too fast, trapped or
-  // through a layer, or -1.
+  // Resolves to {bad, passed, planes, low}; bad is the first mass point that is not finite, too fast, or through a layer, or -1.
   async run(path) {
-    const { data } = this, row = data.spheres.length * data.contactSize;
+    const { data, device } = this, row = data.spheres.length * data.contactSize;
     if (row) {
       const table = new Float32Array(path.length * row);
       path.forEach((step, n) => step.forEach((sphere, s) => {
-        const penalty = this.responses[s] === "penalty";
-        const values = penalty ? this.layer(sphere) : this.contact(s, sphere, path[Math.max(n - 1, 0)][s].center);
+        const values = this.responses[s] === "penalty" ? this.layer(sphere) : this.contact(sphere);
         table.set(values, n * row + s * data.contactSize);
       }));
       this.write(this.table, table);
     }
-    for (;;) {
-      const read = await this.take(path.length - 1);
-      if (read.settled || this.rounds >= MOST_ROUNDS) return read;
-      this.takeBack();
-      this.rounds = 2 * this.rounds + 1;
-    }
-  }
-  async take(steps) {
-    const { device } = this;
-    this.write(this.results, new Uint32Array([0, NONE, NONE, NONE, NONE, NONE, NONE, 0, 0]));
+    this.write(this.results, new Uint32Array([0, NONE, NONE, NONE, NONE, 0]));
     const encoder = device.createCommandEncoder(), six = 24 * this.points;
     [this.state, this.compensation].forEach((buffer, k) => encoder.copyBufferToBuffer(buffer, 0, this.kept[k], 0, six));
     const work = encoder.beginComputePass();
     work.setBindGroup(0, this.bindings);
-    const pairs = Array(this.rounds >> 1).fill(this.raise.slice(0, 2)).flat();
-    for (let n = 0; n < steps; n++) for (const stage of [...this.stages, ...pairs, ...this.raise.slice(2)]) {
+    for (let n = 1; n < path.length; n++) for (const stage of this.stages) {
       work.setPipeline(stage);
       work.dispatchWorkgroups(...this.groups);
     }
@@ -153,9 +133,9 @@ class Solver {
     await this.readback.mapAsync(GPUMapMode.READ);
     const read = this.readback.getMappedRange().slice(0);
     this.readback.unmap();
-    const [, bad, , , trapped, passed, , , moved] = new Uint32Array(read, 0, 9), first = [bad, trapped, passed].findIndex((k) => k !== NONE);
+    const [, bad, , passed] = new Uint32Array(read, 0, 4), first = [bad, passed].findIndex((k) => k !== NONE);
     return {
-      bad: [bad, trapped, passed % this.points][first] ?? -1, trapped: first === 1, passed: first === 2, settled: !moved,
+      bad: [bad, passed % this.points][first] ?? -1, passed: first === 1,
       planes: new Float32Array(read, RESULTS, 6 * this.points), low: new Float32Array(read, RESULTS + six, 6 * this.points),
     };
   }

@@ -3,10 +3,17 @@
 
 #include <cstddef>
 
-#include "contact/response.hpp"
 #include "lanes/aligned_vector.hpp"
+#include "model/motion.hpp"
 
 namespace clothsim {
+
+struct PointState {
+    Vec3 position;
+    Vec3 velocity;
+
+    bool operator==(const PointState&) const = default;
+};
 
 // A Layout says where component k (x, y, z, vx, vy, vz) of the mass point (row, column) lies:
 // `at(row, column, k)`; compensation lies `compensation()` elements further.
