@@ -48,7 +48,7 @@ def mypy(folder: Path, *files: str) -> subprocess.CompletedProcess[str]:
     config.write_text(
         f"[mypy]\nmypy_path = {SOURCES}\nfollow_imports = silent\ncheck_untyped_defs = True\n"
         "allow_redefinition = True\nwarn_unused_ignores = True\n"
-        "[mypy-bpy.*,dask.*,dask_jobqueue.*,dask_kubernetes.*,distributed.*,scipy.*,wgpu.*]\n"
+        "[mypy-bpy.*,dask.*,dask_jobqueue.*,dask_kubernetes.*,distributed.*,numba.*,scipy.*,wgpu.*]\n"
         "ignore_missing_imports = True\nfollow_imports = skip\nfollow_imports_for_stubs = True\n"
     )
     cache = ROOT / ".mypy_cache" / "examples"
