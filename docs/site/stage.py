@@ -38,7 +38,7 @@ GALLERY = {
     "First steps": "drape moving_sphere driven_pins flag ball_by_hand settle resume blender",
     "Error and speed": "order speed_against_error stability_map gather_bits hard_case",
     "Many cloths": "batch ensemble sweep_stiffness_and_step custom_metric fit",
-    "Contact and fabrics": "opening fast_sphere light_fabric",
+    "Contact": "opening fast_sphere",
     "The paper's experiments": "paper_static paper_cpu paper_frame_rate",
 }
 

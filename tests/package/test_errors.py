@@ -119,7 +119,7 @@ def test_attributes_of_a_stepper_are_not_set_in_silence():
 @each(
     "module, name, instead",
     [
-        (cs.scenes, "denim", "examples/light_fabric.py"),
+        (cs.scenes, "denim", "docs/runs.md"),
         (accuracy, "fastest", "python benchmarks/peers --errors"),
     ],
 )

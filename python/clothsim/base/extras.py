@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 _LEFT = {
-    **dict.fromkeys(("cotton", "denim"), "examples/light_fabric.py has its figures"),
+    **dict.fromkeys(("cotton", "denim"), "docs/runs.md, Real fabrics, has its figures"),
     "fastest": "python benchmarks/peers --errors, in a clone, finds the fastest runs",
 }
 """Names of an earlier version, and what serves instead."""
