@@ -77,7 +77,7 @@ def main():
             for points in POINTS:
                 fabric = scene(*figures, loss, points)
                 limit = cs.max_stable_dt(fabric)
-                cost = min(seconds(fabric, 0.9 * limit, args.steps) for _ in range(5))
+                cost = min(seconds(fabric, 0.9 * limit, args.steps) for _ in range(3))
                 cells.append(f"{short(limit)} s; {short(cost)} s")
             small = scene(*figures, loss, POINTS[0])
             cells.append(f"{short(error(small, 0.9 * cs.max_stable_dt(small)))} m")
