@@ -14,6 +14,7 @@ from pairwise import pairwise
 
 INSTRUCTION_SETS = tuple(cs.build_config()["instruction_sets_supported"])
 NATIVE, *OTHERS = INSTRUCTION_SETS
+FIXED = tuple(name for name, method in cs.integrators().items() if method.fixed)
 NAMED_KERNELS = tuple(kernel for kernel in KERNELS if kernel != "auto")
 
 

@@ -253,9 +253,11 @@ py::dict methods() {
         py::dict facts;
         facts["family"] = method.runge_kutta ? "runge_kutta"
             : method.splitting               ? "splitting"
+            : method.stabilised              ? "stabilised"
                                              : "implicit";
         facts["in_kernels"] = method.in_kernels;
-        facts["adaptive"] = method.runge_kutta && !method.runge_kutta->errors.empty();
+        facts["adaptive"] =
+            method.stabilised || (method.runge_kutta && !method.runge_kutta->errors.empty());
         std::size_t stages = 1;
         if (const ExplicitMethod* const rk = method.runge_kutta) {
             stages = std::size_t(rk->stages);
@@ -264,6 +266,10 @@ py::dict methods() {
         } else if (const Splitting* const parts = method.splitting) {
             stages = parts->kicks.size() - parts->first_same_as_last();
             facts["splitting"] = py::make_tuple(parts->drifts, parts->kicks);
+        }
+        if (method.stabilised) {
+            facts["order"] = 2;
+            stages = 2;
         }
         facts["stages"] = stages;
         facts["stages_damped"] = method.damped ? std::size_t(method.damped->stages) : stages;
@@ -297,7 +303,9 @@ void bind_model(py::module_& m) {
             return std::const_pointer_cast<Force>(
                 make_force(name, std::move(values), std::move(motion)));
         }))
-        .def("damping_bound", &Force::damping_bound)
+        .def("damping_bound",
+             [](const Force& force, const Cloth& cloth) { return force.damping_bound(cloth, 0); })
+        .def_readonly("name", &Force::name)
         .def("damping_blocks", &damping_blocks);
     py::class_<Plan>(m, "Plan")
         .def(py::init(&make_plan), py::kw_only(), "cloth"_a, "gravity"_a, "spheres"_a, "force"_a,
@@ -330,7 +338,7 @@ void bind_model(py::module_& m) {
     // Of springs and forces: above every squared frequency [1/s^2] and damping rate [1/s].
     m.def("mode_bounds", [](const Cloth& cloth, const std::vector<std::shared_ptr<Force>>& forces) {
         ModeBounds bounds = mode_bounds(cloth);
-        for (const auto& force : forces) bounds.damping += force->damping_bound(cloth);
+        for (const auto& force : forces) bounds.damping += force->damping_bound(cloth, 0);
         return std::make_pair(bounds.stiffness, bounds.damping);
     });
     // Signature, address and user data of a capsule, as scipy.LowLevelCallable has them.

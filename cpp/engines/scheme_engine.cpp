@@ -11,6 +11,8 @@
 //     with error control      the same, but the end goes to `result_`: an accepted step swaps it
 //                             with the state, a rejected one leaves the state alone. `previous_`
 //                             serves dense output.
+//     stabilised              as with error control; two increments and two stages take turns, and
+//                             one slot serves all accelerations between the first and the last
 //     splitting               state --drift--> state --kick a0--> state --drift--> ..., in place
 //     implicit                state --ImplicitMidpoint--> state, by Newton's method, one thread
 //
@@ -22,12 +24,16 @@
 
 #include <algorithm>
 #include <array>
+#include <optional>
+#include <stdexcept>
 
 #include "engines/edge_engine.hpp"
 #include "engines/gather_engine.hpp"
 #include "integrators/adaptive.hpp"
 #include "integrators/implicit.hpp"
 #include "integrators/methods.hpp"
+#include "integrators/rkc2.hpp"
+#include "measure/diagnostics.hpp"
 
 namespace clothsim {
 namespace {
@@ -45,25 +51,33 @@ public:
         const bool damped = !this->plan_.forces.empty() || this->plan_.cloth.has_spring_damping() ||
             this->has_damping_contact();
         explicit_ = damped && method_.damped ? method_.damped : method_.runge_kutta;
-        if (!method_.runge_kutta && !method_.splitting) {
+        if (method_.implicit()) {
             implicit_ = std::make_unique<ImplicitMidpoint>(this->plan_);
             return;
         }
-        const bool adaptive = explicit_ && !explicit_->errors.empty();
-        const int count = !explicit_ ? 1 : explicit_->stages + (adaptive ? 1 : 0);
+        const bool adaptive = this->adaptive() != nullptr;
+        int count = explicit_ ? explicit_->stages + int(adaptive) : 1;
+        if (method_.stabilised) count = 3;
         for (int i = 0; i < count; ++i) slot_.push_back(i);
         accelerations_.assign(std::size_t(count * field_.acceleration_size), Real(0));
         first_contacts_ = end_contacts_ = step_contacts_ = this->contacts;
         first_power_ = end_power_ = step_work_ = this->work_rows;
         // Copies of the engine's memory, for its padding.
-        if (explicit_)
+        if (explicit_ || adaptive)
             for (auto& stage : stages_) stage = this->memory_;
+        if (method_.stabilised) {
+            modes_ = mode_bounds(this->plan_.cloth);
+            for (auto& increment : increments_) increment = this->memory_;
+            row_squares_.emplace_back(std::size_t(this->rows()));
+        }
         if (adaptive) result_ = previous_ = this->memory_;
-        for (std::size_t e = 0; adaptive && e < explicit_->errors.size(); ++e)
+        for (std::size_t e = 0; explicit_ && e < explicit_->errors.size(); ++e)
             row_squares_.emplace_back(std::size_t(this->rows()));
     }
 
     void advance(std::int64_t steps, const Clock& clock, int threads) override {
+        if (method_.stabilised)
+            throw std::logic_error("the method takes no steps of a given length");
         this->choose_sides(clock.at(0));
         if (implicit_) {
             for (std::int64_t k = 1; k <= steps; ++k) {
@@ -96,14 +110,18 @@ public:
     }
 
     AdaptiveEngine* adaptive() override {
-        return explicit_ && !explicit_->errors.empty() ? this : nullptr;
+        const bool estimates = method_.stabilised || (explicit_ && !explicit_->errors.empty());
+        return estimates ? this : nullptr;
     }
 
-    int order() const override { return explicit_->order; }
+    int order() const override {
+        return explicit_ ? explicit_->order : ChebyshevMethod::error_order;
+    }
 
     double try_step(double t, double h, const Tolerance& tolerance, int threads) override {
-        const ExplicitMethod& m = *explicit_;
         this->choose_sides(t);
+        if (method_.stabilised) return try_stabilised(t, h, tolerance, threads);
+        const ExplicitMethod& m = *explicit_;
         plan_stages(h, this->memory_);
         std::array<Combination<Real>, 2> errors;
         for (std::size_t e = 0; e < m.errors.size(); ++e)
@@ -140,7 +158,7 @@ public:
         previous_.swap(this->memory_);
         this->memory_.swap(result_);
         add_sums_of_step(0, this->rows());
-        if (explicit_->error_needs_end) {
+        if (knows_end()) {
             std::swap(first_contacts_, end_contacts_);
             std::swap(first_power_, end_power_);
         }
@@ -149,12 +167,16 @@ public:
         const StageTime after = StageTime::of_end(t, step_);
         this->place_pins(after, 0, this->rows(), this->memory_);
         // The acceleration at the end is the first one of the next step.
-        if (explicit_->error_needs_end) std::swap(slot_[0], slot_[std::size_t(explicit_->stages)]);
-        this->state_known_ = explicit_->error_needs_end && !kink;
+        if (knows_end()) std::swap(slot_.front(), slot_.back());
+        this->state_known_ = knows_end() && !kink;
     }
 
     double contact_step(double t, double h, double near, bool tried) override {
         double allowed = h;
+        if (method_.stabilised && !tried) {
+            const ModeBounds modes = modes_with_forces();
+            allowed = std::min(allowed, longest_chebyshev_step(modes.stiffness, modes.damping));
+        }
         for (const Sphere& sphere : this->plan_.spheres) {
             if (sphere.penalty()) continue;
             // The sphere's own speed depends on the step.
@@ -175,23 +197,29 @@ public:
     std::vector<Depth> depths_tried(double t) const override { return this->depths_in(result_, t); }
 
     void dense(double t, double* x, double* v, int threads) override {
-        const ExplicitMethod& m = *explicit_;
         const double part = (t - step_begin_) / step_;
-        const bool interpolated = !m.dense_factors.empty();
+        const bool interpolated = knows_end();
         // The first and the last acceleration have changed places since the step.
-        if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
-        plan_stages(interpolated ? step_ : part * step_, previous_);
-        if (interpolated) result_sum_ = combination(m.dense(part), step_);
+        if (interpolated) std::swap(slot_.front(), slot_.back());
+        ChebyshevSum<Real> hermite;
+        if (method_.stabilised) hermite = hermite_sum(part);
+        else plan_stages(interpolated ? step_ : part * step_, previous_);
+        if (explicit_ && interpolated) result_sum_ = combination(explicit_->dense(part), step_);
         const auto finish = [&](int begin, int end) {
-            this->kernels().advance(stage_field_, begin, end, previous_.data(), result_.data(),
-                                    result_sum_);
+            if (method_.stabilised)
+                this->kernels().chebyshev(stage_field_, begin, end, previous_.data(),
+                                          increment_of_step().data(), stages_[0].data(),
+                                          result_.data(), hermite);
+            else
+                this->kernels().advance(stage_field_, begin, end, previous_.data(), result_.data(),
+                                        result_sum_);
             this->place_pins(StageTime::of_stage(step_begin_, step_, part), begin, end, result_);
         };
         in_bands(threads, [&](FieldBand<Real>& band, Barrier& barrier) {
             if (!interpolated) run_stages(band, barrier, step_begin_, true, finish);
             else finish(band.begin, band.end);
         });
-        if (interpolated) std::swap(slot_[0], slot_[std::size_t(m.stages)]);
+        if (interpolated) std::swap(slot_.front(), slot_.back());
         for (int i = 0; i < this->plan_.cloth.points(); ++i) {
             Eigen::Map<Vec3>(x + 3 * std::ptrdiff_t(i)) = vector_in(result_, i, 0) + this->origin_;
             Eigen::Map<Vec3>(v + 3 * std::ptrdiff_t(i)) = vector_in(result_, i, 3);
@@ -277,8 +305,17 @@ private:
         });
     }
 
+    // The number of the acceleration at the end of a step.
+    int stages() const {
+        if (method_.stabilised) return chebyshev_->stages;
+        return explicit_ ? explicit_->stages : 1;
+    }
+    // Whether a step ends with the acceleration at its end, which is the first of the next.
+    bool knows_end() const { return method_.stabilised || explicit_->error_needs_end; }
     Real* acceleration(int index) {
-        return accelerations_.data() + slot_[std::size_t(index)] * field_.acceleration_size;
+        std::size_t place = std::size_t(index);
+        if (method_.stabilised && index > 0) place = index == stages() ? 2 : 1;
+        return accelerations_.data() + slot_[place] * field_.acceleration_size;
     }
     // Accelerations at a version of the state into slot `index`; after some rows `then(begin, end)`
     // makes the next version of them.
@@ -304,8 +341,7 @@ private:
     // end of a step is kept, as the next step may begin with it; other stages add to the step's.
     void begin_contacts(FieldBand<Real>& band, int index, const StageTime& time) {
         if (!this->has_penalty()) return;
-        const int stages = explicit_ ? explicit_->stages : 1;
-        const bool first = index == 0, end = index == stages;
+        const bool first = index == 0, end = index == stages();
         const double weight = first || end ? 1 : weight_of(index);
         ContactTally& sums = first ? first_contacts_ : end ? end_contacts_ : step_contacts_;
         if (first || end) sums.clear_rows(band.begin, band.end);
@@ -316,16 +352,18 @@ private:
     void let_forces_act(FieldBand<Real>& band, Barrier& barrier, const AlignedVector<Real>& state,
                         int index, const StageTime& time) {
         this->act(state, time, band.begin, band.end, barrier);
-        const int stages = explicit_ ? explicit_->stages : 1;
         this->each_sum(band.begin, band.end, [&](std::size_t at) {
             const double power = this->powers_[at];
             if (index == 0) first_power_[at] = power;
-            else if (index == stages) end_power_[at] = power;
+            else if (index == stages()) end_power_[at] = power;
             else step_work_[at] += weight_of(index) * power;
         });
     }
     // Of a stage's acceleration in the velocity at the end of the planned step [s].
-    double weight_of(int stage) const { return explicit_->result.v[std::size_t(stage)] * planned_; }
+    double weight_of(int stage) const {
+        const auto& weights = explicit_ ? explicit_->result.v : chebyshev_->weights;
+        return weights[std::size_t(stage)] * planned_;
+    }
     void begin_sums_of_step(const FieldBand<Real>& band) {
         if (this->has_penalty()) step_contacts_.clear_rows(band.begin, band.end);
         this->each_sum(band.begin, band.end, [&](std::size_t at) { step_work_[at] = 0; });
@@ -406,6 +444,123 @@ private:
             sweep(band, barrier, stages_[s & 1], s, time(s), next_stage(s));
         sweep(band, barrier, stages_[last & 1], last, time(last), finish);
     }
+
+    // A step of RKC2 with as many stages as the damping asks for, at its start and, as layers may
+    // be deeper there, at its end.
+    double try_stabilised(double t, double h, const Tolerance& tolerance, int threads) {
+        double rate = damping_rate(this->memory_, t);
+        for (;;) {
+            const int stages = chebyshev_stages(rate, h);
+            if (!chebyshev_ || chebyshev_->stages != stages) chebyshev_.emplace(stages);
+            const double error = try_stages(t, h, tolerance, threads);
+            if (!(error <= 1)) return error;
+            const double at_end = damping_rate(result_, t + h);
+            if (chebyshev_stages(at_end, h) <= stages + stages / spare_stages) return error;
+            rate = at_end;
+        }
+    }
+    double try_stages(double t, double h, const Tolerance& tolerance, int threads) {
+        planned_ = h;
+        const int stages = chebyshev_->stages;
+        const auto time = [&](int j) {
+            return StageTime::of_stage(t, h, chebyshev_->stage[std::size_t(j)].part);
+        };
+        // Makes stage j from the acceleration of the stage before.
+        const auto make = [&](int j) {
+            return [this, j, last = j == stages, sum = stage_sum(j), at = time(j)](int begin,
+                                                                                   int end) {
+                AlignedVector<Real>& to = last ? result_ : stages_[j & 1];
+                this->kernels().chebyshev(last ? field_ : stage_field_, begin, end,
+                                          this->memory_.data(), increments_[(j - 1) & 1].data(),
+                                          increments_[j & 1].data(), to.data(), sum);
+                this->place_pins(at, begin, end, to);
+            };
+        };
+        const ChebyshevSum<Real> error = error_sum(tolerance);
+        const auto estimate = [&](int begin, int end) {
+            this->kernels().chebyshev_square(field_, begin, end, this->memory_.data(),
+                                             increment_of_step().data(), error,
+                                             row_squares_[0].data());
+        };
+        in_bands(threads, [&](FieldBand<Real>& band, Barrier& barrier) {
+            begin_sums_of_step(band);
+            if (this->state_known_) {
+                make(1)(band.begin, band.end);
+                barrier.wait();
+            } else {
+                sweep(band, barrier, this->memory_, 0, time(0), make(1));
+            }
+            for (int j = 1; j < stages; ++j)
+                sweep(band, barrier, stages_[j & 1], j, time(j), make(j + 1));
+            sweep(band, barrier, result_, stages, time(stages), estimate);
+        });
+        this->state_known_ = true;
+        step_ = h;
+        step_begin_ = t;
+        double squares = 0;
+        for (const RowSquares& row : row_squares_[0]) squares += row.x + row.v;
+        return std::sqrt(squares / this->plan_.cloth.points());
+    }
+    const AlignedVector<Real>& increment_of_step() const {
+        return increments_[chebyshev_->stages & 1];
+    }
+    ChebyshevSum<Real> sum_of(double last, double before, double slope, double first_slope,
+                              int a_last) {
+        return {Real(last),
+                Real(before),
+                Real(slope * planned_),
+                Real(first_slope * planned_),
+                acceleration(a_last),
+                acceleration(0)};
+    }
+    ChebyshevSum<Real> stage_sum(int j) {
+        const ChebyshevMethod::Stage& stage = chebyshev_->stage[std::size_t(j)];
+        return sum_of(stage.mu, stage.nu, stage.slope, stage.first_slope, j - 1);
+    }
+    ChebyshevSum<Real> error_sum(const Tolerance& tolerance) {
+        constexpr double slopes = ChebyshevMethod::error_of_slopes;
+        ChebyshevSum<Real> sum =
+            sum_of(ChebyshevMethod::error_of_increment, 0, slopes, slopes, stages());
+        sum.scale_x = Real(1 / tolerance.x);
+        sum.scale_v = Real(1 / tolerance.v);
+        return sum;
+    }
+    // The cubic polynomial through both ends of the step with their slopes, at a part of it.
+    ChebyshevSum<Real> hermite_sum(double part) {
+        const double left = 1 - part;
+        planned_ = step_;
+        return sum_of(part * part * (3 - 2 * part), 0, -part * part * left, part * left * left,
+                      stages());
+    }
+    ModeBounds modes_with_forces() const {
+        ModeBounds modes = modes_;
+        const double speed = this->plan_.forces.empty() ? 0 : this->speed_bound();
+        for (const auto& force : this->plan_.forces)
+            modes.damping += force->damping_bound(this->plan_.cloth, speed);
+        return modes;
+    }
+    // Above the damping rates of the modes at a state, and in a layer above its frequency [1/s].
+    double damping_rate(const AlignedVector<Real>& state, double t) const {
+        ModeBounds modes = modes_with_forces();
+        if (this->has_penalty()) {
+            const std::vector<Depth> depths = this->depths_in(state, t);
+            double stiffness = 0, damping = 0;
+            for (std::size_t k = 0; k < depths.size(); ++k) {
+                if (!(depths[k].depth > 0)) continue;
+                const Sphere& obstacle = this->plan_.spheres[k];
+                const double part = depths[k].depth / obstacle.thickness;
+                const double push = obstacle.stiffness * depths[k].depth * part * part;
+                stiffness += 6 * obstacle.stiffness * part * part;
+                damping +=
+                    push * (obstacle.dissipation + 2 * obstacle.friction / obstacle.slip_speed);
+            }
+            const double mobility = this->plan_.cloth.largest_mobility();
+            modes.stiffness += stiffness * mobility;
+            modes.damping += damping * mobility;
+        }
+        return std::max(modes.damping, std::sqrt(modes.stiffness));
+    }
+
     void advance_explicit(FieldBand<Real>& band, Barrier& barrier, double t0, double t) {
         run_stages(band, barrier, t0, false, [&](int begin, int end) {
             this->kernels().advance(field_, begin, end, this->memory_.data(), this->memory_.data(),
@@ -489,6 +644,8 @@ private:
     // Bytes: rows per block that fit in the first-level cache in some versions. A call for a short
     // row costs as much as its combination. Half makes more calls, twice may leave the cache.
     static constexpr std::ptrdiff_t bytes_at_once = 16 * 1024;
+    // One of so many stages may be missing at the end of a step, as the bounds are not reached.
+    static constexpr int spare_stages = 8;
 
     const Method method_;
     const ExplicitMethod* explicit_;
@@ -502,6 +659,9 @@ private:
     std::vector<double> first_power_, end_power_, step_work_;  // of forces likewise, see work_rows
     std::vector<int> slot_;  // where the acceleration of a stage lies
     std::array<AlignedVector<Real>, 2> stages_;
+    std::optional<ChebyshevMethod> chebyshev_;  // of the newest step
+    ModeBounds modes_{};  // of the springs
+    std::array<AlignedVector<Real>, 2> increments_;
     std::vector<FieldBand<Real>> bands_;
     const Real* from_ = nullptr;  // where the planned step starts, and its sums
     std::vector<Combination<Real>> stage_sums_;

@@ -16,7 +16,7 @@ public:
             force[k] = -values[0] * state.v[k];
     }
     bool in_kernels() const override { return true; }
-    double damping_bound(const Cloth& cloth) const override {
+    double damping_bound(const Cloth& cloth, double) const override {
         return values[0] * cloth.largest_mobility();
     }
     void each_damping(const Cloth& cloth, const ForceState&, const AddBlock& add) const override {

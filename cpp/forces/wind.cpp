@@ -141,8 +141,8 @@ public:
     // Of a triangle the derivative by u is at most twice density / 2 A max(normal, tangential)
     // sqrt(u.u + w^2), and the square of the mean velocity at most the mean of squares: a point
     // with six triangles has a third of each. So it is that of two triangles.
-    double damping_bound(const Cloth& cloth) const override {
-        const double speed = Vec3(values.data()).norm() + values[6];
+    double damping_bound(const Cloth& cloth, double speed) const override {
+        speed += Vec3(values.data()).norm() + values[6];
         return values[3] * cloth.row_spacing * cloth.column_spacing *
             std::max(values[4], values[5]) * std::hypot(speed, slow) * cloth.largest_mobility();
     }

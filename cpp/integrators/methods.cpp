@@ -223,6 +223,7 @@ const std::vector<Method> methods{
     {.name = "pefrl", .splitting = &pefrl},
     {.name = "dopri5", .runge_kutta = &dopri5},
     {.name = "dop853", .runge_kutta = &dop853},
+    {.name = "rkc2", .stabilised = true},
     {.name = "implicit_midpoint"},
 };
 

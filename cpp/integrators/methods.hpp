@@ -51,15 +51,18 @@ struct Splitting {
 // is not definite: above the method's stable limit.
 double energy_swing(const Splitting& splitting, double omega_dt);
 
-// One of the first two; neither: the implicit midpoint rule, whose stage is found by Newton's
-// method.
 struct Method {
     std::string_view name;
     const ExplicitMethod* runge_kutta = nullptr;
     const Splitting* splitting = nullptr;
     // Splitting: the method that runs where there is damping, if any.
     const ExplicitMethod* damped = nullptr;
+    // RKC2, whose stages depend on the state: integrators/rkc2.hpp. It has error control alone.
+    bool stabilised = false;
     bool in_kernels = false;  // the kernels take whole steps
+
+    // The implicit midpoint rule, whose stage is found by Newton's method.
+    bool implicit() const { return !runge_kutta && !splitting && !stabilised; }
 };
 
 // In the order of the documentation.

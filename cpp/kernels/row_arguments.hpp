@@ -69,6 +69,17 @@ struct Combination {
     }
 };
 
+// An increment (dx, dv) of a Chebyshev recurrence, or one of its errors, times a scale:
+//
+//     last d_last + before d_before + slope (v + dv_last, a_last) + first_slope (v, a_first)
+template <class Real>
+struct ChebyshevSum {
+    Real last = 0, before = 0;
+    Real slope = 0, first_slope = 0;  // s
+    const Real *a_last = nullptr, *a_first = nullptr;
+    Real scale_x = 1, scale_v = 1;
+};
+
 // Sums of squares of dx and of dv over a row.
 struct RowSquares {
     double x = 0, v = 0;
@@ -94,6 +105,14 @@ struct RowsKernels {
     // `state` gives the velocities.
     void (*square)(const FieldLayout&, int begin, int end, const Real* state,
                    const Combination<Real>&, RowSquares*);
+    // The sum of increments of rows [begin, end), which has the layout of the state `from`, takes
+    // the place of `before`, and `from` plus the sum goes to `to`, compensated as by `advance`. An
+    // increment whose factor is 0 is not read.
+    void (*chebyshev)(const FieldLayout&, int begin, int end, const Real* from, const Real* last,
+                      Real* before, Real* to, const ChebyshevSum<Real>&);
+    // The squares of the sum, without `before`.
+    void (*chebyshev_square)(const FieldLayout&, int begin, int end, const Real* from,
+                             const Real* last, const ChebyshevSum<Real>&, RowSquares*);
     // A row of a state as arrays of shape (points, 3): positions, to which the origin is added, and
     // velocities.
     void (*read_points)(const Real* row, const RowShape&, const double* origin, double* x,

@@ -53,33 +53,73 @@ bool all_finite(const Real* p, const Blocks& blocks) {
     return xsimd::all(good);
 }
 
-// `work(row, where in the state, dx, dv)` for every block of `count` vectors of the rows, which
-// stay in registers while accelerations are added; `from` gives the velocities of the drift.
-template <class V, int count, class Real, class Work>
-CLOTHSIM_INLINE void each_block(const FieldLayout& f, int begin, int end, const Real* from,
-                                const Combination<Real>& sum, const Work& work) {
+// `compute(where in the state, where in accelerations, dx, dv)` and then `work(row, where in the
+// state, dx, dv)` for every block of `count` vectors of the rows, which stay in registers.
+template <class V, int count, class Compute, class Work>
+CLOTHSIM_INLINE void each_block(const FieldLayout& f, int begin, int end, const Compute& compute,
+                                const Work& work) {
     constexpr int W = int(V::size);
     for (int r = begin; r < end; ++r)
         for (int k = 0; k < f.runs; ++k)
             for (int o = 0; o < f.length; o += count * W) {
                 const std::ptrdiff_t state = f.origin + r * f.row + k * f.run + o;
-                const std::ptrdiff_t at =
-                    f.acceleration_origin + r * f.acceleration_row + k * f.acceleration_run + o;
                 V dx[count], dv[count];
-                for (int i = 0; i < count; ++i) {
-                    dx[i] = V(sum.drift) * V::load_unaligned(from + state + f.velocity + i * W);
-                    dv[i] = V(Real(0)) * dx[i];
-                }
-                for (int l = 0; l < sum.count; ++l) {
-                    const V x(sum.x[std::size_t(l)]), v(sum.v[std::size_t(l)]);
-                    for (int i = 0; i < count; ++i) {
-                        const V a = V::load_unaligned(sum.a[std::size_t(l)] + at + i * W);
-                        dx[i] = dx[i] + x * a;
-                        dv[i] = dv[i] + v * a;
-                    }
-                }
+                compute(state,
+                        f.acceleration_origin + r * f.acceleration_row + k * f.acceleration_run + o,
+                        dx, dv);
                 work(r, state, dx, dv);
             }
+}
+
+// The combination; `from` gives the velocities of the drift.
+template <class V, int count, class Real>
+CLOTHSIM_INLINE auto combined(const FieldLayout& f, const Real* from,
+                              const Combination<Real>& sum) {
+    return [&f, from, &sum](std::ptrdiff_t state, std::ptrdiff_t at, V* dx, V* dv)
+               __attribute__((always_inline)) {
+                   constexpr int W = int(V::size);
+                   for (int i = 0; i < count; ++i) {
+                       dx[i] = V(sum.drift) * V::load_unaligned(from + state + f.velocity + i * W);
+                       dv[i] = V(Real(0)) * dx[i];
+                   }
+                   for (int l = 0; l < sum.count; ++l) {
+                       const V x(sum.x[std::size_t(l)]), v(sum.v[std::size_t(l)]);
+                       for (int i = 0; i < count; ++i) {
+                           const V a = V::load_unaligned(sum.a[std::size_t(l)] + at + i * W);
+                           dx[i] = dx[i] + x * a;
+                           dv[i] = dv[i] + v * a;
+                       }
+                   }
+               };
+}
+
+// The sum of increments; `from` gives the velocities.
+template <class V, int count, class Real>
+CLOTHSIM_INLINE auto summed(const FieldLayout& f, const Real* from, const Real* last,
+                            const Real* before, const ChebyshevSum<Real>& sum) {
+    return [&f, from, last, before, &sum](std::ptrdiff_t state, std::ptrdiff_t at, V* dx, V* dv)
+               __attribute__((always_inline)) {
+                   constexpr int W = int(V::size);
+                   for (int i = 0; i < count; ++i) {
+                       const std::ptrdiff_t x = state + i * W, v = x + f.velocity, a = at + i * W;
+                       const V velocity = V::load_unaligned(from + v);
+                       dx[i] = V(sum.first_slope) * velocity;
+                       dv[i] = V(sum.first_slope) * V::load_unaligned(sum.a_first + a);
+                       if (sum.last != 0) {
+                           const V speed = V::load_unaligned(last + v);
+                           dx[i] = dx[i] + V(sum.slope) * (velocity + speed);
+                           dv[i] = dv[i] + V(sum.slope) * V::load_unaligned(sum.a_last + a);
+                           dx[i] = dx[i] + V(sum.last) * V::load_unaligned(last + x);
+                           dv[i] = dv[i] + V(sum.last) * speed;
+                       }
+                       if (sum.before != 0) {
+                           dx[i] = dx[i] + V(sum.before) * V::load_unaligned(before + x);
+                           dv[i] = dv[i] + V(sum.before) * V::load_unaligned(before + v);
+                       }
+                       dx[i] = V(sum.scale_x) * dx[i];
+                       dv[i] = V(sum.scale_v) * dv[i];
+                   }
+               };
 }
 
 // `work` with the number of vectors that divides the runs of a field: the three components of the
@@ -91,40 +131,64 @@ CLOTHSIM_INLINE void in_blocks(const FieldLayout& f, const Work& work) {
     else work(std::integral_constant<int, in_line>{});
 }
 
+// `to` becomes `from` plus an increment.
+template <class V, class Real>
+CLOTHSIM_INLINE void add_increment(const FieldLayout& f, const Real* from, Real* to,
+                                   std::ptrdiff_t at, const V& increment) {
+    const V old = V::load_unaligned(from + at);
+    if (f.compensation == 0) return (old + increment).store_unaligned(to + at);
+    const V all = increment + V::load_unaligned(from + at + f.compensation), next = old + all;
+    (all - (next - old)).store_unaligned(to + at + f.compensation);
+    next.store_unaligned(to + at);
+}
+
 template <class Arch, class Real>
 void advance_rows(const FieldLayout& f, int begin, int end, const Real* from, Real* to,
                   const Combination<Real>& sum) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
-    const auto add = [&](std::ptrdiff_t at, const V& increment) __attribute__((always_inline)) {
-        const V old = V::load_unaligned(from + at);
-        if (f.compensation == 0) return (old + increment).store_unaligned(to + at);
-        const V all = increment + V::load_unaligned(from + at + f.compensation), next = old + all;
-        (all - (next - old)).store_unaligned(to + at + f.compensation);
-        next.store_unaligned(to + at);
-    };
     in_blocks<V>(f, [&](auto count) __attribute__((always_inline)) {
-        each_block<V, count>(f, begin, end, from, sum,
+        each_block<V, count>(f, begin, end, combined<V, count>(f, from, sum),
                              [&](int, std::ptrdiff_t at, const V* dx, const V* dv)
                                  __attribute__((always_inline)) {
                                      for (int i = 0; i < count; ++i) {
-                                         add(at + i * W, dx[i]);
-                                         add(at + f.velocity + i * W, dv[i]);
+                                         add_increment(f, from, to, at + i * W, dx[i]);
+                                         add_increment(f, from, to, at + f.velocity + i * W, dv[i]);
                                      }
                                  });
     });
 }
 
 template <class Arch, class Real>
-void square_rows(const FieldLayout& f, int begin, int end, const Real* state,
-                 const Combination<Real>& sum, RowSquares* rows) {
+void chebyshev_rows(const FieldLayout& f, int begin, int end, const Real* from, const Real* last,
+                    Real* before, Real* to, const ChebyshevSum<Real>& sum) {
     using V = Lanes<Real, Arch>;
+    constexpr int W = int(V::size);
+    in_blocks<V>(f, [&](auto count) __attribute__((always_inline)) {
+        each_block<V, count>(f, begin, end, summed<V, count, Real>(f, from, last, before, sum),
+                             [&](int, std::ptrdiff_t at, const V* dx, const V* dv)
+                                 __attribute__((always_inline)) {
+                                     for (int i = 0; i < count; ++i) {
+                                         const std::ptrdiff_t x = at + i * W, v = x + f.velocity;
+                                         dx[i].store_unaligned(before + x);
+                                         dv[i].store_unaligned(before + v);
+                                         add_increment(f, from, to, x, dx[i]);
+                                         add_increment(f, from, to, v, dv[i]);
+                                     }
+                                 });
+    });
+}
+
+// Sums of squares, row by row, of what `compute_of(count)` gives.
+template <class V, class ComputeOf>
+CLOTHSIM_INLINE void square_blocks(const FieldLayout& f, int begin, int end, RowSquares* rows,
+                                   const ComputeOf& compute_of) {
     constexpr int W = int(V::size);
     in_blocks<V>(f, [&](auto count) __attribute__((always_inline)) {
         for (int r = begin; r < end; ++r) {
             V total[2][count];
-            for (int i = 0; i < 2 * count; ++i) total[i / count][i % count] = V(Real(0));
-            each_block<V, count>(f, r, r + 1, state, sum,
+            for (int i = 0; i < 2 * count; ++i) total[i / count][i % count] = V(0);
+            each_block<V, count>(f, r, r + 1, compute_of(count),
                                  [&](int, std::ptrdiff_t, const V* dx, const V* dv)
                                      __attribute__((always_inline)) {
                                          for (int i = 0; i < count; ++i) {
@@ -143,9 +207,33 @@ void square_rows(const FieldLayout& f, int begin, int end, const Real* state,
 }
 
 template <class Arch, class Real>
+void square_rows(const FieldLayout& f, int begin, int end, const Real* state,
+                 const Combination<Real>& sum, RowSquares* rows) {
+    using V = Lanes<Real, Arch>;
+    square_blocks<V>(f, begin, end, rows, [&](auto count) __attribute__((always_inline)) {
+        return combined<V, count>(f, state, sum);
+    });
+}
+
+template <class Arch, class Real>
+void chebyshev_square_rows(const FieldLayout& f, int begin, int end, const Real* from,
+                           const Real* last, const ChebyshevSum<Real>& sum, RowSquares* rows) {
+    using V = Lanes<Real, Arch>;
+    square_blocks<V>(f, begin, end, rows, [&](auto count) __attribute__((always_inline)) {
+        return summed<V, count, Real>(f, from, last, nullptr, sum);
+    });
+}
+
+template <class Arch, class Real>
 constexpr RowsKernels<Real> rows_kernels() {
-    return {&points_below<Arch, Real>, &component_extent<Arch, Real>, &all_finite<Arch, Real>,
-            &advance_rows<Arch, Real>, &square_rows<Arch, Real>,      &read_points<Real>,
+    return {&points_below<Arch, Real>,
+            &component_extent<Arch, Real>,
+            &all_finite<Arch, Real>,
+            &advance_rows<Arch, Real>,
+            &square_rows<Arch, Real>,
+            &chebyshev_rows<Arch, Real>,
+            &chebyshev_square_rows<Arch, Real>,
+            &read_points<Real>,
             &write_points<Real>};
 }
 

@@ -34,8 +34,9 @@ public:
     // Whether the kernels compute it; the engines call the others before they sum the springs.
     virtual bool in_kernels() const { return false; }
 
-    // A bound of the damping rates that it gives to modes of the cloth at rest [1/s].
-    virtual double damping_bound(const Cloth&) const { return 0; }
+    // A bound of the damping rates that it gives to modes of a cloth whose fastest point has this
+    // speed [m/s]; in 1/s.
+    virtual double damping_bound(const Cloth&, double /*speed*/) const { return 0; }
     // `add(i, j, block)`: minus the symmetric derivative of the force on mass point i by the velocity
     // of j [N s/m].
     using AddBlock = std::function<void(int i, int j, const Eigen::Matrix3d& block)>;

@@ -44,6 +44,7 @@ class Shading:
 
 class Force:
     def __init__(self, name: str, values: list[float], motion: Motion) -> None: ...
+    name: str
     def damping_bound(self, cloth: Cloth) -> float: ...
     def damping_blocks(
         self, cloth: Cloth, x: Floats, v: Floats, t: float

@@ -42,6 +42,7 @@ Integrator: TypeAlias = (
         "pefrl",
         "dopri5",
         "dop853",
+        "rkc2",
         "implicit_midpoint",
         "auto",
     ]

@@ -7,7 +7,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.base import files
-from clothsim.methods.integrators import integrators
+from variants import FIXED
 
 SCENE = cs.scenes.paper_swing()
 CLOTH = SCENE.cloth.replace(shape=(6, 7), mass=21.0)
@@ -26,7 +26,7 @@ def end(run):
 
 @pytest.mark.filterwarnings("ignore::clothsim.OrderWarning")
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
-@pytest.mark.parametrize("integrator", integrators())
+@pytest.mark.parametrize("integrator", FIXED)
 def test_a_resumed_run_equals_an_uninterrupted_run(integrator, precision, same_bits, tmp_path):
     options = {"dt": 1e-3, "integrator": integrator, "precision": precision, "threads": 1}
     whole = cs.simulate(SMALL, 0.5, t=0.25, fps=50, **options)

@@ -22,6 +22,8 @@ TOLERANCES = {
     "rms_error": 0.2,
     "max_error": 0.2,
     "error_rms": 0.2,
+    # The limit at a state settles to 1e-3; where it stops depends on the rounding of NumPy's BLAS.
+    "here": 1e-4,
 }
 ROUNDING = 1e-5
 # Smaller differences of errors are rounding [m].
@@ -113,7 +115,7 @@ def work_precision():
     settings = {
         "precisions": ["double", "single"],
         "dts": [2.0**-8, 2.0**-9],
-        "rtols": [1e-4, 1e-5],  # 1e-6 is rounding in single
+        "rtols": [1e-3, 1e-4],  # 1e-5 is partly rounding in single
     }
     data = cs.work_precision(scene, DURATION, methods, **settings, windows=1)
     return _numbers(data[["setting", "rms_error", "max_error", "force_evaluations"]])

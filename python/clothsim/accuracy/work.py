@@ -322,7 +322,9 @@ def own_method(
 ) -> Method:
     """An integrator of this package; "NAME adaptive" chooses its steps by a tolerance."""
     control = "rtol" if name.endswith(" adaptive") else "dt"
-    label = integrator = integrator_name(name.removesuffix(" adaptive"), argument="methods")
+    label = integrator = integrator_name(
+        name.removesuffix(" adaptive"), argument="methods", fixed=control == "dt"
+    )
     if control == "rtol":
         adaptive = [f"{one} adaptive" for one, about in METHODS.items() if about.adaptive]
         label = check.choice("methods", f"{integrator} adaptive", adaptive)
@@ -483,7 +485,7 @@ def convergence(
     """
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
-    integrator = integrator_name(integrator)
+    integrator = integrator_name(integrator, fixed=True)
     check.choice("precision", precision, ("double", "single"))
     listed = check.items("dts", dts, None, "time steps > 0", 1)
     given = [

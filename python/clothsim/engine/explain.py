@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from ..base.text import aligned
-from ..methods.bound import limit_in_layer, limiting_term
-from ..methods.integrators import METHODS
+from ..methods.bound import damping_ratio, least_rtol_of_rkc2, limit_in_layer, limiting_term
+from ..methods.integrators import METHODS, integrator_name
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
 from ..model.sphere import Plane, Sphere, kind_name
@@ -59,6 +60,17 @@ def _layer_text(scene: Scene, k: int, integrator: str) -> str:
     )
 
 
+def _with_tolerance(scene: Scene) -> str:
+    """Return the method that `simulate` chooses where an error is asked for."""
+    least = least_rtol_of_rkc2(scene)
+    if math.isinf(least):
+        return "dop853"
+    return (
+        f"rkc2 from rtol {least:g} on, as damping shortens the stable step "
+        f"{damping_ratio(scene):.1f} times; else dop853"
+    )
+
+
 def explain(
     scene: Scene,
     precision: str = "double",
@@ -68,7 +80,7 @@ def explain(
 ) -> Explanation:
     """See `Scene.explain`."""
     options = Options(integrator, precision, threads, kernel)
-    integrator = options.integrator
+    integrator = integrator_name(options.integrator, fixed=True)
     cloth, method = scene.cloth, METHODS[integrator]
     plan = core_plan(scene, options)
     stages = method.stages_damped if scene.damped else method.stages
@@ -102,6 +114,7 @@ def explain(
                 if s.response == "penalty"
             ),
             "integrator": integrator,
+            "with_tolerance": _with_tolerance(scene),
             "order": method.order_of(scene),
             "force_evaluations_per_step": (
                 stages if method.explicit else "as many as Newton's method takes"

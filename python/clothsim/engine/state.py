@@ -16,7 +16,7 @@ from ..base import check
 from ..base.interrupts import Interrupts
 from ..errors import ContactWarning, warn_caller
 from ..methods.bound import stable_depths, stable_dt
-from ..methods.integrators import METHODS, warn_of_order
+from ..methods.integrators import METHODS, integrator_name, warn_of_order
 from ..model.motion import Linear
 from ..model.scene import Scene
 from ..model.sphere import held, kind_name
@@ -333,6 +333,7 @@ class State:
         Driven pins that are elsewhere are refused.
         """
         scenes, batched, own = scenes_of(scene), not isinstance(scene, Scene), x is None
+        integrator_name(options.integrator, fixed=True)
         time = 0.0 if t is None and own else start_time(t, scenes)
         own_x, own_v = own_arrays(scenes, batched)
         x = own_x if own else x

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
+from ..methods.integrators import integrator_name
 from ..model.scene import Scene
 from ..typing import Backend, Force, Integrator, Kernel, Precision
 from .force import forces_of
@@ -90,6 +91,7 @@ def _engine(
             except (IndexError, KeyError, TypeError):
                 pass  # KeyError: another thread; TypeError: an option that is no name
     options = Options(integrator, precision, threads, kernel, backend)
+    integrator_name(options.integrator, fixed=True)
     scenes, batched = scenes_of(scene), not isinstance(scene, Scene)
     x, v = state_arrays(x, v, scenes, batched, precision)
     members = len(x) if x.ndim == 4 and not batched else 1

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from .. import _core
 from ..model.cloth import Cloth
 from ..model.scene import Scene
+from .integrators import METHODS
 from .region import box_limit
 
 # A sweep asks for thousands of cloths of few kinds, and every call of `step` asks again.
@@ -19,9 +20,39 @@ _limit = lru_cache(maxsize=4096)(box_limit)
 
 
 def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
-    """The guarantee that `clothsim.max_stable_dt` gives without a state [s]."""
+    """The guarantee that `clothsim.max_stable_dt` gives without a state [s]; that of rk4 for a
+    method without steps of a given length.
+    """
+    if METHODS[integrator].family == "stabilised":
+        integrator = "rk4"
     stiffness, damping = _core.mode_bounds(scene.cloth.core, scene.core_forces)
     return _limit(integrator, math.sqrt(stiffness), damping)
+
+
+def damping_ratio(scene: Scene) -> float:
+    """Return the stable step of rk4 without the damping of springs and drag over that with it."""
+    cloth = scene.cloth.core
+    drag = [force for force in scene.core_forces if force.name == "drag"]
+    stiffness, damping = _core.mode_bounds(cloth, drag)
+    omega = math.sqrt(stiffness)
+    if damping == 0:
+        return 1.0
+    return _limit("rk4", omega, 0.0) / _limit("rk4", omega, damping)
+
+
+# From these ratios on damped cloths cost less by rkc2 than by dop853, down to these tolerances.
+_DAMPED = ((20.0, 1e-6), (4.0, 1e-5))
+
+
+def least_rtol_of_rkc2(scene: Scene) -> float:
+    """Return the relative tolerance from which on "auto" takes rkc2; infinite where it does not.
+
+    Responses after the step keep steps near them short, so that rkc2 gains nothing.
+    """
+    if any(obstacle.response != "penalty" for obstacle in scene.spheres):
+        return math.inf
+    ratio = damping_ratio(scene)
+    return next((rtol for least, rtol in _DAMPED if ratio >= least), math.inf)
 
 
 def usable_dt(scene: Scene, integrator: str) -> float:
@@ -152,7 +183,9 @@ class LimitingTerm:
 
 
 def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
-    """The term that limits the step that `max_stable_dt` guarantees for a scene."""
+    """The term that limits the step that `stable_dt` gives for a scene."""
+    if METHODS[integrator].family == "stabilised":
+        integrator = "rk4"
     wind = scene.wind.core.damping_bound(scene.cloth.core) if scene.wind else 0.0
     return _term_of(scene.cloth, wind, integrator)
 

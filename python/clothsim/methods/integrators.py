@@ -35,11 +35,12 @@ class Integrator:
     symplectic : bool
         Whether the energy of an undamped scene stays bounded over any number of steps.
     family : str
-        "runge_kutta" (explicit), "splitting" or "implicit".
+        "runge_kutta" (explicit), "splitting", "stabilised" (explicit too) or "implicit".
     adaptive : bool
         Whether the method estimates its error, so that `simulate` can choose the step by it.
     stages, stages_damped : int
-        Force evaluations per step of a scene without and with damping.
+        Force evaluations per step of a scene without and with damping; of "rkc2" the least, as the
+        damping of the scene asks for.
     """
 
     name: str
@@ -63,6 +64,11 @@ class Integrator:
     def explicit(self) -> bool:
         """False if a step solves a system of equations."""
         return self.family != "implicit"
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the method also takes steps of a given `dt`."""
+        return self.family != "stabilised"
 
     @property
     def damped(self) -> bool:
@@ -99,6 +105,8 @@ class Integrator:
     @property
     def _traits(self) -> tuple[str, str]:
         """Stages and kind as text."""
+        if not self.fixed:
+            return f"{self.stages} or more", "explicit, adaptive alone, stabilised"
         damped = "" if self.stages_damped == self.stages else f" (damped: {self.stages_damped})"
         kind = "explicit" if self.explicit else "implicit"
         order = "" if self.damped else f" (damped: order {self.order_damped})"
@@ -117,6 +125,7 @@ _PROPERTIES = {
     "pefrl": (4, 1, True),
     "dopri5": (5, 5, False),
     "dop853": (8, 8, False),
+    "rkc2": (2, 2, False),
     "implicit_midpoint": (2, 2, True),
 }
 
@@ -189,14 +198,27 @@ def integrators() -> Mapping[str, Integrator]:
     pefrl 4 4 True 2.9894
     dopri5 5 6 True 0.9972
     dop853 8 12 True 5.9604
+    rkc2 2 2 True 0.0
     implicit_midpoint 2 1 False inf
     """
     return _Integrators(METHODS)
 
 
-def integrator_name(name: Any, *more: str, argument: str = "integrator") -> str:
-    """`name` if it is the name of a method, or one of `more`, such as "auto"."""
-    return str(check.choice(argument, name, (*more, *METHODS)))
+def integrator_name(
+    name: Any, *more: str, argument: str = "integrator", fixed: bool = False
+) -> str:
+    """Return `name` if it is the name of a method, or one of `more`, such as "auto".
+
+    `fixed`: steps of a given length are asked for, which some methods do not take.
+    """
+    found = str(check.choice(argument, name, (*more, *METHODS)))
+    if fixed and found not in more and METHODS[found].family == "stabilised":
+        raise ValueError(
+            f"{argument} must be another than {found!r} here, which takes no steps of a given "
+            "length, as its stages follow from the damping: give simulate rtol or atol and no "
+            "dt, or take 'rk4'"
+        )
+    return found
 
 
 def warn_of_order(integrator: str, scene: Scene) -> bool:

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats
-from .integrators import METHODS
+from .integrators import METHODS, integrator_name
 
 _ANGLES = 257
 _RADIUS_STEP = 0.05
@@ -45,7 +45,7 @@ def amplification_matrix(
     """
     omega, delta = np.broadcast_arrays(np.asarray(omega_dt, float), np.asarray(delta_dt, float))
     square = omega * omega
-    method = METHODS[integrator]
+    method = METHODS[integrator_name(integrator, fixed=True)]
     if method.family == "splitting":
         one, zero = np.ones_like(square), np.zeros_like(square)
         x, w = np.stack([one, zero], -1), np.stack([zero, one], -1)
@@ -119,6 +119,8 @@ def _exit_radii(integrator: str, angle: Floats) -> Floats:
     """The radius where the ray of each angle (from the omega axis) leaves the stable region."""
     if METHODS[integrator].family == "implicit":
         return np.full(len(angle), np.inf)
+    if METHODS[integrator].family == "stabilised":  # enough stages damp all but undamped motion
+        return np.where(angle > 0, np.inf, 0.0)
     omega, delta = np.cos(angle), np.sin(angle)
     omega[angle >= np.pi / 2] = 0.0
     farthest, bad = _FARTHEST, np.zeros((1, 1), bool)

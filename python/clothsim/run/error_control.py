@@ -8,8 +8,8 @@ other steps and rounds differently, so the distance includes rounding errors.
 
 A search is a function from the trajectories so far to the job of the next run, or to the end: a
 generator that yields a `Job`, is sent its `Trajectory`, and returns the trajectory to hand over and
-its error. `refined` is the search for dop853 in double, which "auto" takes; `compared` serves all
-other methods. After a contact no error is estimated. Both make `RUNS` runs at most;
+its error. `refined` is the search for dop853 in double and for rkc2, which "auto" takes; `compared`
+serves all other methods. After a contact no error is estimated. Both make `RUNS` runs at most;
 docs/dev/error-control.md says why each run ends.
 """
 
@@ -59,20 +59,22 @@ TOLERANCE = 1.5
 # Radians, approximately, of the fastest motion above which tolerances fall with their cube. Each
 # step adds an error, and an error of frequency moves positions apart with the square of time.
 GROWTH = 12.0
-# Steps of a run over those of the run before it, at least.
-REFINEMENT = 1.25
+# Steps of the second run over those of the first.
+REFINEMENT = {"dop853": 1.25, "rkc2": 1.5}
 # Steps below which no error is extrapolated: the sum of few local errors is a poor estimate.
 FEW = 60
 
-ORDER = 8  # of dop853
+ORDER = METHODS["dop853"].order
 # Least by which errors fall with more steps in contact, and in wind: a triangle that turns through
 # the wind has all but a kink in its force.
 ORDER_OF_KINKS = 2
 # A promise, not a setting: force evaluations of everything over those of a run at the smallest
 # tolerance.
 MOST = 3.0
-# Part of the local errors that a refinement leaves, at most and at least.
-_FALL, _LEAST_FALL = REFINEMENT**-ORDER, SMALL**4
+# Evaluations of a step of rkc2 grow with the root of its length.
+_POWER_OF_STEPS = {"dop853": 1.0, "rkc2": 0.5}
+# Part of the local errors that a later refinement leaves, at most and at least.
+_FALL, _LEAST_FALL = REFINEMENT["dop853"] ** -ORDER, SMALL**4
 
 # Why an error is unknown, or larger than what was asked for.
 CONTACT = "an obstacle responded after a step, which is no part of the equation: no error is told"
@@ -139,7 +141,7 @@ def solve(job: Job, asked: float, watch: Watch, plain: Options | None = None) ->
         job.scene, job.start, job.start + job.duration
     )  # refuses too many before the first run
     done: list[Trajectory] = []
-    if job.options.integrator == "dop853" and job.options.precision == "double":
+    if job.options.integrator in _POWER_OF_STEPS and job.options.precision == "double":
         return _conduct(refined(job, asked, done, plain), done, watch)
     return _conduct(compared(job, asked, done), done, watch)
 
@@ -224,14 +226,14 @@ def _fixed(job: Job, dt: float) -> Job:
     return replace(job, dt=step, own_step=True, longest=longest)
 
 
-# dop853 in double: grids that are refined (Shampine, Watts: Global error estimation for ordinary
-# differential equations, ACM TOMS 2 (1976) 172), and tolerances (Stetter: Considerations concerning
-# a theory for ODE-solvers, 1978) where errors are not proportional; docs/dev/error-control.md has
-# the algorithm.
+# dop853 and rkc2 in double: grids that are refined (Shampine, Watts: Global error estimation for
+# ordinary differential equations, ACM TOMS 2 (1976) 172), and tolerances (Stetter: Considerations
+# concerning a theory for ODE-solvers, 1978) where errors are not proportional;
+# docs/dev/error-control.md has the algorithm.
 
 
 def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | None = None) -> Search:
-    """The run of dop853 whose error is at most `asked` [m], rms, or the best one found.
+    """The run of dop853 or rkc2 whose error is at most `asked` [m], rms, or the best one found.
 
     `plain`: options of a run at the longest stable step, which is returned if it is accurate
     enough, because it costs less.
@@ -267,7 +269,7 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | Non
             continue
         if after.contacts:
             return after, Estimate(reason=CONTACT)
-        if _alike(before, after):  # which says nothing about the error of either
+        if _alike(before, after, finer.refinement):  # which says nothing about the error of either
             if finer.is_finest:
                 return ended(LEAST)
             finer.refine(finer.fall * SMALL**2)
@@ -279,7 +281,7 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | Non
             return before, pair.before
         if pair.extrapolates and pair.after.rms <= asked and asked >= ROUNDING * size_of(job.scene):
             return after, pair.after
-        stalled = pair.before.rms > least / 2
+        stalled = pair.before.rms > least * max(0.5, MARGIN * finer.first_fall)
         hopeless = stalled and before.local_error <= SMALL**3 * best.local_error
         if pair.before.rms < least:
             # The finer of two that are near: its error is at most about their distance.
@@ -297,12 +299,12 @@ def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | Non
     return ended(NOT_REACHED)
 
 
-def _alike(before: Trajectory, after: Trajectory) -> bool:
+def _alike(before: Trajectory, after: Trajectory, refinement: float) -> bool:
     """Return whether two runs took all but the same steps: where motions set them, tolerances do
     not.
     """
     return (
-        after.steps < (1 + REFINEMENT) / 2 * before.steps
+        after.steps < (1 + refinement) / 2 * before.steps
         and after.local_error > SMALL * before.local_error
     )
 
@@ -338,6 +340,8 @@ def _first_tolerance(job: Job, asked: float) -> Generator[Job, Trajectory, float
     Errors of damped motion are forgotten.
     """
     tolerance, steps = TOLERANCE * asked, 0.0
+    if job.options.integrator == "rkc2":  # damped motion forgets its errors
+        return tolerance
     with suppress(UnstableError):
         part = max(tolerance, _smallest(job))
         steps = (yield _unseen(job, duration=PILOT * job.duration, tolerance=part)).steps / PILOT
@@ -362,9 +366,13 @@ class _Pair:
         found = self.left[1] / max(self.left[0], 1e-300)
         # A contact adds errors that fall more slowly than those of smooth motion.
         kinks = after.watched["in_contact"] or after.scene.wind is not None
-        order = ORDER_OF_KINKS if kinks else ORDER
+        order = METHODS[after.options.integrator].order
+        if kinks:
+            order = min(order, ORDER_OF_KINKS)
         m = min((before.steps / after.steps) ** order if by_grid else found, 1 - SMALL)
-        self.proportional = by_grid and 1 / MARGIN <= found / m <= MARGIN
+        # Errors of rkc2 near its stable step fall faster than their order.
+        least = 0.0 if after.options.integrator == "rkc2" else 1 / MARGIN
+        self.proportional = by_grid and least <= found / m <= MARGIN
         self.extrapolates = self.proportional and m >= SMALL and after.steps >= FEW
         self.before = Estimate.of(x, better, chance * MARGIN / (1 - m))
         m = min(max(found, m), 1 - SMALL)
@@ -377,13 +385,20 @@ class _Finer:
     def __init__(self, job: Job, first: Trajectory) -> None:
         self._job, self._first = job, first
         self._smallest = _smallest(job) / first.tolerance
+        self._order = METHODS[job.options.integrator].order
+        self.refinement = REFINEMENT[job.options.integrator]
         self.by_grid = True
-        self.fall = _FALL  # local errors of the run over those of the first
-        self.evaluations_of_finest = float(first.evaluations * self._smallest ** (-1 / ORDER))
+        self.first_fall = self.refinement**-self._order
+        self.fall = self.first_fall  # local errors of the run over those of the first
+        self.evaluations_of_finest = self._evaluations_at(self._smallest)
 
     @property
     def evaluations(self) -> float:
-        return float(self._first.evaluations * self.fall ** (-1 / ORDER))
+        return self._evaluations_at(self.fall)
+
+    def _evaluations_at(self, fall: float) -> float:
+        power = _POWER_OF_STEPS[self._job.options.integrator] / self._order
+        return float(self._first.evaluations * fall**-power)
 
     @property
     def _finest(self) -> float:
@@ -399,7 +414,9 @@ class _Finer:
             return (yield from _at_tolerance(self._job, self.fall * first.tolerance))
         return (
             yield replace(
-                self._job, tolerance=first.tolerance, grid=first.refined(self.fall ** (-1 / ORDER))
+                self._job,
+                tolerance=first.tolerance,
+                grid=first.refined(self.fall ** (-1 / self._order)),
             )
         )
 

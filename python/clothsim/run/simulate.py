@@ -18,6 +18,7 @@ from ..engine.options import Options
 from ..engine.snapshot import take
 from ..engine.state import own_arrays, scenes_of, state_arrays
 from ..errors import ContactError, RunInterrupted, UnstableError
+from ..methods.bound import least_rtol_of_rkc2
 from ..methods.integrators import integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Force, Integrator, Kernel, Precision
@@ -95,7 +96,7 @@ def simulate(
         is shorter.
     integrator : str, optional
         A name of `integrators`, or "auto", which chooses method, precision and step by the
-        tolerance. Default: "auto" without `dt`, "rk4" with it.
+        tolerance and the damping. Default: "auto" without `dt`, "rk4" with it.
     precision, threads, kernel, backend
         As for `step`. The backend "gpu" takes fixed steps of "rk4" only.
     rtol, atol : float, optional
@@ -169,7 +170,7 @@ def simulate(
     plain = integrator is None and asked is None and dt is None and backend != "gpu"
     if integrator is None:
         integrator = "auto" if asked is not None or plain else "rk4"
-    integrator = integrator_name(integrator, "auto")
+    integrator = integrator_name(integrator, "auto", fixed=dt is not None)
     method = "rk4" if integrator == "auto" else integrator
     options = Options(method, precision, threads, kernel, backend)
     if options.backend == "gpu" and (asked is not None or integrator == "auto"):
@@ -189,7 +190,10 @@ def simulate(
     _check_callback(callback)
     forces_of(force, scenes, batched)
     if integrator == "auto":
-        options = replace(options, integrator="dop853", precision="double")
+        relative = _DEFAULT_RTOL if asked is None else asked / size_of(scenes[0])
+        chosen = "rkc2" if relative >= least_rtol_of_rkc2(scenes[0]) else "dop853"
+        plain = plain and chosen == "dop853"
+        options = replace(options, integrator=chosen, precision="double")
     if options.precision == "single":
         state_arrays(*own_arrays(scenes, batched), scenes, batched, "single")
     job = Job(scenes, batched, duration, options, t, frames, force, dt)

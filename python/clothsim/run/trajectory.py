@@ -495,8 +495,11 @@ class Recorder:
         # better there.
         near = min(stable, stable_dt(job.scene)) / 2
         if before.control is None:
-            stiffness, _ = _core.mode_bounds(job.scene.cloth.core, job.scene.core_forces)
+            stiffness, damping = _core.mode_bounds(job.scene.cloth.core, job.scene.core_forces)
             rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / job.duration)
+            if job.options.integrator == "rkc2" and damping > 0:
+                # Faster motion is damped at once, and so follows the slower.
+                rate = min(rate, max(stiffness / damping, 1.0 / job.duration))
             tolerance, controller = (
                 job.tolerance,
                 (min(job.duration, 0.9 * stable), *_NEW_CONTROLLER),

@@ -147,7 +147,7 @@ def max_stable_dt(
         return np.array(
             [max_stable_dt(one, integrator, *state, t) for one, *state in zip(scenes, *states)]
         )
-    integrator = integrator_name(integrator)
+    integrator = integrator_name(integrator, fixed=True)
     if x is None:
         if v is not None:
             raise ValueError("v must be None without x, got velocities alone")

@@ -16,6 +16,7 @@ from ..engine.options import Options
 from ..engine.stepper import Stepper
 from ..errors import UnstableError
 from ..measure import energy
+from ..methods.integrators import integrator_name
 from ..model.scene import Scene
 from ..typing import Integrator, Precision
 from .limit import max_stable_dt, spectral_limit
@@ -111,7 +112,7 @@ def stability_map(
     """
     xr: Any = needed("xarray", "stability_map")
     check.instance("scene", scene, Scene)
-    integrator = Options(integrator, precision).integrator
+    integrator = integrator_name(Options(integrator, precision).integrator, fixed=True)
     stiffness, dt = _positive("stiffness", stiffness), _positive("dt", dt)
     steps = check.integer("steps", steps, minimum=1)
     threads = Options(threads=threads).threads or available_threads()

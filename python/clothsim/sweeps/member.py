@@ -102,7 +102,8 @@ class Maker:
             given["integrator"] = "rk4"
         name = given["integrator"]
         if name is not None:
-            name = given["integrator"] = integrator_name(name, "auto")
+            name = integrator_name(name, "auto", fixed=given["dt"] is not None)
+            given["integrator"] = name
         method = "rk4" if name in ("auto", None) else name
         Options(method, given["precision"], None, given["kernel"])
         duration = given["duration"] = check.number(
