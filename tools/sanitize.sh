@@ -2,9 +2,9 @@
 # The core under sanitizers: tools/sanitize.sh address|thread [arguments of pytest]
 #
 #   address  AddressSanitizer and UndefinedBehaviorSanitizer with float-cast-overflow
-#   thread   ThreadSanitizer
+#   thread   ThreadSanitizer with archer, which knows what the threads of LLVM's libomp wait for; libgomp it cannot see through
 #
-# Both by clang.
+# Both by clang (Debian: clang libomp-dev).
 #
 # First planted faults have to be reported; the argument "planted" ends there. Then the core is built into build/sanitize, with the kernels
 # that every processor has, and tests have to pass without a report. PYTHON names an interpreter that has the packages of the extra "test", pybind11, cmake and ninja.
@@ -28,10 +28,12 @@ case $kind in
     flags="-fsanitize=thread"
     # Python and NumPy are not instrumented: only accesses of the core count.
     # Tests leave daemon threads at the end of a process, which is no report.
-    export TSAN_OPTIONS=ignore_noninstrumented_modules=1:report_thread_leaks=0:exitcode=66
+    export TSAN_OPTIONS=ignore_noninstrumented_modules=1:report_thread_leaks=0:exitcode=66 OMP_TOOL_LIBRARIES=libarcher.so
     faults="race" ;;
   *) echo "address or thread, got $kind"; exit 2 ;;
 esac
+LD_LIBRARY_PATH=$(dirname "$(readlink -f "$(command -v clang++)")")/../lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
+export LD_LIBRARY_PATH
 # An interpreter that has the runtime in it: preloaded, that of TSan fails. It needs the shared library of Python.
 read -r library version home < <("$PYTHON" -c \
   "import sys, sysconfig as s; print(s.get_config_var('LIBDIR'), s.get_config_var('LDVERSION'), sys.base_prefix)")
@@ -41,11 +43,11 @@ echo 'extern "C" int Py_BytesMain(int, char**); int main(int n, char** a) { retu
   | clang++ $flags -x c++ - -o "$folder/bin/python" -L"$library" -lpython"$version" -Wl,-rpath,"$library"
 
 # shellcheck disable=SC2086
-clang++ -O0 -g1 -pthread $flags -shared -fPIC tools/planted_faults.cpp -o "$folder/planted_faults.so"
+clang++ -O0 -g1 -fopenmp $flags -shared -fPIC tools/planted_faults.cpp -o "$folder/planted_faults.so"
 planted() {
   "$folder/bin/python" -c "import ctypes; ctypes.CDLL('$folder/planted_faults.so').$1()" > "$folder.fault" 2>&1
 }
-planted none || { echo "a sound loop is reported:"; tail -n 30 "$folder.fault"; exit 1; }
+planted none || { echo "a sound loop of OpenMP is reported:"; tail -n 30 "$folder.fault"; exit 1; }
 for fault in $faults; do
   ! planted "$fault" || { echo "the planted fault $fault is not seen"; exit 1; }
   grep -Eo "(AddressSanitizer|runtime error|ThreadSanitizer): .*" "$folder.fault" | head -n 1 | sed "s/^/planted $fault is seen: /"

@@ -7,6 +7,7 @@
 #include "bindings/unlocked.hpp"
 #include "measure/diagnostics.hpp"
 #include "memory/plan.hpp"
+#include "memory/threads.hpp"
 #include "reference/reference.hpp"
 
 namespace clothsim {
@@ -96,7 +97,7 @@ py::tuple extrapolate(const Plan& plan, const Array<double>& x, const Array<doub
                       int threads) {
     std::vector<double> xs(x.data(), x.data() + x.size()), vs(v.data(), v.data() + v.size());
     const std::size_t size = xs.size();
-    threads = granted(threads);
+    threads = granted_threads(threads);
     reference::Extrapolation done;
     {
         Unlocked unlocked;

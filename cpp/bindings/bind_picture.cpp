@@ -4,6 +4,7 @@
 
 #include "bindings/bindings.hpp"
 #include "bindings/unlocked.hpp"
+#include "memory/threads.hpp"
 #include "picture/frame.hpp"
 
 namespace clothsim {
@@ -61,7 +62,7 @@ py::array_t<std::uint8_t> render(const picture::View& view, const picture::Shadi
     py::array_t<std::uint8_t> pixels(
         {py::ssize_t(view.height), py::ssize_t(view.width), py::ssize_t(3)});
     std::uint8_t* const out = pixels.mutable_data();
-    threads = granted(threads);
+    threads = granted_threads(threads);
     bool complete;
     {
         Unlocked unlocked;

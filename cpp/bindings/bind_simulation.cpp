@@ -8,6 +8,7 @@
 #include "bindings/bindings.hpp"
 #include "bindings/unlocked.hpp"
 #include "driver/simulation.hpp"
+#include "memory/threads.hpp"
 
 namespace clothsim {
 namespace {
@@ -17,7 +18,7 @@ namespace {
 class SharedSimulation {
 public:
     SharedSimulation(const std::vector<Plan>& plans, double time, int threads)
-        : simulation_(plans, time, granted(threads)) {}
+        : simulation_(plans, time, granted_threads(threads)) {}
 
     class Use {
     public:
@@ -123,7 +124,7 @@ py::object reported(const Outcome& outcome) {
 
 py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads) {
     auto simulation = shared.use();
-    threads = simulation->by_caller() ? 1 : granted(threads);
+    threads = simulation->by_caller() ? 1 : granted_threads(threads);
     Outcome outcome;
     {
         Unlocked unlocked;
@@ -141,7 +142,7 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     const auto to = members_of(*simulation, x_out, v_out);
-    threads = simulation->by_caller() ? 1 : granted(threads);
+    threads = simulation->by_caller() ? 1 : granted_threads(threads);
     std::optional<Outcome> outcome;
     {
         Unlocked unlocked;
@@ -165,7 +166,7 @@ bool accelerations(SharedSimulation& shared, double time, const Array<T>& x, con
     auto simulation = shared.use();
     const auto from = members_of(*simulation, x, v);
     double* const out = a.mutable_data();
-    threads = simulation->by_caller() ? 1 : granted(threads);
+    threads = simulation->by_caller() ? 1 : granted_threads(threads);
     std::atomic<bool> finite{true};
     const Unlocked unlocked;
     simulation->each_member(threads, [&](std::size_t i, int) {
@@ -181,7 +182,7 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
     auto simulation = shared.use();
     const std::size_t size = std::size_t(a.size()) / simulation->size();
     double* const out = a.mutable_data();
-    threads = simulation->by_caller() ? 1 : granted(threads);
+    threads = simulation->by_caller() ? 1 : granted_threads(threads);
     const Unlocked unlocked;
     simulation->each_member(threads, [&](std::size_t i, int) {
         simulation->member(i).accelerations(simulation->clock.now(), out + i * size);
@@ -192,7 +193,7 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
 py::object advance_adaptive(SharedSimulation& shared, AdaptiveRun& run, double until,
                             std::int64_t steps, int threads) {
     auto simulation = shared.use();
-    threads = simulation->by_caller() ? 1 : granted(threads);
+    threads = simulation->by_caller() ? 1 : granted_threads(threads);
     Outcome outcome;
     {
         Unlocked unlocked;
@@ -206,7 +207,7 @@ void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& 
     auto simulation = shared.use();
     double* const px = x.mutable_data();
     double* const pv = v.mutable_data();
-    threads = simulation->by_caller() ? 1 : granted(threads);
+    threads = simulation->by_caller() ? 1 : granted_threads(threads);
     const Unlocked unlocked;
     simulation->member(0).adaptive()->dense(t, px, pv, threads);
 }

@@ -19,9 +19,6 @@ using Array = py::array_t<T, py::array::c_style>;
 
 inline PointsView view(const Array<double>& a) { return {a.data(), a.size() / 3, 3}; }
 
-// As many of these threads as can be started; fewer with a warning, the first time.
-int granted(int threads);
-
 void bind_build(py::module_& m);
 void bind_model(py::module_& m);
 void bind_picture(py::module_& m);

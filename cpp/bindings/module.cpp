@@ -1,5 +1,4 @@
 // The module, and how it was built.
-#include <atomic>
 #include <Eigen/Core>
 #include <string>
 #include <xsimd/config/xsimd_config.hpp>
@@ -36,30 +35,22 @@ py::dict build_facts() {
     facts["instruction_sets_supported"] = supported;
     facts["eigen"] = version(EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION);
     facts["xsimd"] = version(XSIMD_VERSION_MAJOR, XSIMD_VERSION_MINOR, XSIMD_VERSION_PATCH);
+#ifdef _OPENMP
+    facts["openmp"] = CLOTHSIM_OPENMP;
+#else
+    facts["openmp"] = py::none();
+#endif
     return facts;
 }
 
 }  // namespace
 
-int granted(int threads) {
-    const int given = granted_threads(threads);
-    static std::atomic<bool> warned{false};
-    if (given < threads && !warned.exchange(true)) {
-        const std::string text = "threads: this process can start " + std::to_string(given) +
-            " of " + std::to_string(threads) +
-            " threads, and goes on with these; results are the same. The limit is the "
-            "user's (ulimit -u), the container's (pids), or that of memory; threads=1 needs no "
-            "further "
-            "thread";
-        if (PyErr_WarnEx(PyExc_RuntimeWarning, text.c_str(), 1) != 0) throw py::error_already_set();
-    }
-    return given;
-}
-
 void bind_build(py::module_& m) {
     m.def("build_facts", &build_facts);
     m.def("choose_instruction_set", [] { return std::string(choose_instruction_set().name); });
-    m.def("granted_threads", &granted, "threads"_a);
+    m.def("processors", &processors);
+    m.def("available_threads", &available_threads);
+    m.def("granted_threads", &granted_threads, "threads"_a);
     m.attr("most_threads") = most_threads;
     // Constants of the core that Python needs too.
     py::list kinds;
@@ -80,8 +71,8 @@ void bind_build(py::module_& m) {
 PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
     m.doc() = "The compiled core of clothsim. Private: the public names are those of the package.";
     if (const auto os = py::module_::import("os"); py::hasattr(os, "register_at_fork"))
-        os.attr("register_at_fork")("after_in_child"_a =
-                                        py::cpp_function(&clothsim::forget_workers));
+        os.attr("register_at_fork")("before"_a =
+                                        py::cpp_function(&clothsim::pause_threads));
     clothsim::bind_build(m);
     clothsim::bind_model(m);
     clothsim::bind_picture(m);

@@ -21,7 +21,7 @@ constexpr double seconds_between_polls = 0.05;
 constexpr std::int64_t most_points_repeated = 1 << 22;
 // Least mass points of a member for a thread of a team. Such a team is taken to be three quarters
 // as many times faster as it has threads.
-constexpr std::int64_t least_points_per_thread = 512;
+constexpr std::int64_t least_points_per_thread = 1024;
 // Of a point on a surface [m]: rounding of places.
 constexpr double negligible_depth = 1e-9;
 

@@ -1,5 +1,4 @@
-// Teams of threads. Each thread that calls the core has workers of its own, which wait for its next
-// call.
+// Teams of threads, which are OpenMP's. A build without OpenMP has one thread.
 #pragma once
 
 #include <atomic>
@@ -10,18 +9,15 @@ namespace clothsim {
 
 inline constexpr int most_threads = 256;
 
-// How many threads a team of this thread has, at most `wanted`. Workers that it lacks are started;
-// the system may refuse some.
+// Processors of this process, and how many of them OMP_NUM_THREADS leaves.
+int processors();
+int available_threads();
+
+// How many threads a team has, at most `wanted`: OMP_THREAD_LIMIT is kept, and a team starts none.
 int granted_threads(int wanted);
 
-// In the child of a fork, which has none of its parent's workers.
-void forget_workers();
-
-// Until another thread changes a counter from `now` and wakes its sleepers, or by chance earlier.
-// Not by std::atomic::wait: that of libstdc++ yields first.
-void sleep_at(const std::atomic<int>& counter, int now);
-void wake(const std::atomic<int>& counter);
-inline std::atomic<int> sleepers{0};
+// Before a fork: the child would wait for threads that it does not have.
+void pause_threads();
 
 inline void pause_briefly() {
 #if defined(__x86_64__)
@@ -31,17 +27,20 @@ inline void pause_briefly() {
 #endif
 }
 
-// Waits for a counter, which may wrap around: spins, 500 times take 5 to 20 us, then sleeps. (A
-// yield would give a busy neighbour its whole time slice, at each halo.)
-inline void wait_for(const std::atomic<int>& reached, int wanted, int spins = 500) {
-    const auto there = [&](int now) { return int(unsigned(wanted) - unsigned(now)) <= 0; };
-    for (int turn = 0; turn < spins; ++turn, pause_briefly())
-        if (there(reached.load(std::memory_order_acquire))) return;
-    for (int now; !there(now = reached.load(std::memory_order_acquire));) sleep_at(reached, now);
+// Counters may wrap around.
+inline bool has_reached(const std::atomic<int>& reached, int wanted) {
+    return int(unsigned(wanted) - unsigned(reached.load(std::memory_order_acquire))) <= 0;
+}
+// Sleeps until a counter is there.
+void wait_long(const std::atomic<int>& reached, int wanted);
+// Spins first: 500 times take 5 to 20 us.
+inline void wait_for(const std::atomic<int>& reached, int wanted) {
+    for (int turn = 0; turn < 500; ++turn, pause_briefly())
+        if (has_reached(reached, wanted)) return;
+    wait_long(reached, wanted);
 }
 inline void signal(std::atomic<int>& reached, int now) {
-    reached.store(now);  // before it is asked who sleeps
-    if (sleepers.load() > 0) wake(reached);
+    reached.store(now, std::memory_order_release);
 }
 
 // Where all threads of a team wait for the last of them.

@@ -1,5 +1,6 @@
 """How the package was built, which instruction set it takes, and what an import loads."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -65,6 +66,7 @@ def test_build_config(monkeypatch):
     assert config["instruction_sets_built"][-1] in config["instruction_sets_supported"]
     assert config["instruction_set"] == config["instruction_sets_supported"][0]
     assert config["threads"] >= 1
+    assert config["openmp"] is None or re.fullmatch(r"lib\w+, OpenMP \d\.\d", config["openmp"])
     for name in ("eigen", "xsimd", "python"):
         assert all(part.isdigit() for part in config[name].split(".")[:2])
     assert "-ffast-math" not in config["flags"] and "-ffp-contract=off" in config["flags"]

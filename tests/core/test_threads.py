@@ -55,8 +55,8 @@ def test_threads_exchange_the_halo_rows_of_every_set_of_springs(variant, crumple
 
 @each("members", [3, 5, 7])
 def test_members_that_a_team_steps_have_the_same_bits(variant, crumpled, same_bits, members):
-    scene, x, v, dt = crumpled(shape=(33, 70), spheres=BALL)
-    assert x[..., 0].size >= 4 * 512  # of cpp/driver/simulation.cpp
+    scene, x, v, dt = crumpled(shape=(64, 70), spheres=BALL)
+    assert x[..., 0].size >= 4 * 1024  # of cpp/driver/simulation.cpp
     xs, vs = np.stack([x + 0.01 * k for k in range(members)]), np.stack([v] * members)
     expected = cs.step(scene, xs, vs, dt, 15, **variant.options)
     for threads in (2, 4):
@@ -65,7 +65,7 @@ def test_members_that_a_team_steps_have_the_same_bits(variant, crumpled, same_bi
 
 
 def test_an_unstable_member_that_a_team_steps_is_named(crumpled):
-    scene, x, v, dt = crumpled(shape=(33, 70))
+    scene, x, v, dt = crumpled(shape=(64, 70))
     vs = np.stack([v, v, v])
     vs[2, 20, 30] = 1e200  # its springs overflow
     for threads in (1, 2, 4):
@@ -74,31 +74,57 @@ def test_an_unstable_member_that_a_team_steps_is_named(crumpled):
         assert (caught.value.member, caught.value.step) == (2, 1), threads
 
 
-@pytest.mark.parametrize(
-    "processors, limit, shape, members, threads",
+@each(
+    "available, shape, members, threads",
     [
-        (16, None, (32, 32), 1, 1),
-        (16, None, (127, 129), 1, 1),
-        (16, None, (128, 128), 1, 16),
-        (16, None, (128, 128), 3, 16),
-        (16, None, (32, 32), 3, 3),
-        (2, None, (32, 32), 3, 2),
-        (16, "4,2", (128, 128), 1, 4),
-        (16, "many", (128, 128), 1, 16),
-        (2, "4", (32, 32), 64, 2),
+        (16, (32, 32), 1, 1),
+        (16, (127, 129), 1, 1),
+        (16, (128, 128), 1, 16),
+        (64, (128, 128), 1, 16),  # 1,024 points a thread
+        (16, (128, 128), 3, 16),
+        (64, (128, 128), 40, 40),
+        (16, (32, 32), 3, 3),
+        (2, (32, 32), 3, 2),
+        (400, (32, 32), 300, 256),
     ],
 )
-def test_without_a_number_the_size_decides(monkeypatch, processors, limit, shape, members, threads):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(processors)), raising=False)
-    monkeypatch.setenv("OMP_NUM_THREADS", limit) if limit else monkeypatch.delenv(
-        "OMP_NUM_THREADS", raising=False
-    )
+def test_without_a_number_the_size_decides(monkeypatch, available, shape, members, threads):
+    monkeypatch.setattr("clothsim.engine.options.available_threads", lambda: available)
     assert Options().threads_for(shape, members) == threads
     assert Options(threads=5).threads_for(shape, members) == 5
 
 
+_SETTINGS = """
+import os
+import clothsim as cs
+
+stepper = cs.Stepper(cs.scenes.paper_swing(), threads=3)
+stepper.advance(5, 1e-4)
+report = cs.simulate(cs.scenes.paper_swing(), 0.001, 1e-4, threads=3).report
+print(cs.build_config()["threads"], report["threads"], len(os.listdir("/proc/self/task")))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")
+@each(
+    "settings, available, threads",
+    [
+        ({"OMP_NUM_THREADS": "1,2"}, 1, 3),
+        ({"OMP_NUM_THREADS": "many"}, None, 3),
+        ({"OMP_PROC_BIND": "true"}, None, 3),  # which binds the caller to one processor
+        ({"OMP_DYNAMIC": "true"}, None, 3),
+        ({"OMP_THREAD_LIMIT": "2"}, None, 2),
+    ],
+)
+def test_settings_of_openmp_mean_what_openmp_says(settings, available, threads):
+    others = {"OPENBLAS_NUM_THREADS": "1"}
+    expected = [available or len(os.sched_getaffinity(0)), threads, threads]
+    run = python("import warnings; warnings.simplefilter('ignore')\n" + _SETTINGS, **settings, **others)
+    assert [*map(int, run.stdout.split())] == expected, run.stderr
+
+
 def test_more_threads_than_processors_warn_once(monkeypatch):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
+    monkeypatch.setattr("clothsim.engine.options.processors", lambda: 2)
     monkeypatch.setattr("clothsim.engine.options._warned", set())
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")
@@ -177,38 +203,3 @@ def test_ctrl_c_leaves_the_arrays_of_step_as_they_were(crumpled):
         cs.step(scene, x, v, dt, 10**7, out=out)
     timer.join()
     assert (out[0] == 7.0).all() and (out[1] == 8.0).all()
-
-
-_REFUSED = """
-import os, resource, warnings
-import clothsim as cs
-
-scene = cs.scenes.paper_swing()
-one = cs.simulate(scene, 0.01, 1e-4, threads=1)
-reference = cs.reference  # loaded while its file can be read
-if os.geteuid() == 0:
-    os.setuid(65534)  # the limit holds for no root
-resource.setrlimit(resource.RLIMIT_NPROC, (1, 1))
-with warnings.catch_warnings(record=True) as given:
-    warnings.simplefilter("always")
-    for threads in (2, 5):
-        run = cs.simulate(scene, 0.01, 1e-4, threads=threads)
-        assert run.report["threads"] == 1
-        assert (run.x == one.x).all() and (run.v == one.v).all(), threads
-    batch = cs.Stepper([scene] * 3, threads=3)
-    batch.advance(100, 1e-4)
-    assert (batch.positions[2] == one.x[-1]).all()
-    reference(scene, 0.0011)
-of_threads = (one.message for one in given if issubclass(one.category, RuntimeWarning))
-print(*of_threads, sep="\\n")
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
-def test_a_refused_thread_is_a_warning_and_one_thread_less():
-    run = python(_REFUSED)
-    assert run.returncode == 0, run.stderr
-    warnings = run.stdout.splitlines()
-    assert len(warnings) == 1 and warnings[0].startswith("threads: this process can start 1 of "), (
-        run.stdout
-    )

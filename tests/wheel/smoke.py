@@ -22,7 +22,7 @@ assert deviation < 1e-11, deviation
 print("{isa}", "deviation from the scalar reference", deviation)
 """
 
-# Each of these brings threads of its own.
+# Each of these brings an OpenMP runtime of its own.
 BESIDE_OTHERS = """
 import importlib
 import numpy as np

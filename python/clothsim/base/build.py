@@ -15,16 +15,12 @@ from .. import _core
 
 def processors() -> int:
     """The processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return _core.processors()
 
 
 def available_threads() -> int:
     """The processors that this process may use, at most `OMP_NUM_THREADS`."""
-    count = processors()
-    limit = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
-    return min(count, int(limit)) if limit.isdecimal() and int(limit) > 0 else count
+    return _core.available_threads()
 
 
 def build_config() -> dict[str, Any]:
@@ -36,7 +32,8 @@ def build_config() -> dict[str, Any]:
         "version", "compiler", "build_type", "flags", "kernel_flags" (per instruction set),
         "instruction_sets_built", "instruction_sets_supported" (of this processor),
         "instruction_set" (the one used; the environment variable CLOTHSIM_ISA overrides it),
-        "threads" (available to this process), "eigen", "xsimd", "python" and "numpy" (versions).
+        "threads" (available to this process), "openmp" (the runtime and the version that it was
+        built for; None: calls have one thread), "eigen", "xsimd", "python" and "numpy" (versions).
 
     Examples
     --------

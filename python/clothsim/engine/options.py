@@ -23,6 +23,7 @@ BACKENDS: tuple[Backend, ...] = get_args(Backend)
 # Mass points from which one cloth is stepped by all threads. Smaller ones gain less than the
 # threads would take from others.
 _LEAST_POINTS_OF_TEAM = 16_384
+_LEAST_POINTS_OF_THREAD = 1024
 _MOST_PLANS = 8  # kept for a scene
 _warned: set[str] = set()  # what this process was warned of
 
@@ -71,8 +72,9 @@ class Options:
         if self.threads is not None:
             _warn_of_threads(self.threads)
             return self.threads
-        most = _core.most_threads if shape[0] * shape[1] >= _LEAST_POINTS_OF_TEAM else members
-        return 1 if most == 1 else min(most, available_threads())
+        points = shape[0] * shape[1]
+        team = points // _LEAST_POINTS_OF_THREAD if points >= _LEAST_POINTS_OF_TEAM else 1
+        return min(max(team, members), available_threads(), _core.most_threads)
 
 
 def _warn_of_threads(threads: int) -> None:

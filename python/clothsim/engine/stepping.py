@@ -149,8 +149,9 @@ def step(
         not lost.
     threads : int, optional
         Number of threads, 1 to 256. Default: one for a cloth of fewer than 16,384 mass points; else
-        the processors that the process may use, at most `OMP_NUM_THREADS`. A batch takes one a
-        member. The bits are the same for any number.
+        the processors that the process may use, at most `OMP_NUM_THREADS` and one for 1,024 mass
+        points. A batch takes one a member. The bits are the same for any number. OpenMP's runtime
+        ends a process to which the system refuses a thread: set 1 under such a limit.
     out : (numpy.ndarray, numpy.ndarray), optional
         Arrays of the result's shape and dtype to write to; may be `x` and `v` themselves.
     kernel : {"auto", "gather", "edge"}, default "auto"
