@@ -106,8 +106,8 @@ def grid(rows: int) -> Start:
 
 
 class Core(Work):
-    """A `Stepper`; `call` is "advance" (a call of many steps), "advance(1)" or "step"
-    (`clothsim.step` of one step).
+    """A `Stepper`; `call` is "advance" (a call of many steps), "advance(1)", "step"
+    (`clothsim.step` of one step) or "simulate" (a run of one step, from the scene's own state).
     """
 
     def __init__(
@@ -139,6 +139,9 @@ class Core(Work):
         elif self.call == "advance(1)":
             for _ in range(steps):
                 self.stepper.advance(1, PAPER_DT)
+        elif self.call == "simulate":
+            for _ in range(steps):
+                cs.simulate(start.scene, PAPER_DT, PAPER_DT, t=start.t, **self.options)
         else:
             for _ in range(steps):
                 cs.step(
@@ -255,13 +258,13 @@ def grids(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
 
 
 def calls(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """A step of many in a call, a step a call, and `clothsim.step`, on arrays."""
+    """A step of many in a call, a step a call, `clothsim.step` on arrays, and a run of one step."""
     for start in (swing(), contact("penalty")):
         options = [{"kernel": "edge", "precision": p, "threads": 1} for p in DTYPES]
         yield [
             core(start, call, **one)
             for one in options
-            for call in ("advance", "advance(1)", "step")
+            for call in ("advance", "advance(1)", "step", "simulate")
         ]
 
 
@@ -309,6 +312,10 @@ def time_group(
             | {"median_us": 1e6 * timing.median / members, "spread_%": 100 * timing.spread}
             | ({"error_m": errors[-1], "frames_error_m": max(errors)} if errors else {})
         )
+    alone = {r["precision"]: r["least_us"] for r in rows if r["call"] == "advance(1)"}
+    for row in rows:
+        if alone:
+            row["over_advance(1)"] = row["least_us"] / alone[row["precision"]]
     return rows
 
 
@@ -331,6 +338,7 @@ COLUMNS = (
     "least_us",
     "median_us",
     "spread_%",
+    "over_advance(1)",
     "error_m",
     "frames_error_m",
 )

@@ -36,11 +36,11 @@ double EnergyWatch::balance(const Engine& engine, const Energy& energy) const {
     return energy.total() - work;
 }
 
-void EnergyWatch::begin(const Engine& engine, double t) {
-    if (plan_.has_driven_pins()) return;
-    if (std::exchange(started_, true)) return;
+bool EnergyWatch::begin(const Engine& engine, double t) {
+    if (plan_.has_driven_pins() || std::exchange(started_, true)) return false;
     start_ = balance(engine, energy_of(engine, t));
     guaranteed_ = swings() && guaranteed();
+    return true;
 }
 
 void EnergyWatch::change_scene(const Engine& engine, double t,

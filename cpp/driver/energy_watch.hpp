@@ -21,8 +21,9 @@ public:
     explicit EnergyWatch(const Plan& plan);
 
     void restart() { started_ = grown_ = false; }
-    // The run begins at the present state, unless it has begun. Nothing is watched before.
-    void begin(const Engine& engine, double t);
+    // The run begins at the present state, unless it has begun. Nothing is watched before. Returns
+    // whether it has begun now.
+    bool begin(const Engine& engine, double t);
     bool begun() const { return started_; }
     // Another force on points or another place of an obstacle gives a state another energy, which no
     // step has made.

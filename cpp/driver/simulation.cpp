@@ -382,12 +382,11 @@ void Simulation::sample(std::size_t i, double t) {
 }
 
 void Simulation::sample() {
-    begin_watches();
     for (std::size_t i = 0; i < members_.size(); ++i) {
         if (frozen_[i]) continue;
-        if (sample_every_ > 0) {
-            sample(i, clock.now());
-        }
+        if (sample_every_ > 0) sample(i, clock.now());
+        // A run that begins here has gained no energy.
+        if (watch_energy_ && watches_[i].begin(*members_[i], clock.now())) continue;
         watches_[i].runaway_point(*members_[i], clock.now(), true);
     }
 }

@@ -599,6 +599,13 @@ private:
     // size.
     template <class In>
     Vec3 far_origin(const In* x) const {
+        // All points of a far cloth are near to each other for their distance from 0. Two corners
+        // nearly always tell that it is not far.
+        const auto point = [&](std::ptrdiff_t i) {
+            return Vec3(double(x[3 * i]), double(x[3 * i + 1]), double(x[3 * i + 2]));
+        };
+        const Vec3 first = point(0), last = point(plan_.cloth.points() - 1);
+        if (extents_that_are_far * (last - first).norm() >= 2 * first.norm()) return Vec3::Zero();
         // What is no number does not count.
         Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
         for (int i = 0; i < plan_.cloth.points(); ++i)
