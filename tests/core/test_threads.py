@@ -119,7 +119,8 @@ print(cs.build_config()["threads"], report["threads"], len(os.listdir("/proc/sel
 def test_settings_of_openmp_mean_what_openmp_says(settings, available, threads):
     others = {"OPENBLAS_NUM_THREADS": "1"}
     expected = [available or len(os.sched_getaffinity(0)), threads, threads]
-    run = python("import warnings; warnings.simplefilter('ignore')\n" + _SETTINGS, **settings, **others)
+    quiet = "import warnings; warnings.simplefilter('ignore')\n"
+    run = python(quiet + _SETTINGS, **settings, **others)
     assert [*map(int, run.stdout.split())] == expected, run.stderr
 
 

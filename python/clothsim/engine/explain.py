@@ -64,7 +64,9 @@ def _with_tolerance(scene: Scene) -> str:
     """Return the method that `simulate` chooses where an error is asked for."""
     least = least_rtol_of_rkc2(scene)
     if math.isinf(least):
-        return "dop853"
+        if scene.damped or scene.spheres or scene.cloth.driven:
+            return "dop853"
+        return "velocity_verlet at parts of its stable step where these meet it, else dop853"
     return (
         f"rkc2 from rtol {least:g} on, as damping shortens the stable step "
         f"{damping_ratio(scene):.1f} times; else dop853"

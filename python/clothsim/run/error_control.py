@@ -8,9 +8,10 @@ other steps and rounds differently, so the distance includes rounding errors.
 
 A search is a function from the trajectories so far to the job of the next run, or to the end: a
 generator that yields a `Job`, is sent its `Trajectory`, and returns the trajectory to hand over and
-its error. `refined` is the search for dop853 in double and for rkc2, which "auto" takes; `compared`
-serves all other methods. After a contact no error is estimated. Both make `RUNS` runs at most;
-docs/dev/error-control.md says why each run ends.
+its error. `refined` is the search for dop853 in double and for rkc2, which "auto" takes, after
+`halved` for undamped cloths; `compared` serves all other methods. After a response that is no force
+no error is estimated. Both make `RUNS` runs at most; docs/dev/error-control.md says why each run
+ends.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ import numpy as np
 
 from .. import _core
 from ..base import Floats
-from ..engine.options import Options
 from ..errors import ContactError, UnstableError
 from ..methods.bound import usable_dt
 from ..methods.integrators import METHODS
@@ -75,6 +75,14 @@ MOST = 3.0
 _POWER_OF_STEPS = {"dop853": 1.0, "rkc2": 0.5}
 # Part of the local errors that a later refinement leaves, at most and at least.
 _FALL, _LEAST_FALL = REFINEMENT["dop853"] ** -ORDER, SMALL**4
+
+# Of the size: the smallest error for which fixed steps of Verlet are tried, and how often these are
+# halved at most.
+LOOSE = 1e-6
+HALVINGS = 2
+# By how much errors of Verlet fall with half the step: assumed of two runs, and of three at least,
+# as otherwise they do not resolve the motion.
+ASSUMED_FALL, LEAST_FALL, MOST_FALL = 3.0, 2.0, 4.0
 
 # Why an error is unknown, or larger than what was asked for.
 CONTACT = "an obstacle responded after a step, which is no part of the equation: no error is told"
@@ -133,16 +141,20 @@ Search = Generator[Job, Trajectory, tuple[Trajectory, Estimate]]
 Step = Generator[Job, Trajectory, Trajectory]  # a part of a search, which finds a run
 
 
-def solve(job: Job, asked: float, watch: Watch, plain: Options | None = None) -> Controlled:
-    """The run whose error is at most `asked` [m], rms, or the best one found; see `refined` for
-    `plain`.
+def solve(job: Job, asked: float, watch: Watch, auto: bool = False) -> Controlled:
+    """The run whose error is at most `asked` [m], rms, or the best one found.
+
+    `auto`: the method is not the caller's, and Verlet is tried first where it may cost less.
     """
     stops_of(
         job.scene, job.start, job.start + job.duration
     )  # refuses too many before the first run
     done: list[Trajectory] = []
     if job.options.integrator in _POWER_OF_STEPS and job.options.precision == "double":
-        return _conduct(refined(job, asked, done, plain), done, watch)
+        search = refined(job, asked, done)
+        if auto and asked >= LOOSE * size_of(job.scene) and _conservative(job):
+            search = halved(job, asked, search)
+        return _conduct(search, done, watch)
     return _conduct(compared(job, asked, done), done, watch)
 
 
@@ -226,28 +238,51 @@ def _fixed(job: Job, dt: float) -> Job:
     return replace(job, dt=step, own_step=True, longest=longest)
 
 
+# Fixed steps that are halved (Richardson): where stability sets the step, the error at the longest
+# stable step is often small enough, and Verlet evaluates forces once a step.
+
+
+def _conservative(job: Job) -> bool:
+    """Return whether springs and constant forces alone act, for which Verlet keeps its order."""
+    scene = job.scene
+    return not (scene.damped or scene.spheres or scene.cloth.driven or job.force)
+
+
+def halved(job: Job, asked: float, otherwise: Search) -> Search:
+    """The run of Verlet at the longest stable step, halved, whose error is at most `asked` [m],
+    rms; else what `otherwise` finds.
+    """
+    verlet = replace(job, options=replace(job.options, integrator="velocity_verlet"))
+    count = math.ceil(job.duration / _longest_dt(verlet, "velocity_verlet"))
+    fall, earlier = ASSUMED_FALL, math.inf
+    with suppress(*FAILED):
+        before = yield _unseen(_fixed(verlet, job.duration / count))
+        for k in range(1, HALVINGS + 1):
+            after = yield _fixed(verlet, job.duration / (2**k * count))
+            distance = rms(after.x[-1] - before.x[-1])
+            if earlier < math.inf:
+                fall = min(earlier / max(distance, 1e-300), MOST_FALL)
+            error = Estimate.of(after.x[-1], before.x[-1], MARGIN / (max(fall, LEAST_FALL) - 1))
+            if error.rms <= asked and fall >= LEAST_FALL:
+                return after, error
+            if fall < LEAST_FALL or error.rms > MOST_FALL * asked:
+                break
+            before, earlier = after, distance
+    return (yield from otherwise)
+
+
 # dop853 and rkc2 in double: grids that are refined (Shampine, Watts: Global error estimation for
 # ordinary differential equations, ACM TOMS 2 (1976) 172), and tolerances (Stetter: Considerations
 # concerning a theory for ODE-solvers, 1978) where errors are not proportional;
 # docs/dev/error-control.md has the algorithm.
 
 
-def refined(job: Job, asked: float, done: list[Trajectory], plain: Options | None = None) -> Search:
-    """The run of dop853 or rkc2 whose error is at most `asked` [m], rms, or the best one found.
-
-    `plain`: options of a run at the longest stable step, which is returned if it is accurate
-    enough, because it costs less.
-    """
+def refined(job: Job, asked: float, done: list[Trajectory]) -> Search:
+    """The run of dop853 or rkc2 whose error is at most `asked` [m], rms, or the best one found."""
     tolerance = yield from _first_tolerance(job, asked)
     before = first = yield from _at_tolerance(job, tolerance)
     if first.contacts:
         return first, Estimate(reason=CONTACT)
-    if plain is not None:
-        with suppress(*FAILED):
-            run = yield _fixed(replace(job, options=plain), _longest_dt(job, plain.integrator))
-            error = Estimate.of(run.x[-1], first.x[-1], MARGIN)
-            if error.rms <= asked and not run.contacts:
-                return run, error
     best, error, least = first, Estimate(), math.inf
     finer = _Finer(job, first)
     most = MOST * finer.evaluations_of_finest

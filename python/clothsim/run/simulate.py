@@ -167,9 +167,8 @@ def simulate(
     _check_end(t, duration)
     asked = _asked_error(scenes[0], dt, rtol, atol)
     frames = Frames.of(every, times, fps, t, duration)
-    plain = integrator is None and asked is None and dt is None and backend != "gpu"
     if integrator is None:
-        integrator = "auto" if asked is not None or plain else "rk4"
+        integrator = "rk4" if dt is not None or backend == "gpu" else "auto"
     integrator = integrator_name(integrator, "auto", fixed=dt is not None)
     method = "rk4" if integrator == "auto" else integrator
     options = Options(method, precision, threads, kernel, backend)
@@ -192,7 +191,6 @@ def simulate(
     if integrator == "auto":
         relative = _DEFAULT_RTOL if asked is None else asked / size_of(scenes[0])
         chosen = "rkc2" if relative >= least_rtol_of_rkc2(scenes[0]) else "dop853"
-        plain = plain and chosen == "dop853"
         options = replace(options, integrator=chosen, precision="double")
     if options.precision == "single":
         state_arrays(*own_arrays(scenes, batched), scenes, batched, "single")
@@ -204,12 +202,7 @@ def simulate(
             runs, errors = run_batch(job, watch)
             return _raise_first([errors[k] for k in sorted(errors)], runs)
         if dt is None:
-            found = solve(
-                job,
-                error,
-                watch,
-                replace(options, integrator="rk4", precision=precision) if plain else None,
-            )
+            found = solve(job, error, watch, auto=integrator == "auto")
             return _run(found.trajectory, controlled=found, asked=error)
         run = Recorder(job, watch).run().trajectory()
         return _run(run, controlled=estimate_of(job, run) if estimate_error else None)
