@@ -14,8 +14,8 @@ import argparse
 import warnings
 
 import clothsim as cs
-import numpy as np
 import fabrics
+import numpy as np
 from common import aligned, conditions
 from random_cloths import rms
 
