@@ -71,8 +71,7 @@ void bind_build(py::module_& m) {
 PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
     m.doc() = "The compiled core of clothsim. Private: the public names are those of the package.";
     if (const auto os = py::module_::import("os"); py::hasattr(os, "register_at_fork"))
-        os.attr("register_at_fork")("before"_a =
-                                        py::cpp_function(&clothsim::pause_threads));
+        os.attr("register_at_fork")("before"_a = py::cpp_function(&clothsim::pause_threads));
     clothsim::bind_build(m);
     clothsim::bind_model(m);
     clothsim::bind_picture(m);

@@ -60,7 +60,8 @@ void pause_threads() {}
 
 void wait_long(const std::atomic<int>& reached, int wanted) {
     // A yield would give a busy neighbour its whole time slice, at each halo.
-    while (!has_reached(reached, wanted)) std::this_thread::sleep_for(std::chrono::microseconds(20));
+    while (!has_reached(reached, wanted))
+        std::this_thread::sleep_for(std::chrono::microseconds(20));
 }
 
 }  // namespace clothsim
