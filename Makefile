@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt docs/reproduction.md $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: demo docs lint sanitize test test-export test-gpu test-peers test-sdist test-slow test-view torture bench wheel clean
+.PHONY: accuracy demo docs lint sanitize test test-export test-gpu test-peers test-sdist test-slow test-view torture bench wheel clean
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
@@ -88,6 +88,10 @@ test-view: $(VENV)/.built-test
 # The site in build/docs/html, without network; a warning fails. Doctests and links of pages run in `make test`.
 docs: $(VENV)/.built-docs
 	$(BIN)/python docs/site/stage.py build/docs
+
+# Tables and picture of docs/accuracy.md, in an hour.
+accuracy: $(VENV)/.built-peers
+	$(BIN)/python benchmarks/accuracy.py --write
 
 bench: $(VENV)/.built-bench
 	$(BIN)/python benchmarks/bench.py

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -97,25 +97,18 @@ def main(argv: list[str] | None = None) -> None:
         help="also write every run to a CSV file, one for each scene",
     )
     args = parser.parse_args(argv)
-    names = args.method or [
-        *cs.integrators(),
-        *(f"{n} adaptive" for n, one in cs.integrators().items() if one.adaptive),
-    ]
     found = {}
     bend = "_bend" if args.bend else ""
     for name in [f"{name}{bend * (name == 'paper_swing')}" for name in args.scenes] or SCENES:
-        scene = SCENES[name]()
-        peers, missing = installed_peers(scene, args.threads)
-        found[name] = data = cs.work_precision(
-            scene,
+        found[name], missing = measure(
+            name,
             args.duration,
-            [*names, *peers],
-            precisions=args.precision or ("double", "single"),
+            args.method,
             threads=args.threads,
             windows=args.windows,
-            reference=cs.reference(scene, args.duration, args.duration / FRAMES),
-            progress=sys.stderr.isatty(),
+            precisions=args.precision or ("double", "single"),
         )
+        data = found[name]
         print(
             f"{name}, {args.duration:g} "
             f"s\n{aligned(HEAD, fastest(data, args.errors), left=(0, 1, 2))}"
@@ -130,6 +123,39 @@ def main(argv: list[str] | None = None) -> None:
         draw(found, args.out)
     for reason in missing:
         print(f"Not measured: {reason}", file=sys.stderr)
+
+
+def measure(
+    name: str,
+    duration: float,
+    methods: Iterable[str] | None,
+    threads: int | None,
+    windows: int,
+    precisions: Sequence[str] = ("double", "single"),
+) -> tuple[Any, list[str]]:
+    """Return runs of clothsim's methods (None: all) and of the peers, and the peers' absences.
+
+    The runs are a dataset of `cs.work_precision`; an absence is a reason why a peer was not
+    measured.
+    """
+    scene = SCENES[name]()
+    peers, absences = installed_peers(scene, threads)
+    if methods is None:
+        adaptive = [
+            f"{name} adaptive" for name, facts in cs.integrators().items() if facts.adaptive
+        ]
+        methods = [*cs.integrators(), *adaptive]
+    data = cs.work_precision(
+        scene,
+        duration,
+        [*methods, *peers],
+        precisions=precisions,
+        threads=threads,
+        windows=windows,
+        reference=cs.reference(scene, duration, duration / FRAMES),
+        progress=sys.stderr.isatty(),
+    )
+    return data, absences
 
 
 def fastest(data: Any, errors: list[float]) -> Iterator[tuple[str, ...]]:
