@@ -66,13 +66,13 @@ def after(scene: cs.Scene, seconds: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def swing(bend: bool = True) -> Start:
-    """The paper's cloth after 0.25 s of fall."""
+    """Return the paper's cloth after 0.25 s of fall."""
     scene = cs.scenes.paper_swing(bend=bend)
     return Start("swing, all springs" if bend else "swing", scene, *after(scene, 0.25), 0.25, True)
 
 
 def contact(response: Response = "ray") -> Start:
-    """The paper's cloth where it lies on its sphere."""
+    """Return the paper's cloth where it lies on its sphere."""
     scene = cs.scenes.paper_static(response, bend=True, offset="cell")
     return Start(f"on a sphere, {response}", scene, *after(scene, 0.6), 0.6)
 
@@ -95,7 +95,7 @@ def batch(members: int) -> Start:
 
 
 def grid(rows: int) -> Start:
-    """A square grid of the paper's mass points and cells, all springs, in waves."""
+    """Return a square grid of the paper's mass points and cells, all springs, in waves."""
     side = (rows - 1) / 31
     cloth = cs.Cloth((rows, rows), (side, side), mass=0.5 * rows * rows)
     x = cloth.rest_positions.copy()
@@ -191,7 +191,7 @@ def numba(start: Start, threads: tuple[int, ...]) -> Iterator[Candidate]:
 
 
 def steps(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """The paper's cloth by kernel, precision, thread count, instruction set and peer; contact."""
+    """Yield the paper's cloth by kernel, precision, threads, instruction set and peer; contact."""
     for start in (swing(bend=False), swing()):
         group = [*cores(start, threads)]
         for name in cs.build_config()["instruction_sets_supported"][1:]:
@@ -215,7 +215,7 @@ def steps(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
 
 
 def features(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """What each part of a scene adds to a step, on one thread."""
+    """Yield what each part of a scene adds to a step, on one thread."""
     base = swing()
     cloth = base.one.cloth
     far = cs.Sphere((0.5, -9.0, 0.5))
@@ -244,21 +244,21 @@ def features(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]
 
 
 def batches(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """Many cloths in one call; times are for one cloth."""
+    """Yield many cloths in one call; times are for one cloth."""
     for members in (64,) if quick else (64, 500):
         start = batch(members)
         yield [*cores(start, threads), *([] if quick else numba(start, threads))]
 
 
 def grids(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """Square cloths of growing size."""
+    """Yield square cloths of growing size."""
     for rows in (8, 64, 256, 1024) if quick else (8, 16, 64, 128, 256, 512, 1024, 2048):
         start = grid(rows)
         yield [*cores(start, threads, KERNELS if rows <= 256 else ("edge",))]
 
 
 def calls(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """A step of many in a call, a step a call, `clothsim.step` on arrays, and a run of one step."""
+    """Yield a step of many in a call, a step a call, `clothsim.step`, and a run of one step."""
     for start in (swing(), contact("penalty")):
         options = [{"kernel": "edge", "precision": p, "threads": 1} for p in DTYPES]
         yield [
@@ -274,7 +274,7 @@ SECTIONS = {one.__name__: one for one in (steps, features, batches, grids, calls
 def time_group(
     group: list[Candidate], windows: int, seconds: float, error_steps: int
 ) -> list[dict[str, Any]]:
-    """A row for each candidate; another program that cannot run here is left out with a message."""
+    """Return a row for each candidate; say which programs cannot run here and are left out."""
     kept, works = [], []
     for candidate in group:
         try:

@@ -34,7 +34,7 @@ def aligned(
     indent: str = "",
     rule: bool = True,
 ) -> str:
-    """A table of columns as wide as their widest cell; those of `left` are aligned left."""
+    """Return a table of columns as wide as their widest cell; those of `left` are aligned left."""
     body = [*([head] if head else []), *rows]
     widths = [max(map(len, column)) for column in zip(*body, strict=True)]
     if head and rule:
@@ -47,7 +47,7 @@ def aligned(
 
 
 def short(value: Any, unit: str = "") -> str:
-    """A value for people: four digits, thousands apart, and its unit."""
+    """Return a value for people: four digits, thousands apart, and its unit."""
     if value is None or isinstance(value, (bool, str)):
         return {None: "", True: "yes", False: "no"}.get(value, value)
     text = f"{value:,}" if isinstance(value, int) else f"{value:.4g}"

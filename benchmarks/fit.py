@@ -29,7 +29,7 @@ TIMES = np.linspace(0.05, 1.0, 20)
 
 
 def draw(rng):
-    """A scene, and the names of some parameters that a measured motion determines."""
+    """Return a scene, and the names of some parameters that a measured motion determines."""
     shape = tuple(int(n) for n in rng.integers(3, 7, 2))
     mass = 10 ** rng.uniform(-1, 1)
     omega, count = rng.uniform(20, 60), shape[0] * shape[1]  # 1/s, of a spring
@@ -57,7 +57,7 @@ def value(scene, name):
 
 
 def changed(scene, values):
-    """The scene with other values of positive parameters."""
+    """Return the scene with other values of positive parameters."""
     cloth = scene.cloth
     whole = {name: value for name, value in values.items() if name in ("mass", "damping", "drag")}
     parts = {

@@ -21,7 +21,7 @@ from clothsim.gpu import adapters, using
 
 
 def touching(size):
-    """The paper's cloth with more points, draped over the cap of its sphere; a stable step [s]."""
+    """Return the paper's cloth with more points on the cap of its sphere, and a stable step [s]."""
     radius, below = 0.25, 0.2
     sphere = cs.Sphere((0.5, -below, 0.5), radius, response="ray", offset="edge")
     cloth = cs.Cloth((size, size), springs=("structural", "shear"))

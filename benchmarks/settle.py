@@ -21,7 +21,7 @@ def curtain():
 
 
 def drape():
-    """A light sheet on a sphere, hung by its corners."""
+    """Return a light sheet on a sphere, hung by its corners."""
     corners = ((0, 0), (-1, 0), (0, -1), (-1, -1))
     cloth = cs.Cloth((24, 24), mass=0.3, stiffness=100.0, damping=0.05, pins=corners)
     return cs.Scene(cloth, cs.Sphere((0.5, -0.3, 0.5), 0.25))

@@ -29,7 +29,7 @@ METHODS = tuple(
 
 
 def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndarray, str]:
-    """A scene, a state of it, and what they are in words."""
+    """Return a scene, a state of it, and what they are in words."""
     shape = (int(rng.integers(2, 9)), int(rng.integers(2, 15)))
     while shape[0] * shape[1] > 60:  # dense eigenvalues of six unknowns a point
         shape = (int(rng.integers(2, 9)), int(rng.integers(2, 15)))
@@ -161,7 +161,7 @@ class Truth:
         return np.sum(steady & ~real) <= np.sum((flow.real >= 0) & (np.abs(flow) > 1 + STEADY / 2))
 
     def limit(self, method: str, near: float) -> float:
-        """The first unstable step above `near` / 4, to 0.1 %; infinite with none to 4 `near`."""
+        """Return the first unstable step from `near` / 4 to 4 `near`, to 0.1 %; else infinity."""
         low = near / 4
         if not self.stable(method, low):
             return low

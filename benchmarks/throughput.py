@@ -38,7 +38,7 @@ HEAD = (
 def measure(
     members: int, steps: int, dt: float, windows: int, options: dict[str, Any]
 ) -> list[tuple[str, ...]]:
-    """A row for the batch and one for the sweep."""
+    """Return a row for the batch and one for the sweep."""
     start = batch(members)
     x, v = start.x[0], np.where(start.one.cloth.pinned[..., None], 0.0, start.v[0])
     scene = start.one.replace(position=x, velocity=v)

@@ -21,7 +21,7 @@ class Work:
     """
 
     def prepare(self) -> None:
-        """Called before each window, untimed."""
+        """Prepare a window, untimed."""
 
     def run(self, steps: int) -> None:
         raise NotImplementedError
@@ -54,7 +54,7 @@ class Timing:
 
 
 def _steps_that_take(work: Work, seconds: float) -> int:
-    """Steps that take about `seconds`, by the best of three tries."""
+    """Return steps that take about `seconds`, by the best of three tries."""
     steps = 1
     while True:
         took = min(_seconds(work, steps) for _ in range(3))

@@ -48,7 +48,7 @@ def lab(linear):
 
 
 def distance(a, b):
-    """The least distance of two colours over all readers."""
+    """Return the least distance of two colours over all readers."""
     rgb = np.array([to_rgb(color) for color in (a, b)])
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     seen = [

@@ -53,7 +53,7 @@ def variant(request, monkeypatch):
 
 @pytest.fixture(params=[v for v in NATIVE_VARIANTS if v.precision == "double"], ids=str)
 def double_variant(request, monkeypatch):
-    """The variants that compute in double."""
+    """Return the variants that compute in double."""
     return _chosen(request, monkeypatch)
 
 
@@ -88,7 +88,7 @@ def _state(
     seed=1,
     **scene,
 ):
-    """A crumpled, moving sheet that is nowhere symmetric and has another coefficient everywhere."""
+    """Return a crumpled, moving sheet, nowhere symmetric, with another coefficient everywhere."""
     rng = np.random.default_rng(seed)
     stiffness = {"structural": 900.0, "shear": 350.0, "bend": 130.0}
     damping = {"structural": 0.5, "shear": 0.3, "bend": 0.2}
@@ -199,8 +199,9 @@ def _overflowing(shape, point, precision, **cloth):
 
 @pytest.fixture
 def overflowing():
-    """A scene of which one mass point only can move, and velocities with which it overflows within
-    5 steps of 0.9 s.
+    """Return a scene of which one mass point only can move, and velocities.
+
+    With these it overflows within 5 steps of 0.9 s.
     """
     return _overflowing
 

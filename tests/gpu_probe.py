@@ -108,8 +108,10 @@ def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
 
 
 def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
-    """The adapter's rounding of each operation, by type: the largest difference from the correctly
-    rounded result, in units in the last place, of numbers over 40 powers of two.
+    """Return the adapter's rounding of each operation, by type.
+
+    It is the largest difference from the correctly rounded result, in units in the last place, of
+    numbers over 40 powers of two.
 
     WGSL lets a compiler fuse products with sums and replace (a + b) - a by b; the shader passes
     such values through `keep`.

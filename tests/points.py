@@ -8,7 +8,7 @@ RADIUS = 0.5
 
 
 def drifting(x, spheres, pins=(), gravity=(0, 0, 0)):
-    """A scene without any force but gravity, for points of the shape of x."""
+    """Return a scene without any force but gravity, for points of the shape of x."""
     cloth = cs.Cloth(x.shape[:2], stiffness=0.0, damping=0.0, pins=pins)
     return cs.Scene(cloth, spheres, gravity)
 

@@ -28,7 +28,7 @@ REFUSED = 'import clothsim as cs\n\ncs.Sphere(response="rey")\n'
 
 
 def program(text: str) -> str:
-    """The Python blocks of a page, each at its own lines, so that messages point into the page."""
+    """Return the Python blocks of a page at their own lines: messages then point into the page."""
     lines = [""] * (text.count("\n") + 1)
     for block in BLOCK.finditer(text):
         first = text.count("\n", 0, block.start(1))

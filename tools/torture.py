@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def _run(part: str, seconds: float, environment: dict[str, str]) -> int | None:
-    """The exit code of a part; None: stopped, with the processes that it has started."""
+    """Run a part; return its exit code, or None where it was stopped with its processes."""
     command = [
         sys.executable,
         "-m",

@@ -17,7 +17,7 @@ _FALL = 40, 100, 2.5e-4  # parts of the paper's scene, steps of a part, the leng
 
 
 def _settled(obstacle: cs.Sphere | cs.Plane) -> cs.Stepper:
-    """A sheet without pins that drag has brought to rest, all points on the obstacle."""
+    """Return a sheet without pins that drag has brought to rest, all points on the obstacle."""
     cloth = cs.Cloth(drag=20.0, pins=())
     stepper = cs.Stepper(cs.Scene(cloth, obstacle), threads=1)
     stepper.advance(20_000, 1e-4)

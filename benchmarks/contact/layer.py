@@ -32,7 +32,7 @@ _REST = 3.0, 10.0  # drag [N s/m] of the sheet whose rest is sought, and its dur
 def layer(
     layers: int = len(LAYERS), rtol: float = 1e-5, dt: float = 2.5e-4
 ) -> list[dict[str, Any]]:
-    """Evaluations and error at 1 s, and distances from the sphere, for the first of `LAYERS`.
+    """Return evaluations, error at 1 s and distances from the sphere, for the first of `LAYERS`.
 
     Errors are rms distances from a run at a tolerance 100 times tighter.
 

@@ -195,8 +195,9 @@ def fastest(data: Any, errors: list[float]) -> Iterator[tuple[str, ...]]:
 
 
 def best(data: Any) -> Any:
-    """The front of clothsim's runs as one solver, and the fronts of other solvers that have a run
-    on the front of theirs.
+    """Return the front of clothsim's runs as one solver, and those of the best other solvers.
+
+    The best other solvers have a run on the front of all others.
     """
     import xarray as xr
 
@@ -233,7 +234,7 @@ def best(data: Any) -> Any:
 
 
 def front(data: Any) -> np.ndarray:
-    """Runs that no other run of `data` beats in both time and error."""
+    """Return runs that no other run of `data` beats in both time and error."""
     time, error = data.wall_time.values, data.rms_error.values
     known = np.isfinite(time) & np.isfinite(error)
     beaten = [

@@ -18,7 +18,7 @@ _FAR = 1e3  # m; where border points are, out of reach and finite when squared
 
 
 def import_kernels() -> Any:
-    """The kernel's module; an ImportError without numba, or with one that cannot be imported."""
+    """Return the kernel's module; raise an ImportError where numba cannot be imported."""
     if find_spec("numba") is None:
         raise ImportError("numba is not installed: run pip install numba")
     try:

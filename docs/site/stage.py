@@ -59,7 +59,7 @@ def by_use() -> dict[str, list[str]]:
 
 
 def full_names(name: str) -> list[str]:
-    """The full name, or those of a module that are not in `cs.__all__`."""
+    """Return the full name, or those of a module that are not in `cs.__all__`."""
     value = getattr(cs, name, None) or __import__(f"clothsim.{name}", fromlist=["__all__"])
     if not inspect.ismodule(value):
         return [f"clothsim.{name}"]
@@ -73,7 +73,7 @@ def is_called(full: str) -> bool:
 
 
 def directive(full: str) -> str:
-    """The lines that document one name."""
+    """Return the lines that document one name."""
     module, _, name = full.rpartition(".")
     value = getattr(sys.modules[module], name)
     if not inspect.isclass(value):
@@ -89,7 +89,7 @@ def directive(full: str) -> str:
 
 
 def reference(folder: Path) -> None:
-    """A page for each group, and their list: every name in one line."""
+    """Write a page for each group, and their list: every name in one line."""
     folder.mkdir()
     index = "Reference\n=========\n\n"
     tree = ".. toctree::\n   :hidden:\n\n"
@@ -105,7 +105,7 @@ def reference(folder: Path) -> None:
 
 
 def commands(path: Path) -> None:
-    """The page of the command line: what each `--help` prints."""
+    """Write the page of the command line: what each `--help` prints."""
     page = (
         "# Command line\n\nThis page lists every command with its `--help`. It is for users of "
         "the shell.\n"

@@ -285,7 +285,7 @@ def name_of(function):
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
-    """What is written by a call that goes well; no browser opens."""
+    """Write into a folder of the test, where a call goes well; no browser opens."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("webbrowser.open", lambda *_: True)
 

@@ -16,7 +16,7 @@ class Terminal(io.StringIO):
 
 
 def stderr(monkeypatch, kind):
-    """A new stderr; not in a fixture, as pytest sets its own when the test itself begins."""
+    """Set a new stderr; not in a fixture, as pytest sets its own when the test begins."""
     file = kind()
     monkeypatch.setattr(sys, "stderr", file)
     return file

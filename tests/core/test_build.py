@@ -105,7 +105,7 @@ def test_explain_adds_up():
 
 
 def _objects():
-    """The kernels' object files, where this is a build tree."""
+    """Return the kernels' object files, where this is a build tree."""
     root = Path(__file__).parents[2] / "build"
     return sorted(root.glob("*/CMakeFiles/clothsim_kernels_*.dir/**/*.o"))
 

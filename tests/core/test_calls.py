@@ -12,7 +12,7 @@ def arrays(stepper):
 
 
 def stiff(*spheres):
-    """An undamped sheet, disturbed, and a step at which it flies apart until numbers overflow."""
+    """Return an undamped, disturbed sheet, and a step at which it flies apart and overflows."""
     cloth = cs.Cloth((9, 20), stiffness=900.0, damping=0.0, mass=18.0)
     scene = cs.Scene(cloth, spheres)
     x = scene.initial_position + 1e-3 * np.random.default_rng(1).normal(size=(9, 20, 3))
@@ -20,7 +20,7 @@ def stiff(*spheres):
 
 
 def unwatched(*args, **options):
-    """A stepper that watches no speeds and energies, so that only what overflows is an error."""
+    """Return a stepper that watches no speeds and energies: only an overflow is an error."""
     stepper = cs.Stepper(*args, **options)
     members = len(stepper.frozen)
     stepper._state.core.set_stable_dt([np.inf] * members)
@@ -29,7 +29,7 @@ def unwatched(*args, **options):
 
 
 def run(stepper, steps, dt, total=1000):
-    """The steps done before the error, and the error."""
+    """Return the number of steps before the error, and the error."""
     for done in range(0, total, steps):
         try:
             stepper.advance(steps, dt)

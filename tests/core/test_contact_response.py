@@ -16,7 +16,7 @@ WEDGE = tuple(cs.Plane((0.0, 0.0, 0.0), (s, 1.0, 0.2), response="ray") for s in 
 
 
 def below(plane, parts):
-    """A row of points just below a plane, and velocities of length 1 almost along it.
+    """Return a row of points just below a plane, and velocities of length 1 almost along it.
 
     Their free step ends DEPTH below the plane, whatever its part of the speed into the plane.
     """

@@ -26,7 +26,7 @@ def state(shape, dtype):
 
 
 def held(values, precision):
-    """What the core holds of numbers: in single a float32 and what it leaves over in another."""
+    """Return what the core holds of numbers: in single a float32, and the rest in another."""
     values = values.astype(np.float64)
     if precision == "double":
         return values

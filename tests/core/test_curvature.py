@@ -18,7 +18,7 @@ CONTACTS = [
 
 
 def fallen(obstacle, duration=0.2, **options):
-    """A sheet that is thrown on an obstacle; its stepper."""
+    """Return a sheet that is thrown on an obstacle; its stepper."""
     x = CLOTH.rest_positions + (0, 0.1, 0)
     x[..., 1] += 0.05 * np.sin(5 * x[..., 0])
     scene = cs.Scene(

@@ -29,7 +29,7 @@ PLACES = {
 
 
 def scene_of(contact, count, cloth=CLOTH, **material):
-    """A sheet that falls at 2 m/s on one sphere, or on three that overlap."""
+    """Return a sheet that falls at 2 m/s on one sphere, or on three that overlap."""
     response, offset = contact
     material = {"restitution": 0.3, "friction": 0.2, **material}
     spheres = [

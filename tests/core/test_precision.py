@@ -9,7 +9,7 @@ DT = 5e-6  # the paper's
 
 @pytest.fixture(scope="module")
 def swing():
-    """The paper's swing after 0.1 s in double, and the state it starts from."""
+    """Return the paper's swing after 0.1 s in double, and the state it starts from."""
     scene = cs.scenes.paper_swing()
     state = scene.initial_position, scene.initial_velocity
     return scene, state, cs.step(scene, *state, DT, 20_000, threads=1)[0]

@@ -12,7 +12,7 @@ METHODS = ("rk4", "velocity_verlet", "dopri5")
 
 
 def faint(precision, shape=(17, 20)):
-    """A flat sheet whose heights and speeds are subnormal, or soon will be."""
+    """Return a flat sheet whose heights and speeds are subnormal, or soon will be."""
     tiny = np.finfo({"single": np.float32, "double": np.float64}[precision]).tiny
     scene = cs.Scene(
         cs.Cloth(shape, mass=1.0, stiffness=50.0, damping=0.1, drag=0.5), gravity=(0, 0, 0)

@@ -21,7 +21,7 @@ CURVE = cs.Keyframes(
 
 
 def driven(crumpled, shape=(6, 7), motions=None, **features):
-    """A crumpled sheet that begins at its own state, with two driven pins and one that rests."""
+    """Return a crumpled sheet at its own state, with two driven pins and one at rest."""
     pins = (
         {(0, 0): SWING, (-1, -1): cs.Linear((0.2, -0.4, 0.1)), (2, 3): None}
         if motions is None

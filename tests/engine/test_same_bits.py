@@ -16,14 +16,14 @@ SWING = cs.Reciprocate((1.0, 0.5, -0.3), distance=0.3, period=1.0, deceleration=
 
 @functools.cache
 def touching(_):
-    """The paper's cloth on its sphere, after 0.22 s."""
+    """Return the paper's cloth on its sphere, after 0.22 s."""
     scene = cs.scenes.paper_static(bend=True)
     x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 5e-4, 440)
     return scene.replace(position=x, velocity=v), 5e-4, 40
 
 
 def hit(_, response, offset, shape=(40, 37)):
-    """A sheet that falls on three spheres, two of which overlap and one of which moves."""
+    """Return a sheet that falls on three spheres, two of which overlap and one of which moves."""
     material = {"response": response, "offset": offset, "friction": 0.2}
     if response != "penalty":
         material["restitution"] = 0.3

@@ -12,7 +12,7 @@ SCENE = cs.Scene(CLOTH, BALL)
 
 
 def resting(scenes=SCENE, **options):
-    """A sheet that lies on the ball."""
+    """Return a sheet that lies on the ball."""
     stepper = cs.Stepper(scenes, **options)
     stepper.advance(1500, 2e-4)
     assert np.abs(stepper.impulses).max() > 0.01

@@ -16,7 +16,7 @@ def test_the_clock_does_not_drift():
 
 
 def stiff(shape=(9, 20)):
-    """An undamped sheet, for which the stability limit is sharp."""
+    """Return an undamped sheet, for which the stability limit is sharp."""
     cloth = cs.Cloth(shape, stiffness=900.0, damping=0.0, mass=0.1 * shape[0] * shape[1])
     return cs.Scene(cloth)
 

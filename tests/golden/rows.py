@@ -52,7 +52,7 @@ DAMPING = {"structural": 0.5, "shear": 0.25, "bend": 0.125}
 
 
 def key(row, isa):
-    """What the bits of a row depend on."""
+    """Return what the bits of a row depend on."""
     kernel, precision = row.split()[:2]
     if kernel == "gather":
         return "any"
@@ -63,7 +63,7 @@ def key(row, isa):
 
 
 def golden():
-    """The stored hashes of each row, by key."""
+    """Return the stored hashes of each row, by key."""
     lines = (
         line.rsplit(": ", 1) for line in FILE.read_text().splitlines() if line and line[0] != "#"
     )
@@ -71,7 +71,7 @@ def golden():
 
 
 def scene_of(row):
-    """A crumpled sheet, nowhere symmetric, that falls on one sphere or two."""
+    """Return a crumpled sheet, nowhere symmetric, that falls on one sphere or two."""
     _, _, _, contact, feature, motion, shape, springs = row.split()
     rows, columns = shape = tuple(map(int, shape.split("x")))
     springs = springs.split("+")

@@ -16,7 +16,7 @@ EVIDENCE = ("paper", "hard_cases")
 
 
 def modules():
-    """The text of each module of the package and its folder, by name without "clothsim."."""
+    """Yield each module's name without "clothsim.", its text and its folder."""
     for path in PACKAGE.rglob("*.py"):
         folder = path.relative_to(PACKAGE).parent.parts
         name = ".".join(folder if path.stem == "__init__" else (*folder, path.stem))
@@ -27,8 +27,8 @@ MODULES = dict(modules())
 
 
 def imports(text, folder, late=True):
-    """(module, name or "") of every import of clothsim when the text runs, `late` ones in functions
-    too; the module without "clothsim.".
+    """Yield (module, name or "") of every import of clothsim when the text runs, `late` ones in
+    functions too; the module without "clothsim.".
     """
     tree = ast.parse(text)
     blocks = [
@@ -82,7 +82,7 @@ def public_names(module):
 
 
 def private_uses(text, folder, allowed=()):
-    """What a text takes, neither public nor of an allowed room: imports, and attributes of `cs`."""
+    """Return what a text takes that is neither public nor of an allowed room."""
     found = []
     for other, name in imports(text, folder):
         if other.split(".")[0] in allowed or (other in PUBLIC and name == other):

@@ -14,7 +14,7 @@ plt = pytest.importorskip("matplotlib.pyplot")
 
 
 def terminal_of(monkeypatch):
-    """What a terminal gets."""
+    """Return a function that makes a terminal and returns what it gets."""
     shown = io.StringIO()
     shown.isatty = lambda: True
     monkeypatch.setattr(sys, "stderr", shown)
