@@ -49,7 +49,7 @@ class Start:
     exact: bool = False
 
     @property
-    def one(self) -> cs.Scene:
+    def first_scene(self) -> cs.Scene:
         return self.scene if isinstance(self.scene, cs.Scene) else self.scene[0]
 
 
@@ -161,7 +161,9 @@ class Reference(Work):
 
     def run(self, steps: int) -> None:
         start = self.start
-        self.positions, _ = cs.reference_step(start.one, start.x, start.v, PAPER_DT, steps, start.t)
+        self.positions, _ = cs.reference_step(
+            start.first_scene, start.x, start.v, PAPER_DT, steps, start.t
+        )
 
 
 Candidate = tuple[
@@ -208,16 +210,16 @@ def steps(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
             )
         )
         for precision, dtype in DTYPES.items():
-            make = partial(NumpyPeer, start.one, start.x, start.v, PAPER_DT, dtype)
+            make = partial(NumpyPeer, start.first_scene, start.x, start.v, PAPER_DT, dtype)
             group.append((start, {"by": "numpy", "precision": precision, "threads": 1}, make))
         yield group + [*([] if quick else numba(start, threads))]
-    yield [one for response in get_args(Response) for one in cores(contact(response))]
+    yield [candidate for response in get_args(Response) for candidate in cores(contact(response))]
 
 
 def features(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
     """Yield what each part of a scene adds to a step, on one thread."""
     base = swing()
-    cloth = base.one.cloth
+    cloth = base.first_scene.cloth
     far = cs.Sphere((0.5, -9.0, 0.5))
     changes: dict[str, dict[str, Any]] = {
         "all springs, damped": {},
@@ -237,10 +239,10 @@ def features(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]
         "1 printed method 2, far": {"spheres": (far.replace(response="ray", as_printed=True),)},
     }
     starts = [
-        Start(name, base.one.replace(**changed), base.x, base.v, base.t)
-        for name, changed in changes.items()
+        Start(name, base.first_scene.replace(**change), base.x, base.v, base.t)
+        for name, change in changes.items()
     ]
-    yield [one for start in starts for one in cores(start)]
+    yield [candidate for start in starts for candidate in cores(start)]
 
 
 def batches(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
@@ -262,20 +264,22 @@ def calls(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
     for start in (swing(), contact("penalty")):
         options = [{"kernel": "edge", "precision": p, "threads": 1} for p in DTYPES]
         yield [
-            core(start, call, **one)
-            for one in options
+            core(start, call, **labels)
+            for labels in options
             for call in ("advance", "advance(1)", "step", "simulate")
         ]
 
 
-SECTIONS = {one.__name__: one for one in (steps, features, batches, grids, calls)}
+SECTIONS = {
+    first_scene.__name__: first_scene for first_scene in (steps, features, batches, grids, calls)
+}
 
 
 def time_group(
     group: list[Candidate], windows: int, seconds: float, error_steps: int
 ) -> list[dict[str, Any]]:
     """Return a row for each candidate; say which programs cannot run here and are left out."""
-    kept, works = [], []
+    present, works = [], []
     for candidate in group:
         try:
             work = candidate[2]()
@@ -283,12 +287,14 @@ def time_group(
         except ImportError as error:
             print(f"left out: {candidate[1]['by']}: {error}")
             continue
-        kept.append(candidate)
+        present.append(candidate)
         works.append(work)
     rows = []
     expected: dict[str, list[np.ndarray]] = {}
-    for (start, labels, make), timing in zip(kept, measure(works, windows, seconds), strict=True):
-        cloth, members = start.one.cloth, start.x[..., 0, 0, 0].size
+    for (start, labels, make), timing in zip(
+        present, measure(works, windows, seconds), strict=True
+    ):
+        cloth, members = start.first_scene.cloth, start.x[..., 0, 0, 0].size
         errors = []
         if (
             start.exact
@@ -312,21 +318,21 @@ def time_group(
             | {"median_us": 1e6 * timing.median / members, "spread_%": 100 * timing.spread}
             | ({"error_m": errors[-1], "frames_error_m": max(errors)} if errors else {})
         )
-    alone = {r["precision"]: r["least_us"] for r in rows if r["call"] == "advance(1)"}
+    single_calls = {r["precision"]: r["least_us"] for r in rows if r["call"] == "advance(1)"}
     for row in rows:
-        if alone:
-            row["over_advance(1)"] = row["least_us"] / alone[row["precision"]]
+        if single_calls:
+            row["over_advance(1)"] = row["least_us"] / single_calls[row["precision"]]
     return rows
 
 
 def _frames(start: Start, steps: int) -> list[np.ndarray]:
     """Positions by the scalar reference at every FRAMES-th part of the steps."""
-    x, v, t, found = start.x, start.v, start.t, []
+    x, v, t, frames = start.x, start.v, start.t, []
     for _ in range(FRAMES):
-        x, v = cs.reference_step(start.one, x, v, PAPER_DT, steps // FRAMES, t)
+        x, v = cs.reference_step(start.first_scene, x, v, PAPER_DT, steps // FRAMES, t)
         t += steps // FRAMES * PAPER_DT
-        found.append(x)
-    return found
+        frames.append(x)
+    return frames
 
 
 LABELS = ("by", "precision", "threads", "instruction_set", "call")
@@ -364,10 +370,10 @@ def main(argv: list[str] | None = None) -> None:
     rows = []
     for name in args.sections or SECTIONS:
         for group in SECTIONS[name](threads, args.quick):
-            found = time_group(group, *(8, 2e-3, 100) if args.quick else (40, 4e-3, ERROR_STEPS))
-            print(aligned(COLUMNS, ([cell(row.get(key)) for key in COLUMNS] for row in found)))
+            timings = time_group(group, *(8, 2e-3, 100) if args.quick else (40, 4e-3, ERROR_STEPS))
+            print(aligned(COLUMNS, ([cell(row.get(key)) for key in COLUMNS] for row in timings)))
             print(f"{conditions(('numba',))}\n", flush=True)
-            rows += found
+            rows += timings
     if args.csv:
         with args.csv.open("w", newline="") as file:
             file.write(f"# {conditions(('numba',))}\n")

@@ -57,14 +57,16 @@ def short(value: Any, unit: str = "") -> str:
 def conditions(packages: Sequence[str] = ()) -> str:
     """Machine, load and versions, for the line under a table."""
     config, cpuinfo = cs.build_config(), Path("/proc/cpuinfo")
-    named = re.search(r"model name\s*: (.*)", cpuinfo.read_text() if cpuinfo.exists() else "")
+    model = re.search(r"model name\s*: (.*)", cpuinfo.read_text() if cpuinfo.exists() else "")
     load = f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
     versions = [f"{name} {config[name]}" for name in ("python", "numpy")]
     versions += [
-        f"{one.metadata['Name']} {one.version}" for one in map(_distribution, packages) if one
+        f"{package.metadata['Name']} {package.version}"
+        for package in map(_distribution, packages)
+        if package
     ]
     machine = (
-        f"{named.group(1) if named else platform.machine()}, {os.cpu_count()} cores, "
+        f"{model.group(1) if model else platform.machine()}, {os.cpu_count()} cores, "
         f"{platform.system()}, {load}"
     )
     return (

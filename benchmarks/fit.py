@@ -56,16 +56,16 @@ def value(scene, name):
     return float(cs.sensitivity(scene, TIMES[:1], [name]).value[0])
 
 
-def changed(scene, values):
+def replace_values(scene, values):
     """Return the scene with other values of positive parameters."""
     cloth = scene.cloth
-    whole = {name: value for name, value in values.items() if name in ("mass", "damping", "drag")}
+    scalars = {name: value for name, value in values.items() if name in ("mass", "damping", "drag")}
     parts = {
         name.removeprefix("stiffness_"): value
         for name, value in values.items()
         if name.startswith("stiffness_")
     }
-    return scene.replace(cloth=cloth.replace(stiffness={**cloth.stiffness, **parts}, **whole))
+    return scene.replace(cloth=cloth.replace(stiffness={**cloth.stiffness, **parts}, **scalars))
 
 
 def judge(scenes, draws, starts, seed):
@@ -78,20 +78,20 @@ def judge(scenes, draws, starts, seed):
         true = {name: value(truth, name) for name in names}
         for k in range(draws):
             data = motion + rng.normal(0, 5e-4, motion.shape)
-            found = cs.fit(truth, TIMES, data, over=names, sigma=5e-4)
+            fit = cs.fit(truth, TIMES, data, over=names, sigma=5e-4)
             for name in names:
-                if np.isfinite(found.errors[name]):
-                    scatter[name].append((found.values[name] - true[name]) / found.errors[name])
+                if np.isfinite(fit.errors[name]):
+                    scatter[name].append((fit.values[name] - true[name]) / fit.errors[name])
             if k:
                 continue
             for _ in range(starts):
                 off = {
-                    name: one * 10.0 ** rng.choice([-1, 1])
-                    for name, one in true.items()
+                    name: value * 10.0 ** rng.choice([-1, 1])
+                    for name, value in true.items()
                     if name in KINDS[:6]
                 }
-                far = cs.fit(changed(truth, off), TIMES, data, over=names, sigma=5e-4)
-                same = abs(far.report["chi_square"] / found.report["chi_square"] - 1) < 1e-6
+                far = cs.fit(replace_values(truth, off), TIMES, data, over=names, sigma=5e-4)
+                same = abs(far.report["chi_square"] / fit.report["chi_square"] - 1) < 1e-6
                 reached += same, not same and bool(far.report["reason"]), 1
     return scatter, reached
 
@@ -103,7 +103,7 @@ def main():
     for name, default in (("scenes", 40), ("draws", 20), ("starts", 3), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=default)
     args, begin = parser.parse_args(), time.perf_counter()
-    scatter, (reached, told, starts) = judge(args.scenes, args.draws, args.starts, args.seed)
+    scatter, (reached, reports, starts) = judge(args.scenes, args.draws, args.starts, args.seed)
     print(
         "| parameter | fits | scatter / stated sigma | mean / stated sigma |\n| --- | --- | "
         "--- | --- |"
@@ -114,7 +114,7 @@ def main():
             f"{np.mean(scatter[name]):+.2f} |"
         )
     print(
-        f"\nstarts off by ten: {reached} of {starts} reached the minimum, {told} of the "
+        f"\nstarts off by ten: {reached} of {starts} reached the minimum, {reports} of the "
         "others said so"
     )
     print(f"{time.perf_counter() - begin:.0f} s")

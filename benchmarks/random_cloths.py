@@ -156,7 +156,7 @@ def truth(case: Case, folder: Path) -> tuple[np.ndarray, float]:
     n = 3 * model.n
     for tolerance in TOLERANCES:
         scale = np.r_[np.full(n, size), np.full(n, size * omega)] * tolerance
-        found = solve_ivp(
+        solution = solve_ivp(
             model,
             (0, case.duration),
             model.start,
@@ -165,7 +165,7 @@ def truth(case: Case, folder: Path) -> tuple[np.ndarray, float]:
             rtol=3e-14,
             atol=scale,
         )
-        ends.append(found.y[:n, -1].reshape(*case.scene.cloth.shape, 3))
+        ends.append(solution.y[:n, -1].reshape(*case.scene.cloth.shape, 3))
     bound = rms(ends[1] - ends[0])
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(path, x=ends[1], bound=bound)

@@ -90,14 +90,14 @@ def main() -> None:
             counts["ended by an error"] += 1
             print(f"{seed}: {type(error).__name__}: {str(error)[:90]}")
             continue
-        estimate, asked = run.report["error_estimate"]["rms"], rtol * max(cloth.size)
+        estimate, tolerance = run.report["error_estimate"]["rms"], rtol * max(cloth.size)
         off = rms(run.x[-1] - better.x[-1])
         counts["judged"] += 1
         counts["without an estimate"] += int(np.isnan(estimate))
-        if off > 2 * estimate and off > asked:
+        if off > 2 * estimate and off > tolerance:
             counts["missed"] += 1
-            known = better.report["error_estimate"]["rms"]
-            print(f"{seed}: told {estimate:.1e} m, off {off:.1e} m, known to {known:.1e} m")
+            uncertainty = better.report["error_estimate"]["rms"]
+            print(f"{seed}: told {estimate:.1e} m, off {off:.1e} m, known to {uncertainty:.1e} m")
     print(", ".join(f"{n} {name}" for name, n in counts.items()), end="")
     print(f" in {time.perf_counter() - begin:.0f} s")
 

@@ -80,7 +80,7 @@ def measure(works: Sequence[Work], windows: int, seconds: float = 0.0) -> list[T
         work.prepare()
         work.run(work.window_steps or 1)  # the first call pays for what is made lazily
         steps.append(work.window_steps or _steps_that_take(work, seconds))
-    taken: list[list[float]] = [[] for _ in works]
+    durations: list[list[float]] = [[] for _ in works]
     order = list(range(len(works)))
     shuffle = random.Random(0).shuffle
     for _ in range(windows):
@@ -89,8 +89,8 @@ def measure(works: Sequence[Work], windows: int, seconds: float = 0.0) -> list[T
             works[k].prepare()
             if works[k].window_steps is None:
                 works[k].run(max(1, steps[k] // 4))
-            taken[k].append(_seconds(works[k], steps[k]) / steps[k])
-    return [timing_of(row) for row in taken]
+            durations[k].append(_seconds(works[k], steps[k]) / steps[k])
+    return [timing_of(row) for row in durations]
 
 
 def timing_of(seconds: Sequence[float]) -> Timing:

@@ -134,5 +134,5 @@ def build(name: str) -> None:
 
 
 if __name__ == "__main__":
-    for wanted in sys.argv[1:] or TARGETS:
-        build(wanted)
+    for target in sys.argv[1:] or TARGETS:
+        build(target)

@@ -75,7 +75,7 @@ def main() -> None:
             tab.evaluate(STEPS, round(1 / RATE / DT))
             tab.screenshot(path=folder / f"{k:03}.png")
         chromium.close()
-        first, *others = (
+        first, *later_frames = (
             Image.open(name).convert("RGB").resize(SIZE) for name in sorted(folder.glob("*.png"))
         )
         options = {
@@ -85,7 +85,7 @@ def main() -> None:
             "quality": 70,
             "method": 6,
         }
-        first.save(file, append_images=others, **options)
+        first.save(file, append_images=later_frames, **options)
 
 
 if __name__ == "__main__":

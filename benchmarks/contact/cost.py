@@ -71,10 +71,10 @@ def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str,
                         "precision": precision,
                         "threads": threads,
                         "variant": name,
-                        "microseconds": 1e6 * taken,
-                        "ratio": taken / seconds[0],
+                        "microseconds": 1e6 * duration,
+                        "ratio": duration / seconds[0],
                     }
-                    for name, taken in zip(names, seconds, strict=True)
+                    for name, duration in zip(names, seconds, strict=True)
                 ]
     return rows
 

@@ -245,8 +245,9 @@ def _batch_of(serial):
         f, first, total = buffers
         spring, column, gravity, free = scene
         for m in prange(state.shape[0]):
-            own = (spring[m], column, gravity, free)
-            serial(count, bands, state[m], a[m], b[m], (f[m], first[m], total[m]), own, time_step)
+            member = (spring[m], column, gravity, free)
+            sums = (f[m], first[m], total[m])
+            serial(count, bands, state[m], a[m], b[m], sums, member, time_step)
 
     return batch
 
@@ -286,5 +287,7 @@ def strided(shape):
     row_force = _force_of_rows(places)
     steps, slopes = _all_steps(places, row_force), _right_side(places, row_force)
     serial, parallel = njit(**FAST), njit(**FAST, parallel=True)
-    alone = serial(steps)
-    return Strided(alone, parallel(steps), _batch_of(alone), serial(slopes), parallel(slopes))
+    step_rows = serial(steps)
+    return Strided(
+        step_rows, parallel(steps), _batch_of(step_rows), serial(slopes), parallel(slopes)
+    )

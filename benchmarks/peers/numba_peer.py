@@ -54,14 +54,14 @@ class NumbaPeer(Work):
         cloth = scenes[0].cloth
         rows, columns = cloth.shape
         border = kernels.BORDER
-        self.inside = (Ellipsis, slice(border, border + rows), slice(border, border + columns))
+        self.interior = (Ellipsis, slice(border, border + rows), slice(border, border + columns))
         members = len(scenes)
         shape = (members, 6, rows + 2 * border, columns + 2 * border)
         state = np.zeros(shape, dtype)
         state[:, :3] = _FAR
         xv = np.concatenate([x, v], axis=-1).reshape(members, rows, columns, 6)
-        state[self.inside] = np.moveaxis(xv, -1, 1)
-        spring = np.stack([_strided_springs(one, dtype) for one in scenes])
+        state[self.interior] = np.moveaxis(xv, -1, 1)
+        spring = np.stack([_strided_springs(member, dtype) for member in scenes])
         at = np.arange(columns)
         column = [at + 1 < columns, at >= 1, at + 2 < columns, at >= 2]
         force: np.ndarray = np.zeros((members, 3 * rows * columns), dtype)
@@ -97,11 +97,11 @@ class NumbaPeer(Work):
 
     @property
     def positions(self) -> np.ndarray:
-        return np.moveaxis(self.state[self.inside], -3, -1)[..., :3]
+        return np.moveaxis(self.state[self.interior], -3, -1)[..., :3]
 
     @property
     def velocities(self) -> np.ndarray:
-        return np.moveaxis(self.state[self.inside], -3, -1)[..., 3:]
+        return np.moveaxis(self.state[self.interior], -3, -1)[..., 3:]
 
 
 class NumbaSlopes:
@@ -127,8 +127,8 @@ class NumbaSlopes:
 
     def points(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities, shape (rows, columns, 3)."""
-        both = np.moveaxis(y.reshape(self.shape), 0, -1)
-        return both[..., :3], both[..., 3:]
+        fields = np.moveaxis(y.reshape(self.shape), 0, -1)
+        return fields[..., :3], fields[..., 3:]
 
 
 def _strided_springs(scene: cs.Scene, dtype: type[Any]) -> np.ndarray:

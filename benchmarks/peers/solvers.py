@@ -125,7 +125,7 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
 
     @jax.jit
     def run(state: Any, duration: float, rtol: float, atol: float) -> Any:
-        found = diffrax.diffeqsolve(
+        solution = diffrax.diffeqsolve(
             diffrax.ODETerm(slope),
             getattr(diffrax, solver)(),
             0.0,
@@ -135,7 +135,7 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
             stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
             max_steps=10**6,
         )
-        return tuple(a[-1] for a in found.ys), found.stats["num_steps"]
+        return tuple(a[-1] for a in solution.ys), solution.stats["num_steps"]
 
     start = tuple(
         jnp.array(np.moveaxis(a, -1, 0)) for a in (scene.initial_position, scene.initial_velocity)
