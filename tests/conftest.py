@@ -15,20 +15,20 @@ from variants import NAMED_KERNELS, NATIVE_VARIANTS
 
 
 def pytest_configure(config):
-    tables.alone = bool(config.getoption("keyword"))
+    tables.single_rows = bool(config.getoption("keyword"))
 
 
 def pytest_collection_modifyitems(config, items):
     """Deselect tests that cannot run under the present sanitizer, as their marks say."""
     sanitizer = os.environ.get("CLOTHSIM_TEST_SANITIZER")
-    left = [
+    unfit = [
         item
         for item in items
         if any(sanitizer in mark.args for mark in item.iter_markers("unsanitized"))
     ]
-    if left:
-        config.hook.pytest_deselected(items=left)
-        items[:] = [item for item in items if item not in left]
+    if unfit:
+        config.hook.pytest_deselected(items=unfit)
+        items[:] = [item for item in items if item not in unfit]
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -5,7 +5,7 @@ import inspect
 
 import pytest
 
-alone = False  # rows as cases of their own: set by conftest.py under -k
+single_rows = False  # rows as cases of their own: set by conftest.py under -k
 
 
 def each(names, rows):
@@ -16,13 +16,13 @@ def each(names, rows):
     can choose a row.
     """
     names = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
-    if alone:
+    if single_rows:
         return pytest.mark.parametrize(",".join(names), list(rows))
     rows = [row if len(names) > 1 else (row,) for row in rows]
 
     def decorate(test):
         @functools.wraps(test)
-        def whole(**fixtures):
+        def all_rows(**fixtures):
             failed = []
             for row in rows:
                 values = dict(zip(names, row, strict=True))
@@ -35,11 +35,11 @@ def each(names, rows):
                 raise AssertionError("\n".join(lines)) from failed[0][1]
 
         signature = inspect.signature(test)
-        others = [
+        parameters = [
             parameter for name, parameter in signature.parameters.items() if name not in names
         ]
-        whole.__signature__ = signature.replace(parameters=others)
-        return whole
+        all_rows.__signature__ = signature.replace(parameters=parameters)
+        return all_rows
 
     assert rows, names
     return decorate

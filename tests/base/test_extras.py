@@ -65,8 +65,8 @@ assert "xarray" not in sys.modules
 data = cs.stability_map(cs.scenes.oscillator(), [1e3], [1e-3], steps=1)
 assert callable(data.clothsim.plot) and "matplotlib" not in sys.modules
 """
-    done = python(program, PYTHONWARNINGS="error")
-    assert done.returncode == 0, done.stderr
+    process = python(program, PYTHONWARNINGS="error")
+    assert process.returncode == 0, process.stderr
 
 
 def test_a_dataset_of_no_sweep_says_so():

@@ -295,7 +295,7 @@ def test_every_public_callable_is_judged():
     errors = {
         value for value in public if inspect.isclass(value) and issubclass(value, BaseException)
     }
-    assert public - errors - NO_ARGUMENTS - RESULTS == {one for one in CALLS if one in public}
+    assert public - errors - NO_ARGUMENTS - RESULTS == public & set(CALLS)
 
 
 @pytest.mark.parametrize(
@@ -339,9 +339,9 @@ def faults(function, argument, good):
                 warnings.simplefilter("ignore")
                 function(**{**good, argument: odd})
         except (ValueError, TypeError) as error:
-            named = re.search(rf"\b({argument}|{ALSO.get(case, argument)})\b", str(error))
+            name = re.search(rf"\b({argument}|{ALSO.get(case, argument)})\b", str(error))
             if not (
-                named
+                name
                 and re.search(
                     r"must .*got|(accepted|needed):|must be (given|False)", str(error), re.DOTALL
                 )
@@ -358,10 +358,10 @@ def faults(function, argument, good):
             yield odd, "is changed"
 
 
-def one_far(place, other=0.0):
+def far_state(place, rest=0.0):
     x = X.copy()
     x[1, 1] = place
-    x[0, 0] = other
+    x[0, 0] = rest
     return x
 
 
@@ -373,9 +373,9 @@ DEGENERATE = {
     "two places": np.where(np.arange(3)[:, None] < 1, 0.0, 1.0) * np.ones_like(X),
     "subnormal": X * 1e-320,
     "tiny": X * 1e-44,
-    "float32 overflows": one_far(1e40),
-    "squares overflow": one_far(1e160),
-    "differences overflow": one_far(1.7e308, -1.7e308),
+    "float32 overflows": far_state(1e40),
+    "squares overflow": far_state(1e160),
+    "differences overflow": far_state(1.7e308, -1.7e308),
 }
 OF_STATES = {
     **{function: given for function, given in CALLS.items() if "x" in given},

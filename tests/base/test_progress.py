@@ -45,7 +45,7 @@ SWING = ("paper_swing", "--duration", "0.1", "--dt", "1e-3")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "shown"),
+    ("arguments", "text_of_bar"),
     [
         (("run", *SWING, "--every", "0.02", "--out", "{}/r.npz"), "100%"),
         (("run", *SWING, "--film", "{}/r.gif"), "film: 100%"),
@@ -53,11 +53,13 @@ SWING = ("paper_swing", "--duration", "0.1", "--dt", "1e-3")
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else None,
 )
-def test_commands_show_a_bar_in_a_terminal_alone(tmp_path_factory, monkeypatch, arguments, shown):
+def test_commands_show_a_bar_in_a_terminal_alone(
+    tmp_path_factory, monkeypatch, arguments, text_of_bar
+):
     terminal = stderr(monkeypatch, Terminal)
     folder = tmp_path_factory.getbasetemp()
     arguments = [text.format(folder) for text in arguments]
     assert main(arguments) == 0, terminal.getvalue()
-    assert shown in terminal.getvalue()
+    assert text_of_bar in terminal.getvalue()
     pipe = stderr(monkeypatch, io.StringIO)
     assert main(arguments) == 0 and pipe.getvalue() == ""

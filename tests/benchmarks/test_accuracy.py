@@ -28,16 +28,16 @@ def test_rk4_prints_its_error(capsys):
 
 
 def test_a_row_of_cost_has_the_fastest_of_both(monkeypatch):
-    own = ("1e-06", "clothsim", "rk4", "5e-4", "0.1", "3%", "2e-07", "3e-07", "800", "")
-    other = ("1e-06", "SciPy", "DOP853", "1e-6", "0.4", "5%", "4e-07", "5e-07", "900", "4.0")
-    assert len(HEAD) == len(own)
+    our_run = ("1e-06", "clothsim", "rk4", "5e-4", "0.1", "3%", "2e-07", "3e-07", "800", "")
+    their_run = ("1e-06", "SciPy", "DOP853", "1e-6", "0.4", "5%", "4e-07", "5e-07", "900", "4.0")
+    assert len(HEAD) == len(our_run)
     monkeypatch.setattr(accuracy, "measure", lambda *arguments, **options: ("data", []))
-    found = {1e-6: [own, other], 1e-9: [own]}
-    monkeypatch.setattr(accuracy, "fastest", lambda data, errors: found.get(errors[0], []))
-    _, _, both, single, _ = accuracy.cost(scenes=["swing"])
+    runs = {1e-6: [our_run, their_run], 1e-9: [our_run]}
+    monkeypatch.setattr(accuracy, "fastest", lambda data, errors: runs.get(errors[0], []))
+    _, _, full_row, part_row, _ = accuracy.cost(scenes=["swing"])
     numbers = ("0.1 (3%)", "rk4", "2e-07, 3e-07 m")
-    assert both == ("swing", "1e-06 m", *numbers, "0.4 (5%), DOP853", "4e-07, 5e-07 m", "4.0")
-    assert single == ("swing", "1e-09 m", *numbers, "", "", "")
+    assert full_row == ("swing", "1e-06 m", *numbers, "0.4 (5%), DOP853", "4e-07, 5e-07 m", "4.0")
+    assert part_row == ("swing", "1e-09 m", *numbers, "", "", "")
 
 
 def test_a_row_of_contact_has_every_response(monkeypatch):

@@ -17,8 +17,8 @@ def solution():
 
 def test_peers_that_are_not_installed_are_named(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(peers, "find_spec", lambda name: None)
-    found, missing = peers.installed_peers(SCENE)
-    assert found == []
+    methods, missing = peers.installed_peers(SCENE)
+    assert methods == []
     assert missing == [f"{name} is not installed" for name in ("numba", "scipy", "diffrax")]
     pytest.importorskip("xarray")
     image = pytest.importorskip("matplotlib.image")
@@ -66,10 +66,10 @@ def runs():
 
 
 def test_the_figure_has_the_front_of_clothsim_and_the_best_peers():
-    found = best(runs())
-    assert found.solver.values.tolist() == ["clothsim", "c"]
-    assert found.wall_time[0].values.tolist() == [1.0, 3.0, 4.0]
-    assert found.rms_error[0].values.tolist() == [1e-3, 1e-6, 1e-9]
+    lines = best(runs())
+    assert lines.solver.values.tolist() == ["clothsim", "c"]
+    assert lines.wall_time[0].values.tolist() == [1.0, 3.0, 4.0]
+    assert lines.rms_error[0].values.tolist() == [1e-3, 1e-6, 1e-9]
 
 
 def test_a_row_has_spread_both_errors_and_the_ratio():

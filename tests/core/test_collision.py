@@ -50,8 +50,8 @@ def answered(x, v, sphere, t, radius=RADIUS):
         impulse = (1 + sphere.restitution) * speed
         tangential = u - speed * n
         slip = np.linalg.norm(tangential)
-        taken = min(slip, sphere.friction * abs(impulse))
-        v[at] = v[at] - impulse * n - taken * tangential / slip
+        loss = min(slip, sphere.friction * abs(impulse))
+        v[at] = v[at] - impulse * n - loss * tangential / slip
         if sphere.response == "ray" and travels:  # the rest of the step
             x[at] += s * (v[at] - velocity)
     return x, v
@@ -118,12 +118,12 @@ def test_pinned_points_never_move(variant, response):
     v[pins] = 0
     x = x.astype(np.float32).astype(float)
     sphere = ball(response=response, motion=cs.Linear((0.2, 0.1, 0.0)))
-    inside = np.linalg.norm(x - CENTER, axis=-1) < RADIUS
-    assert (inside & pins).sum() > 10
+    is_inside = np.linalg.norm(x - CENTER, axis=-1) < RADIUS
+    assert (is_inside & pins).sum() > 10
     xt, vt = cs.step(drifting(x, sphere, pins), x, v, DT, 50, t=0.0, **variant.options)
     np.testing.assert_array_equal(xt[pins], x[pins])
     assert (vt[pins] == 0).all()
-    assert (np.abs(vt - v)[inside & ~pins].max(axis=-1) > 0).any()
+    assert (np.abs(vt - v)[is_inside & ~pins].max(axis=-1) > 0).any()
 
 
 @cases(precision=["double"], response=["reflect", "ray"])
@@ -146,10 +146,10 @@ def test_several_spheres_respond_in_their_order(variant, response):
     for sphere, radius in zip(spheres, (RADIUS, 0.42, 0.3)):
         expected = answered(*expected, sphere, DT, radius)
     result = cs.step(drifting(x, spheres), x, v, DT, t=0.0, **variant.options)
-    for part, wanted in zip(result, expected):
-        np.testing.assert_allclose(part, wanted, rtol=0, atol=1e-12)
-    other = cs.step(drifting(x, spheres[::-1]), x, v, DT, t=0.0, **variant.options)
-    assert np.abs(other[0] - result[0]).max() + np.abs(other[1] - result[1]).max() > 1e-3
+    for part, expected_part in zip(result, expected):
+        np.testing.assert_allclose(part, expected_part, rtol=0, atol=1e-12)
+    reverse = cs.step(drifting(x, spheres[::-1]), x, v, DT, t=0.0, **variant.options)
+    assert np.abs(reverse[0] - result[0]).max() + np.abs(reverse[1] - result[1]).max() > 1e-3
 
 
 MOTIONS = [

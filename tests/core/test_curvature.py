@@ -17,7 +17,7 @@ CONTACTS = [
 ]
 
 
-def fallen(obstacle, duration=0.2, **options):
+def drape(obstacle, duration=0.2, **options):
     """Return a sheet that is thrown on an obstacle; its stepper."""
     x = CLOTH.rest_positions + (0, 0.1, 0)
     x[..., 1] += 0.05 * np.sin(5 * x[..., 0])
@@ -37,20 +37,20 @@ def test_a_sheet_above_a_large_sphere_is_not_lifted(radius, offset, kernel, prec
     sphere = cs.Sphere((0.5, -radius, 0.5), radius, offset=offset)
     stepper = cs.Stepper(cs.Scene(CLOTH, sphere, (0, 0, 0), x), precision=precision, kernel=kernel)
     free = cs.Stepper(cs.Scene(CLOTH, (), (0, 0, 0), x), precision=precision, kernel=kernel)
-    for one in (stepper, free):
-        one.advance(100, 1e-3)
+    for sheet in (stepper, free):
+        sheet.advance(100, 1e-3)
     np.testing.assert_array_equal(stepper.positions, free.positions)
     np.testing.assert_array_equal(stepper.velocities, free.velocities)
 
 
 @pytest.mark.parametrize("contact", CONTACTS, ids=str)
 def test_spheres_become_a_plane_as_they_grow(contact):
-    plane = fallen(cs.Plane(**contact))
+    plane = drape(cs.Plane(**contact))
     x, impulse = plane.positions, plane.impulses
     assert impulse[0, 1] < -0.2
     off = []
     for radius in (1e2, 1e4, 1e6):
-        sphere = fallen(cs.Sphere((0.5, -radius, 0.5), radius, offset="none", **contact))
+        sphere = drape(cs.Sphere((0.5, -radius, 0.5), radius, offset="none", **contact))
         off.append(np.abs(sphere.positions - x).max())
     assert off[0] < 0.1 and off[1] < 0.01 and off[2] < 1e-4
 

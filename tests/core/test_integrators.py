@@ -146,7 +146,10 @@ def test_newtons_method_ends_above_the_rounding_of_the_springs(dt):
 
 
 def test_the_limits_are_those_of_the_literature():
-    limits = {name: (one.imaginary_limit, one.real_limit) for name, one in cs.integrators().items()}
+    limits = {
+        name: (method.imaginary_limit, method.real_limit)
+        for name, method in cs.integrators().items()
+    }
     assert limits["rk4"] == pytest.approx((math.sqrt(8), 2.785293563405282), rel=1e-8)
     assert limits["explicit_euler"] == (0.0, pytest.approx(2.0, rel=1e-8))
     assert limits["semi_implicit_euler"] == pytest.approx((2.0, 2.0), rel=1e-8)

@@ -33,11 +33,11 @@ def test_float32_without_compensation_would_not(swing):
     scene, (x, v), _ = swing
     steps = 2_000
     expected, _ = cs.step(scene, x, v, DT, steps, threads=1)
-    kept, _ = cs.step(scene, x, v, DT, steps, precision="single", threads=1)
+    compensated, _ = cs.step(scene, x, v, DT, steps, precision="single", threads=1)
     x, v = x.astype(np.float32), v.astype(np.float32)
     for _ in range(steps):
         x, v = cs.step(scene, x, v, DT, precision="single", threads=1)
-    assert error(x, expected) > 20 * error(kept, expected)
+    assert error(x, expected) > 20 * error(compensated, expected)
     assert error(x, expected) > 4e-7  # after a tenth of the time that the bound above is for
 
 

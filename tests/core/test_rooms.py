@@ -19,16 +19,16 @@ def written_springs(text, rows, columns, x, y):
             wgsl = wgsl.replace(old, new)
         return eval(re.sub(r"(\d)u\b", r"\1", wgsl), {}, names)
 
-    found, family = [], None
+    springs_in_order, family = [], None
     for line in text.splitlines():
-        if opened := re.fullmatch(r"    if \((\w+)\) \{", line):
-            family = opened[1]
+        if block := re.fullmatch(r"    if \((\w+)\) \{", line):
+            family = block[1]
         elif pull := re.fullmatch(
             r" +if \((.+)\) \{ a = add_spring\(a, x, v, (.+), first \+ (\d+)u\); \}", line
         ):
             condition, place, first = map(value, pull.groups())
-            found += [(place, family, first // 3)] if condition else []
-    return found
+            springs_in_order += [(place, family, first // 3)] if condition else []
+    return springs_in_order
 
 
 @pytest.mark.parametrize("more", [False, True])
@@ -42,9 +42,9 @@ def test_the_shader_follows_the_list_of_springs(more):
     text, rows, columns = springs(neighbours), 4, 5
     for y, x in np.ndindex(rows, columns):
         ends = [(y + row, x + column, family, kind) for row, column, family, kind in neighbours]
-        inside = [
+        springs_of_point = [
             (r * columns + c, f, k) for r, c, f, k in ends if 0 <= r < rows and 0 <= c < columns
         ]
-        assert written_springs(text, rows, columns, x, y) == inside
+        assert written_springs(text, rows, columns, x, y) == springs_of_point
     assert f"first + {3 * (kinds + more - 1)}u" in text
     assert ("override skew: bool = true;" in text) == more

@@ -136,7 +136,7 @@ def test_blocks_of_damping_are_the_derivative_of_the_law():
 @pytest.mark.parametrize("shape", [(1, 6), (6, 1)])
 def test_a_chain_has_no_triangles(shape):
     scene = random_scene(cloth=SHEET.replace(shape=shape, pins=[(0, 0)]))
-    runs = [cs.simulate(one, 0.1, dt=1e-3) for one in (scene, scene.replace(wind=None))]
+    runs = [cs.simulate(chain, 0.1, dt=1e-3) for chain in (scene, scene.replace(wind=None))]
     assert abs(runs[0].x - runs[1].x).max() < 1e-14 and runs[0].report["wind_work"] == 0
 
 
@@ -215,19 +215,19 @@ def test_single_precision_is_near_double():
 def test_bits_depend_on_neither_batch_threads_nor_cuts(variant):
     cloth = SHEET.replace(shape=(160, 140), mass=10.0)
     scenes = [random_scene(1, cloth), random_scene(2, cloth, cs.Wind((5.0, 1.0, 0.0)))]
-    alone = [cs.Stepper(scene, **variant.options) for scene in scenes]
+    singles = [cs.Stepper(scene, **variant.options) for scene in scenes]
     batch = cs.Stepper(scenes, **{**variant.options, "threads": 2})
     threads = cs.Stepper(scenes[0], **{**variant.options, "threads": 2})
-    for stepper in (*alone, batch, threads):
+    for stepper in (*singles, batch, threads):
         stepper.advance(4, 1e-4)
     parts = cs.Stepper(scenes[0], **variant.options)
     for steps in (1, 3):
         parts.advance(steps, 1e-4)
         parts = cs.Stepper.restore(parts.snapshot())
-    for k, stepper in enumerate(alone):
+    for k, stepper in enumerate(singles):
         assert np.array_equal(batch.x[k], stepper.x) and np.array_equal(batch.v[k], stepper.v)
     for stepper in (threads, parts):
-        assert np.array_equal(stepper.x, alone[0].x) and np.array_equal(stepper.v, alone[0].v)
+        assert np.array_equal(stepper.x, singles[0].x) and np.array_equal(stepper.v, singles[0].v)
 
 
 def test_strong_wind_limits_the_step_of_a_light_cloth():

@@ -30,8 +30,8 @@ def test_a_frame_per_call_is_the_motion_of_one_run(response, kernel):
         center = PLACE + frame * STEPS * DT * VELOCITY
         by_hand.advance(STEPS, DT, centers={0: center})
         jumps.set_scene(scene.replace(spheres=scene.spheres[0].replace(center=tuple(center))))
-        for one in (jumps, moving):
-            one.advance(STEPS, DT)
+        for stepper in (jumps, moving):
+            stepper.advance(STEPS, DT)
         assert np.abs(by_hand.positions - moving.positions).max() < 1e-9
     assert np.abs(by_hand.positions - jumps.positions).max() > 1e-4
     assert by_hand.positions[4, 4, 1] > 0.02  # lifted

@@ -51,10 +51,10 @@ ERROR_CONTROL = (
 
 def error_control(rtol, integrator, *scene):
     reference = references()[" ".join(("error_control", rtol, integrator, *scene))]
-    asked = None if rtol == "default" else float(rtol)
+    tolerance = None if rtol == "default" else float(rtol)
     integrator = None if integrator == "-" else integrator
     run = cs.simulate(
-        _scene(*scene), DURATION, rtol=asked, integrator=integrator, **arithmetic("gather")
+        _scene(*scene), DURATION, rtol=tolerance, integrator=integrator, **arithmetic("gather")
     )
     report, estimate = run.report, run.report["error_estimate"]
     return {

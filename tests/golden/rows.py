@@ -101,8 +101,8 @@ def scene_of(row):
     )
     velocity = noise[..., 3:6] / 2 - (0.0, 2.0, 0.0)
     velocity[cloth.pinned] = 0.0
-    for pin, driven in cloth.driven.items():
-        velocity[pin] = driven.velocity_at(0.0)
+    for pin, pin_motion in cloth.driven.items():
+        velocity[pin] = pin_motion.velocity_at(0.0)
     return cs.Scene(
         cloth,
         _spheres(contact, motion, cloth),
@@ -158,14 +158,14 @@ def digest(row, threads=1, scene=None):
     """
     kernel, precision, integrator = row.split()[:3]
     scene = scene or scene_of(row)
-    scenes = [scene, scene.replace(velocity=None)] if " batch " in row else [scene]
+    members = [scene, scene.replace(velocity=None)] if " batch " in row else [scene]
     dt = 2.0**-14 if integrator == "explicit_euler" else 2.0**-12
     steps = 100 if integrator == "implicit_midpoint" else 300
     x, v = (
-        np.stack([getattr(one, f"initial_{name}") for one in scenes])
+        np.stack([getattr(member, f"initial_{name}") for member in members])
         for name in ("position", "velocity")
     )
     x, v = cs.step(
-        scenes, x, v, dt, steps, 0.0, integrator, precision, threads, **arithmetic(kernel)
+        members, x, v, dt, steps, 0.0, integrator, precision, threads, **arithmetic(kernel)
     )
     return hashlib.sha256(x.tobytes() + v.tobytes()).hexdigest()[:16]

@@ -46,17 +46,17 @@ def distance(corners):
     divisor = np.where(area2 > 0, area2, 1)
     u = -(np.cross(corners[:, 0], second) * normal).sum(axis=1) / divisor
     v = -(np.cross(first, corners[:, 0]) * normal).sum(axis=1) / divisor
-    inside = (area2 > 0) & (np.stack([1 - u - v, u, v]) >= 0).all(axis=0)
+    is_inside = (area2 > 0) & (np.stack([1 - u - v, u, v]) >= 0).all(axis=0)
     foot = corners[:, 0] + u[:, None] * first + v[:, None] * second
-    found = [np.where(inside, np.linalg.norm(foot, axis=1), np.inf)]
+    distances = [np.where(is_inside, np.linalg.norm(foot, axis=1), np.inf)]
     for k in range(3):
         side = corners[:, (k + 1) % 3] - corners[:, k]
         length2 = (side * side).sum(axis=1)
         part = np.clip(
             -(side * corners[:, k]).sum(axis=1) / np.where(length2 > 0, length2, 1), 0, 1
         )
-        found.append(np.linalg.norm(corners[:, k] + part[:, None] * side, axis=1))
-    return np.min(found, axis=0)
+        distances.append(np.linalg.norm(corners[:, k] + part[:, None] * side, axis=1))
+    return np.min(distances, axis=0)
 
 
 def depths(x, sphere, t=0.0):

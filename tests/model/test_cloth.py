@@ -14,15 +14,15 @@ SHAPES = [(32, 32), (2, 2), (3, 5), (17, 4), (2, 1), (1, 7), (1, 2), (16, 33)]
 def springs_by_definition(rows, columns):
     """{(i, j): (family, steps along the rows, along the columns)}, point by point."""
     steps = {"structural": [(0, 1), (1, 0)], "shear": [(1, 1), (1, -1)], "bend": [(0, 2), (2, 0)]}
-    found = {}
+    springs = {}
     for r in range(rows):
         for c in range(columns):
             for family, offsets in steps.items():
                 for dr, dc in offsets:
                     if r + dr < rows and 0 <= c + dc < columns:
                         ends = (r * columns + c, (r + dr) * columns + c + dc)
-                        found[ends] = (family, dr, dc)
-    return found
+                        springs[ends] = (family, dr, dc)
+    return springs
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -32,8 +32,8 @@ def test_springs_are_those_of_the_definition(shape):
     expected = springs_by_definition(*shape)
     assert len(table) == len(expected) == cloth.spring_count()
     assert (table["i"] < table["j"]).all()
-    got = {(int(s["i"]), int(s["j"])): str(s["family"]) for s in table}
-    assert got == {ends: family for ends, (family, _, _) in expected.items()}
+    springs = {(int(s["i"]), int(s["j"])): str(s["family"]) for s in table}
+    assert springs == {ends: family for ends, (family, _, _) in expected.items()}
     for family in DEFAULT:
         assert cloth.spring_count(family) == int((table["family"] == family).sum())
 
@@ -72,8 +72,8 @@ def test_springs_and_points_are_damped():
     assert not Cloth(damping=0).damped
     assert not Cloth(damping=0.0, drag=0).damped
     assert not Cloth(damping=5.0, springs=()).damped
-    both = Cloth(damping=dict.fromkeys(DEFAULT, 1.0), drag=2.0)
-    assert (both.drag, set(both.family_damping.values())) == (2.0, {1.0})
+    cloth = Cloth(damping=dict.fromkeys(DEFAULT, 1.0), drag=2.0)
+    assert (cloth.drag, set(cloth.family_damping.values())) == (2.0, {1.0})
 
 
 def test_geometry_follows_shape_and_size():

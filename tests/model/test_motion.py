@@ -36,21 +36,21 @@ def test_reciprocate_follows_its_formulas():
         motion = Reciprocate((0, 3, 4), distance=0.8, period=1.7, deceleration=k, phase=0.3)
         w = (t / 1.7 + 0.3) % 1
         s, q = np.where(w < 0.5, 1, -1), 2 * w % 1
-        done, slope = (
+        displacement, slope = (
             (np.expm1(-k * q) / np.expm1(-k), k * np.exp(-k * q) / -np.expm1(-k))
             if k
             else (q, 1 + 0 * q)
         )
         u = np.array([0, 0.6, 0.8])
         place, velocity = (
-            CENTER + np.outer(s * (done - 0.5) * 0.8, u),
+            CENTER + np.outer(s * (displacement - 0.5) * 0.8, u),
             np.outer(s * slope * 2 / 1.7 * 0.8, u),
         )
         np.testing.assert_allclose(motion.center_at(t, CENTER), place, rtol=0, atol=1e-14)
         np.testing.assert_allclose(motion.velocity_at(t), velocity, rtol=1e-10, atol=1e-13)
     # At a turning point the velocity is that of the way back.
-    there, back = Reciprocate((1, 0, 0), period=2.0).velocity_at([0.0, 1.0])[:, 0]
-    assert there == -back > 0
+    forth, back = Reciprocate((1, 0, 0), period=2.0).velocity_at([0.0, 1.0])[:, 0]
+    assert forth == -back > 0
 
 
 def test_reciprocate_is_repeated_interpolation():

@@ -50,13 +50,13 @@ def imports(text, folder, late=True):
                 )
             room, _, module = source.partition(".")
             if room == "clothsim":
-                whole = f"{module}.{name}".strip(".")
-                yield whole if whole in MODULES else module, name
+                full_name = f"{module}.{name}".strip(".")
+                yield full_name if full_name in MODULES else module, name
 
 
 def test_no_circle_of_imports():
     graph = {
-        name: {other for other, _ in imports(*code, late=False) if other}
+        name: {origin for origin, _ in imports(*code, late=False) if origin}
         for name, code in MODULES.items()
         if name
     }
@@ -68,35 +68,37 @@ def test_only_evidence_and_command_line_import_the_front_door():
     """Earlier rooms take the core from the root package, nothing else."""
     for module, code in MODULES.items():
         if module.split(".")[0] not in ("", "__main__", *EVIDENCE, "cli"):
-            taken = {name for other, name in imports(*code) if other in ("", "scenes")}
-            assert taken <= {"_core"}, module
+            names = {name for origin, name in imports(*code) if origin in ("", "scenes")}
+            assert names <= {"_core"}, module
 
 
 def public_names(module):
     """Names of a public module; `dir(cs)` are those of the package."""
-    found = import_module(f"clothsim.{module}") if module else cs
+    namespace = import_module(f"clothsim.{module}") if module else cs
     return {
-        *getattr(found, "__all__", [name for name in vars(found) if not name.startswith("_")]),
+        *getattr(
+            namespace, "__all__", [name for name in vars(namespace) if not name.startswith("_")]
+        ),
         *(() if module else (*PUBLIC, "__version__")),
     }
 
 
 def private_uses(text, folder, allowed=()):
     """Return what a text takes that is neither public nor of an allowed room."""
-    found = []
-    for other, name in imports(text, folder):
-        if other.split(".")[0] in allowed or (other in PUBLIC and name == other):
+    uses = []
+    for origin, name in imports(text, folder):
+        if origin.split(".")[0] in allowed or (origin in PUBLIC and name == origin):
             continue
-        if other not in ("", *PUBLIC) or (name and name not in public_names(other)):
-            found.append(f"{other}.{name}".strip("."))
+        if origin not in ("", *PUBLIC) or (name and name not in public_names(origin)):
+            uses.append(f"{origin}.{name}".strip("."))
     for node in ast.walk(ast.parse(text)):
         if (
             isinstance(node, ast.Attribute)
             and ast.unparse(node.value) == "cs"
             and node.attr not in public_names("")
         ):
-            found.append(f"cs.{node.attr}")
-    return found
+            uses.append(f"cs.{node.attr}")
+    return uses
 
 
 def test_rooms_of_evidence_use_public_names_alone():
@@ -113,8 +115,8 @@ def test_rooms_of_evidence_use_public_names_alone():
         "from .. import _core\nfrom ..gpu.device import using\nfrom ..accuracy import "
         "own_method\ncs._core.Cloth\n"
     )
-    found = private_uses(public + private, "clothsim.paper")
-    assert found == ["_core", "gpu.device.using", "accuracy.own_method", "cs._core"]
+    uses = private_uses(public + private, "clothsim.paper")
+    assert uses == ["_core", "gpu.device.using", "accuracy.own_method", "cs._core"]
 
 
 def test_benchmarks_use_public_names_alone():
@@ -127,9 +129,9 @@ def test_benchmarks_use_public_names_alone():
 
 
 def test_dir_shows_public_names_only():
-    shown = {name for name in dir(cs) if not name.startswith("__")}
-    assert shown == {*cs.__all__, "errors", "typing"}
+    listed_names = {name for name in dir(cs) if not name.startswith("__")}
+    assert listed_names == {*cs.__all__, "errors", "typing"}
     assert not [
         name for name in ("TYPE_CHECKING", "growth", "carried", "on_demand") if hasattr(cs, name)
     ]
-    assert all(hasattr(cs, name) for name in shown)
+    assert all(hasattr(cs, name) for name in listed_names)

@@ -33,8 +33,8 @@ def test_a_kill_at_any_moment_leaves_a_whole_file_or_the_old_one(tmp_path):
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         assert cs.load_run(path) in runs, f"seed {SEED}"
-    left = {file.name for file in tmp_path.iterdir()} - {"run.npz"}
-    assert all(name.startswith(".clothsim-") for name in left)
+    remains = {file.name for file in tmp_path.iterdir()} - {"run.npz"}
+    assert all(name.startswith(".clothsim-") for name in remains)
 
 
 def test_ctrl_c_at_any_moment_leaves_a_whole_step():
@@ -53,7 +53,7 @@ def test_ctrl_c_at_any_moment_leaves_a_whole_step():
         )
         scenes = [scene] * rng.choice([1, 1, 3, 40])
         dt = 0.4 * cs.max_stable_dt(scene)
-        stepper, whole = (
+        stepper, expected = (
             cs.Stepper(scenes, threads=threads) for threads in (rng.choice([1, 2]), 1)
         )
         for _ in range(rng.randrange(3)):
@@ -65,11 +65,10 @@ def test_ctrl_c_at_any_moment_leaves_a_whole_step():
                 stepper.advance(100_000, dt)
             timer.join()
         steps = round(stepper.time / dt)
-        whole.advance(steps, dt)
-        assert whole.time == stepper.time and np.array_equal(whole.positions, stepper.positions), (
-            f"seed {SEED}"
-        )
-        assert np.array_equal(whole.velocities, stepper.velocities), f"seed {SEED}"
+        expected.advance(steps, dt)
+        assert expected.time == stepper.time, f"seed {SEED}"
+        assert np.array_equal(expected.positions, stepper.positions), f"seed {SEED}"
+        assert np.array_equal(expected.velocities, stepper.velocities), f"seed {SEED}"
 
 
 def _work(seed):
@@ -80,7 +79,7 @@ def _work(seed):
     scene = cs.Scene(cs.Cloth(shape), rng.choice([(), (BALL,)]))
     dt = 0.3 * cs.max_stable_dt(scene)
     options = {"kernel": kernel, "precision": precision, "threads": rng.choice([None, 1, 2, 3])}
-    stepper, found = cs.Stepper(scene, **options), []
+    stepper, arrays = cs.Stepper(scene, **options), []
     for _ in range(30):
         call = rng.randrange(5)
         if call == 0:
@@ -99,21 +98,21 @@ def _work(seed):
             )
             stepper.set_state(x, v, 0.0)
         elif call == 3:
-            found.append(
+            arrays.append(
                 cs.acceleration(scene, stepper.positions, stepper.velocities, precision=precision)
             )
         else:
             stepper.set_scene(scene.replace(gravity=(0.0, -rng.uniform(5, 15), 0.0)))
-        found += [stepper.positions, stepper.velocities]
-    return found
+        arrays += [stepper.positions, stepper.velocities]
+    return arrays
 
 
 def test_calls_from_several_threads_give_the_bits_of_one():
     for first in range(SEED, SEED + 4 * ROUNDS, 4):
-        seeds, together = range(first, first + 4), {}
+        seeds, results = range(first, first + 4), {}
 
-        def work(seed, together=together):
-            together[seed] = _work(seed)
+        def work(seed, results=results):
+            results[seed] = _work(seed)
 
         workers = [threading.Thread(target=work, args=(seed,)) for seed in seeds]
         with warnings.catch_warnings():
@@ -123,5 +122,5 @@ def test_calls_from_several_threads_give_the_bits_of_one():
             for worker in workers:
                 worker.join()
             for seed in seeds:
-                for one, other in zip(_work(seed), together[seed], strict=True):
-                    assert np.array_equal(one, other, equal_nan=True), f"seed {seed}"
+                for expected, array in zip(_work(seed), results[seed], strict=True):
+                    assert np.array_equal(expected, array, equal_nan=True), f"seed {seed}"

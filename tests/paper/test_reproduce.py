@@ -52,10 +52,10 @@ def folder(report):
 
 def cell(report, experiment, method, variant, frame):
     key = f"method {method}, {variant}", frame
-    (found,) = (
+    (matches,) = (
         c for c in report["experiments"][experiment]["cells"] if (c["case"], c["frame"]) == key
     )
-    return found
+    return matches
 
 
 def test_full_run_takes_the_papers_frames_and_step():
@@ -80,8 +80,8 @@ def test_a_cell_equals_the_stepped_scene(report):
 def test_static_sphere_is_touched_at_all_frames_and_the_cloth_only_loses_energy(report):
     for method in (1, 2):
         for frame in FRAMES["1"]:
-            found = cell(report, "1", method, "corrected", frame)
-            assert found["points_touching"] > 0 and found["energy_gained"] < -10
+            value = cell(report, "1", method, "corrected", frame)
+            assert value["points_touching"] > 0 and value["energy_gained"] < -10
 
 
 def test_printed_methods_fail_on_the_moving_sphere_and_corrected_ones_hold(report):
@@ -118,9 +118,11 @@ def test_points_that_leave_on_another_side_have_passed():
 
 
 def test_findings_follow_the_numbers(report):
-    held = [f.held for found in findings(report["experiments"]).values() for f in found]
-    assert len(held) == 10 and set(held) <= {"yes", "in part", "no", "not measured"}
-    assert held[0] == "in part" and held[3] == "no"  # of the edge as printed, method 2's folds
+    judgements = findings(report["experiments"])
+    verdicts = [finding.held for claims in judgements.values() for finding in claims]
+    assert len(verdicts) == 10 and set(verdicts) <= {"yes", "in part", "no", "not measured"}
+    assert verdicts[0] == "in part"  # of the edge as printed
+    assert verdicts[3] == "no"  # of method 2's folds
     rows = [{"case": name, "frames_per_second": 500.0 - 100 * (name[7] == "2")} for name in CASES]
     slower, quick = findings({"3": {"rows": rows, "frame_steps": 320}})["3"]
     assert (slower.held, quick.held) == ("yes", "yes") and "400" in slower.corrected
@@ -190,21 +192,21 @@ def test_the_terminal_ends_with_a_line_for_each_claim(report, monkeypatch, capsy
     monkeypatch.setattr("clothsim.paper.reproduce", lambda *_, **__: report)
     assert main(["reproduce"]) in (0, None)
     lines = capsys.readouterr().out.strip().splitlines()[-10:]
-    found = [f for judged in findings(report["experiments"]).values() for f in judged]
-    assert [line.split(":")[0] for line in lines] == [f.held for f in found]
-    assert all(f.claim in line for f, line in zip(found, lines, strict=True))
-    assert all(f.criterion in " ".join(text(report).split()) for f in found)
+    claims = [f for judged in findings(report["experiments"]).values() for f in judged]
+    assert [line.split(":")[0] for line in lines] == [f.held for f in claims]
+    assert all(f.claim in line for f, line in zip(claims, lines, strict=True))
+    assert all(f.criterion in " ".join(text(report).split()) for f in claims)
 
 
 def test_text_of_the_report_is_that_of_the_page(folder):
-    page, told = (
-        one.read_text()
-        for one in (Path(__file__).parents[2] / "docs/reproduction.md", folder / "report.txt")
+    page, report_text = (
+        path.read_text()
+        for path in (Path(__file__).parents[2] / "docs/reproduction.md", folder / "report.txt")
     )
     assert " ".join(page_section("Choices where the paper is silent").split()) in " ".join(
-        told.split()
+        report_text.split()
     )
-    assert page.count("Table 3, frames 150") == told.count("Table 3, frames 150") == 1
+    assert page.count("Table 3, frames 150") == report_text.count("Table 3, frames 150") == 1
 
 
 def test_rounding_is_zero():
@@ -213,9 +215,9 @@ def test_rounding_is_zero():
 
 
 def test_json_is_the_returned_report_and_says_where_it_comes_from(report, folder):
-    stored = json.loads((folder / "report.json").read_text())
-    assert stored["experiments"].keys() == report["experiments"].keys() == set("12345")
-    assert stored["experiments"]["4"]["rows"] == report["experiments"]["4"]["rows"]
+    content = json.loads((folder / "report.json").read_text())
+    assert content["experiments"].keys() == report["experiments"].keys() == set("12345")
+    assert content["experiments"]["4"]["rows"] == report["experiments"]["4"]["rows"]
     assert report["provenance"]["build"]["version"] == cs.__version__
     assert (folder / "report.txt").read_text() == text(report)
 
@@ -296,5 +298,5 @@ def test_unstable_run_is_reported_not_hidden(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("key", "12345")
 def test_an_experiment_alone_is_a_report(report, key):
-    alone = text({**report, "experiments": {key: report["experiments"][key]}})
-    assert f"Experiment {key}" in alone and "Did it hold?" in alone
+    single = text({**report, "experiments": {key: report["experiments"][key]}})
+    assert f"Experiment {key}" in single and "Did it hold?" in single
