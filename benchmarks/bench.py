@@ -117,7 +117,10 @@ class Core(Work):
         instruction_set: str | None = None,
         **options: Any,
     ) -> None:
-        self.start, self.call, self.set, self.options = start, call, instruction_set, options
+        self.start = start
+        self.call = call
+        self.set = instruction_set
+        self.options = options
         self._rewind()
 
     def _rewind(self) -> None:
@@ -294,7 +297,8 @@ def time_group(
     for (start, labels, make), timing in zip(
         present, measure(works, windows, seconds), strict=True
     ):
-        cloth, members = start.first_scene.cloth, start.x[..., 0, 0, 0].size
+        cloth = start.first_scene.cloth
+        members = start.x[..., 0, 0, 0].size
         errors = []
         if (
             start.exact
@@ -327,7 +331,10 @@ def time_group(
 
 def _frames(start: Start, steps: int) -> list[np.ndarray]:
     """Positions by the scalar reference at every FRAMES-th part of the steps."""
-    x, v, t, frames = start.x, start.v, start.t, []
+    x = start.x
+    v = start.v
+    t = start.t
+    frames = []
     for _ in range(FRAMES):
         x, v = cs.reference_step(start.first_scene, x, v, PAPER_DT, steps // FRAMES, t)
         t += steps // FRAMES * PAPER_DT
@@ -351,7 +358,9 @@ COLUMNS = (
 
 
 def cell(value: Any) -> str:
-    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "" if value is None else str(value)
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -56,7 +56,8 @@ def short(value: Any, unit: str = "") -> str:
 
 def conditions(packages: Sequence[str] = ()) -> str:
     """Machine, load and versions, for the line under a table."""
-    config, cpuinfo = cs.build_config(), Path("/proc/cpuinfo")
+    config = cs.build_config()
+    cpuinfo = Path("/proc/cpuinfo")
     model = re.search(r"model name\s*: (.*)", cpuinfo.read_text() if cpuinfo.exists() else "")
     load = f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
     versions = [f"{name} {config[name]}" for name in ("python", "numpy")]

@@ -48,7 +48,8 @@ def draw(rng):
     damping = {family: loss * value for family, value in stiffnesses.items()}
     drag = float(rng.choice([0, 1]) * mass / points * 10 ** rng.uniform(-1, 1))
     pins = [[], [(0, 0), (0, -1)], [(0, column) for column in range(shape[1])]][rng.integers(3)]
-    obstacles, wind = [], None
+    obstacles = []
+    wind = None
     if not pins or rng.random() < 0.3:
         radius = float(rng.uniform(0.1, 0.4))
         center = (size[0] * rng.random(), -radius - rng.uniform(0.05, 0.2), size[1] * rng.random())

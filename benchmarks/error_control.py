@@ -95,7 +95,8 @@ def cheapest(
     case: Case, exact: np.ndarray, errors: list[float], limit: float
 ) -> dict[float, float]:
     """Force evaluations of the cheapest fixed method and step for each error [m]."""
-    scene, best = case.scene, dict.fromkeys(errors, math.inf)
+    scene = case.scene
+    best = dict.fromkeys(errors, math.inf)
     state = scene.initial_position, scene.initial_velocity
     for name in NAMED:
         cost = scene.explain(integrator=name)["force_evaluations_per_step"]

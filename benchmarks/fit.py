@@ -32,7 +32,8 @@ def draw(rng):
     """Return a scene, and the names of some parameters that a measured motion determines."""
     shape = tuple(int(n) for n in rng.integers(3, 7, 2))
     mass = 10 ** rng.uniform(-1, 1)
-    omega, count = rng.uniform(20, 60), shape[0] * shape[1]  # 1/s, of a spring
+    omega = rng.uniform(20, 60)  # 1/s, of a spring
+    count = shape[0] * shape[1]
     stiffness = {
         f: mass / count * omega**2 * part
         for f, part in zip(("structural", "shear", "bend"), (1, 0.5, 0.3))
@@ -70,7 +71,8 @@ def replace_values(scene, values):
 
 def judge(scenes, draws, starts, seed):
     """By kind: deviations in stated sigmas; starts off by ten: (reached, told that not, all)."""
-    scatter, reached = defaultdict(list), np.zeros(3, int)
+    scatter = defaultdict(list)
+    reached = np.zeros(3, int)
     for number in range(scenes):
         rng = np.random.default_rng([seed, number])
         truth, names = draw(rng)
@@ -102,7 +104,8 @@ def main():
     )
     for name, default in (("scenes", 40), ("draws", 20), ("starts", 3), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=default)
-    args, begin = parser.parse_args(), time.perf_counter()
+    args = parser.parse_args()
+    begin = time.perf_counter()
     scatter, (reached, reports, starts) = judge(args.scenes, args.draws, args.starts, args.seed)
     print(
         "| parameter | fits | scatter / stated sigma | mean / stated sigma |\n| --- | --- | "

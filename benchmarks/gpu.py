@@ -38,7 +38,8 @@ def seconds_per_step(scene, dt, members, seconds, windows=5, **options):
     """Seconds a step takes, the least of some windows of about `seconds`."""
     x = np.stack([scene.initial_position] * members)
     stepper = cs.Stepper(scene, x, precision="single", **options)
-    best, steps = np.inf, 8
+    best = np.inf
+    steps = 8
     for _ in range(windows + 1):  # the first makes buffers and pipelines
         begin = perf_counter()
         stepper.advance(steps, dt)

@@ -81,7 +81,8 @@ def main() -> None:
         rng = np.random.default_rng(seed)
         cloth = draw_cloth(rng)
         obstacles = [draw_obstacle(rng, cloth.size) for _ in range(rng.integers(1, 4))]
-        scene, duration = cs.Scene(cloth, obstacles), rng.uniform(0.15, 0.7)
+        scene = cs.Scene(cloth, obstacles)
+        duration = rng.uniform(0.15, 0.7)
         rtol = 10 ** rng.uniform(-7, -3)
         try:
             run = cs.simulate(scene, duration, rtol=rtol)
@@ -90,7 +91,8 @@ def main() -> None:
             counts["ended by an error"] += 1
             print(f"{seed}: {type(error).__name__}: {str(error)[:90]}")
             continue
-        estimate, tolerance = run.report["error_estimate"]["rms"], rtol * max(cloth.size)
+        estimate = run.report["error_estimate"]["rms"]
+        tolerance = rtol * max(cloth.size)
         off = rms(run.x[-1] - better.x[-1])
         counts["judged"] += 1
         counts["without an estimate"] += int(np.isnan(estimate))

@@ -100,10 +100,13 @@ def judge_estimates(seeds: range) -> None:
     reasons = Counter[str]()
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        case, rtol = draw_case(rng), 10 ** rng.uniform(-9, -4)
+        case = draw_case(rng)
+        rtol = 10 ** rng.uniform(-9, -4)
         run, better = case.run(rtol=rtol), case.run(rtol=max(1e-3 * rtol, TIGHTEST))
-        error, tolerance = run.report["error_estimate"], rtol * max(case.scene.cloth.size)
-        estimate, off = error["rms"], rms(run.x[-1] - better.x[-1])
+        error = run.report["error_estimate"]
+        tolerance = rtol * max(case.scene.cloth.size)
+        estimate = error["rms"]
+        off = rms(run.x[-1] - better.x[-1])
         uncertainty = better.report["error_estimate"]["rms"]
         text = (
             f"{seed} ({case.kind}): asked {tolerance:.1e} m, told {estimate:.1e} m, "
@@ -134,7 +137,8 @@ def judge_order(seeds: range) -> None:
         scene = case.scene.replace(cloth=case.scene.cloth.replace(pins=case.scene.cloth.pinned))
         case = replace(case, scene=scene)
         right = case.run(rtol=TIGHTEST)
-        uncertainty, size = right.report["error_estimate"]["rms"], max(scene.cloth.size)
+        uncertainty = right.report["error_estimate"]["rms"]
+        size = max(scene.cloth.size)
         steps = int(case.duration / (0.8 * cs.max_stable_dt(scene))) + 1
         runs = [case.run(dt=case.duration / (steps * 2**k)) for k in range(HALVINGS + 1)]
         errors = [rms(run.x[-1] - right.x[-1]) for run in runs]

@@ -42,7 +42,9 @@ def unbalanced(scene, x, dt):
 def damped_motion(scene, tolerance, limit):
     """Force evaluations, seconds and the residual of the motion of the scene itself."""
     dt = 0.9 * cs.max_stable_dt(scene)
-    stepper, steps, begin = cs.Stepper(scene), int(0.5 / dt), time.perf_counter()
+    stepper = cs.Stepper(scene)
+    steps = int(0.5 / dt)
+    begin = time.perf_counter()
     while stepper.time < limit:
         stepper.advance(steps, dt)
         residual = unbalanced(scene, stepper.positions, dt)

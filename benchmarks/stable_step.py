@@ -51,7 +51,8 @@ def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndar
         "both": {"damping": size, "drag": size},
     }[kind]
     scene = cs.Scene(cs.Cloth(shape, mass=mass, stiffness=stiffness, springs=families, **damping))
-    x, state = scene.initial_position, str(rng.choice(["rest", "noise", "stretch", "crumple"]))
+    x = scene.initial_position
+    state = str(rng.choice(["rest", "noise", "stretch", "crumple"]))
     if state == "stretch":
         x = x * rng.uniform(1, 1.5)
     elif state != "rest":
@@ -65,7 +66,9 @@ def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndar
 
 def dense(scene: cs.Scene, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """K and C of the free points, per unit mass: a = -K dx - C dv."""
-    cloth, x, v = scene.cloth, x.reshape(-1, 3), v.reshape(-1, 3)
+    cloth = scene.cloth
+    x = x.reshape(-1, 3)
+    v = v.reshape(-1, 3)
     k, c = (np.zeros((len(x), 3, len(x), 3)) for _ in range(2))
     for spring in cloth.spring_table():
         i, j = int(spring["i"]), int(spring["j"])
@@ -93,7 +96,8 @@ def dense(scene: cs.Scene, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np
 
 def step_matrix(method: str, k: np.ndarray, c: np.ndarray, h: float) -> np.ndarray:
     """Of (x, h v), for the methods that are no Runge-Kutta methods."""
-    identity, zero = np.eye(len(k)), np.zeros_like(k)
+    identity = np.eye(len(k))
+    zero = np.zeros_like(k)
     k, c = h * h * k, h * c
 
     def drift(part):
@@ -111,9 +115,14 @@ def step_matrix(method: str, k: np.ndarray, c: np.ndarray, h: float) -> np.ndarr
         lower_x = -(k + k @ corner - c @ k) / 2
         lower_w = identity - (c + k @ cross + c - c @ c) / 2
         return np.block([[corner, cross], [lower_x, lower_w]])
-    xi, la, chi = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
-    first, outer, middle = drift(xi), kick((1 - 2 * la) / 2), drift(chi)
-    inner, long = kick(la), drift(1 - 2 * (chi + xi))
+    xi = 0.1786178958448091
+    la = -0.2123418310626054
+    chi = -0.06626458266981849
+    first = drift(xi)
+    outer = kick((1 - 2 * la) / 2)
+    middle = drift(chi)
+    inner = kick(la)
+    long = drift(1 - 2 * (chi + xi))
     return first @ outer @ middle @ inner @ long @ inner @ middle @ outer @ first
 
 
@@ -137,8 +146,10 @@ class Truth:
     """Whether a step is stable, by dense matrices."""
 
     def __init__(self, k: np.ndarray, c: np.ndarray) -> None:
-        self.k, self.c = k, c
-        zero, identity = np.zeros_like(k), np.eye(len(k))
+        self.k = k
+        self.c = c
+        zero = np.zeros_like(k)
+        identity = np.eye(len(k))
         self.rates = np.linalg.eigvals(np.block([[zero, identity], [-k, -c]]))
         self.symmetric = np.abs(k - k.T).max() < 1e-9 * np.abs(k).max()
 
@@ -167,7 +178,8 @@ class Truth:
             return low
         high = low
         while self.stable(method, high):
-            low, high = high, 1.04 * high
+            low = high
+            high = 1.04 * high
             if high > 4 * near:
                 return math.inf
         while high > 1.001 * low:

@@ -40,7 +40,8 @@ def measure(
 ) -> list[tuple[str, ...]]:
     """Return a row for the batch and one for the sweep."""
     start = batch(members)
-    x, v = start.x[0], np.where(start.first_scene.cloth.pinned[..., None], 0.0, start.v[0])
+    x = start.x[0]
+    v = np.where(start.first_scene.cloth.pinned[..., None], 0.0, start.v[0])
     scene = start.first_scene.replace(position=x, velocity=v)
     scenes = [scene.replace(cloth=member.cloth) for member in start.scene]
     over = {"stiffness": [member.cloth.stiffness for member in scenes]}
@@ -75,13 +76,12 @@ def measure(
         2 * steps,
         integrator="dop853",
     )
-    rows, least = [], min(seconds["batch"][1:])
+    rows = []
+    least = min(seconds["batch"][1:])
     for name, durations in seconds.items():
         timing = timing_of(durations[1:])
-        rate, error = (
-            members * steps / timing.minimum,
-            np.linalg.norm(ends[name] - exact, axis=-1).max(),
-        )
+        rate = members * steps / timing.minimum
+        error = np.linalg.norm(ends[name] - exact, axis=-1).max()
         figures = (
             f"{members}",
             f"{x[..., 0].size}",

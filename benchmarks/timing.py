@@ -35,7 +35,9 @@ class Steps(Work):
     def __init__(
         self, stepper: cs.Stepper | Callable[[], cs.Stepper], dt: float, steps: int
     ) -> None:
-        self._make, self._dt, self.window_steps = stepper, dt, steps
+        self._make = stepper
+        self._dt = dt
+        self.window_steps = steps
 
     def prepare(self) -> None:
         self._stepper = self._make() if callable(self._make) else self._make

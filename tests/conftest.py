@@ -127,7 +127,8 @@ class Oracle:
     def acceleration(scene, x, v):
         cloth = scene.cloth
         table = cloth.spring_table()
-        x, v = x.reshape(-1, 3), v.reshape(-1, 3)
+        x = x.reshape(-1, 3)
+        v = v.reshape(-1, 3)
         d = x[table["j"]] - x[table["i"]]
         length = np.linalg.norm(d, axis=1)
         n = d / length[:, None]

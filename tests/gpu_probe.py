@@ -133,7 +133,8 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
             code = f"alias T = {word};\n{keep(word, zero='z')}\n{_PROBE.replace('OUT', out)}"
             data = [np.zeros(4, np.uint32), a, b]
             raw = _run(device, code, "probe", data, a.nbytes, (_COUNT // 256, 1, 1), len(data))
-            result, exact = np.frombuffer(raw, name), numpy(a, b)
+            result = np.frombuffer(raw, name)
+            exact = numpy(a, b)
             ulp = np.spacing(np.maximum(np.abs(exact), np.finfo(name).tiny))
             errors[operation] = float((np.abs(result.astype(float) - exact) / ulp).max())
         sets[name] = errors

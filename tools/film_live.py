@@ -24,7 +24,8 @@ FLAGS = [
     "--no-sandbox",
 ]
 FLAGS += ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"]
-RATE, SECONDS = 15, 4.0  # pictures a second, length of the film
+RATE = 15  # pictures a second
+SECONDS = 4.0  # length of the film
 SIZE = 480, 375  # pixels
 DT = 5e-4  # s
 # The steps of a picture; the button takes the last of them, and draws.

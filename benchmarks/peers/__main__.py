@@ -235,7 +235,8 @@ def best(data: Any) -> Any:
 
 def front(data: Any) -> np.ndarray:
     """Return runs that no other run of `data` beats in both time and error."""
-    time, error = data.wall_time.values, data.rms_error.values
+    time = data.wall_time.values
+    error = data.rms_error.values
     finite = np.isfinite(time) & np.isfinite(error)
     beaten = [
         (finite & (time <= t) & (error <= e) & ((time < t) | (error < e))).any()

@@ -117,7 +117,8 @@ class NumbaSlopes:
         self.shape = (6, *scene.cloth.shape)
         of_shape = peer.kernels.strided(scene.cloth.shape)
         self.kernel = of_shape.parallel_slopes if threads > 1 else of_shape.serial_slopes
-        self.state, self.scene = peer.arguments[0], peer.arguments[4]
+        self.state = peer.arguments[0]
+        self.scene = peer.arguments[4]
         self.start = np.moveaxis(np.concatenate([x, v], axis=-1), -1, 0).ravel()
 
     def __call__(self, t: float, y: np.ndarray) -> np.ndarray:

@@ -84,7 +84,8 @@ def directive(full: str) -> str:
             if issubclass(value, BaseException)
             else "   :inherited-members: object, tuple, dict\n"
         )
-        kind, options = "autoclass", f"   :members:\n{inherited}"
+        kind = "autoclass"
+        options = f"   :members:\n{inherited}"
     return f".. {kind}:: {full}\n{options}\n"
 
 

@@ -83,7 +83,8 @@ def test_a_symbolic_link_is_replaced_and_not_followed(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["scene.toml", "run.npz", "page.html"])
 def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
-    path, failed = tmp_path / name, []
+    path = tmp_path / name
+    failed = []
     write(name, path)
     load = {
         "scene.toml": cs.load_scene,
@@ -142,7 +143,8 @@ def test_damage_is_a_value_error_with_the_path_or_harmless(name, tmp_path):
     load, equal = SAVED[name]
     path = tmp_path / name
     WRITERS[name](path)
-    data, loaded = path.read_bytes(), []
+    data = path.read_bytes()
+    loaded = []
     count = int(os.environ.get("CLOTHSIM_TEST_FLIPS", "1500"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # zipfile warns of names that occur twice

@@ -22,15 +22,20 @@ pytest.importorskip("xarray")
 BALL = cs.Sphere((0.5, -9, 0.5), response="ray", offset="edge")
 SCENE = cs.Scene(cs.Cloth((2, 3), mass=6.0, stiffness=100.0, damping=0.1), BALL)
 MOVING = SCENE.replace(spheres=BALL.replace(motion=cs.Linear((0, 1, 0))))
-X, V = SCENE.initial_position.copy(), SCENE.initial_velocity.copy()
+X = SCENE.initial_position.copy()
+V = SCENE.initial_velocity.copy()
 STATE = {"scene": SCENE, "x": X, "v": V}
 RUN = cs.simulate(SCENE, 0.03, dt=0.01, every=1)
-STEPPER, CLOTH = cs.Stepper(SCENE), SCENE.cloth
+STEPPER = cs.Stepper(SCENE)
+CLOTH = SCENE.cloth
 REFERENCE = cs.reference(cs.scenes.oscillator(), 0.1)
 
 EMPTY = [np.array([]), [], (), {}, set(), iter([])]
-COUNTS, TRIPLE, ORIGIN = np.array([1, 2]), range(3), (0, 0, 0)
-MOTION, SIZES = cs.Linear((1, 0, 0)), [(10**9, 10**9), (2.0, 3.0)]
+COUNTS = np.array([1, 2])
+TRIPLE = range(3)
+ORIGIN = (0, 0, 0)
+MOTION = cs.Linear((1, 0, 0))
+SIZES = [(10**9, 10**9), (2.0, 3.0)]
 NUMBERS = [
     0,
     -1,

@@ -25,10 +25,12 @@ def cloud(seed=1, shape=(11, 19), reach=1.0):
 
 def answered(x, v, sphere, t, radius=RADIUS):
     """Kim et al., eq 7-12 with errata corrected, restitution and Coulomb friction, per point."""
-    center, velocity = sphere.center_at(t), sphere.velocity_at(t)
+    center = sphere.center_at(t)
+    velocity = sphere.velocity_at(t)
     if sphere.as_printed:
         velocity = np.zeros(3)
-    x, v = x.copy(), v.copy()
+    x = x.copy()
+    v = v.copy()
     for at in np.ndindex(x.shape[:2]):
         m, u = x[at] - center, v[at] - velocity
         if np.linalg.norm(m) >= radius:
@@ -247,7 +249,8 @@ def test_a_sphere_is_met_from_every_side(variant, axis, side, response):
     )
     cloth = cs.Cloth((16, 12), stiffness=10.0, damping=0.0, pins=())
     scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
-    x, v = cloth.rest_positions, np.zeros((16, 12, 3))
+    x = cloth.rest_positions
+    v = np.zeros((16, 12, 3))
     steps = 45 if axis == 1 else 15  # into the contact, before it magnifies rounding
     expected = cs.reference_step(scene, x, v, 2e-4, steps, t=0.0)
     assert (np.abs(expected[1]).max(axis=-1) > 10).sum() > 2
@@ -262,7 +265,8 @@ def test_a_test_per_step_misses_q2_over_3_of_fast_points():
     the second half counts too, q^2/12.
     """
     rng = np.random.default_rng(5)
-    n, q = 40_000, 0.9
+    n = 40_000
+    q = 0.9
     x = np.zeros((n // 200, 200, 3))
     x[..., 1] = RADIUS * np.sqrt(rng.random(x.shape[:2]))
     x[..., 0] = -RADIUS * (1 + q * (0.5 + rng.random(x.shape[:2])))

@@ -35,7 +35,8 @@ def test_a_point_that_grazes_a_plane_goes_back_by_its_way(variant, restitution, 
     x, v = row_below(plane, GRAZING)
     scene = drifting(x, plane)
     state = cs.step(scene, x, v, DT, t=0.0, **variant.options)
-    n, bound = plane.unit_normal, {"double": 1e-15, "single": 1e-7}[variant.precision]
+    n = plane.unit_normal
+    bound = {"double": 1e-15, "single": 1e-7}[variant.precision]
     free = x + DT * v
     into = -(v @ n)[..., None]
     way = np.minimum(DEPTH / into, DT)  # at speed 1; the first of them reaches the plane

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from variants import FIXED, cases, pairs
 
-DT, STEPS = 5e-4, 240
+DT = 5e-4
+STEPS = 240
 CONTACTS = [("reflect", "edge"), ("ray", "none"), ("ray", 0.01), ("ray", "cell")]
 CLOTH = cs.Cloth(
     (12, 20),

@@ -28,7 +28,8 @@ COUNTS = {
 
 def oscillation(t, stiffness, mass, amplitude, damping):
     """x and v of the damped oscillator."""
-    w, g = math.sqrt(stiffness / mass), damping / (2 * mass)
+    w = math.sqrt(stiffness / mass)
+    g = damping / (2 * mass)
     u = math.sqrt(w * w - g * g)
     decay = amplitude * math.exp(-g * t)
     x = 1.0 + decay * (math.cos(u * t) + g / u * math.sin(u * t))
@@ -42,7 +43,8 @@ def test_order(integrator, damping, kernel):
     scene = cs.scenes.oscillator(**OSCILLATOR, damping=damping)
     exact = oscillation(1.0, **OSCILLATOR, damping=damping)
     state = scene.initial_position, scene.initial_velocity
-    counts, errors = np.array(COUNTS[method.order]), []
+    counts = np.array(COUNTS[method.order])
+    errors = []
     for n in counts:
         x, v = cs.step(scene, *state, 1 / n, int(n), integrator=integrator, kernel=kernel)
         errors.append(math.hypot(10 * (x[0, 1, 0] - exact[0]), v[0, 1, 0] - exact[1]))

@@ -73,7 +73,8 @@ def agrees(stepper):
 )
 def test_ctrl_c_at_any_line_leaves_core_and_scene_together(call):
     call(cs.Stepper(SCENE))  # what is kept on the scenes is made, so that all calls are alike
-    line, agreements = 1, []
+    line = 1
+    agreements = []
     while True:
         stepper = cs.Stepper(SCENE)
         if not interrupted_at(line, lambda stepper=stepper: call(stepper)):

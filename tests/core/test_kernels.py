@@ -190,7 +190,8 @@ def test_a_sheet_at_rest_stays_at_rest(variant, shape):
     """
     rows, columns = shape
     cloth = cs.Cloth(shape, size=((rows - 1) / 16 or 1, (columns - 1) / 16 or 1), pins=())
-    x, v = cloth.rest_positions, np.zeros((*shape, 3))
+    x = cloth.rest_positions
+    v = np.zeros((*shape, 3))
     after = cs.step(cs.Scene(cloth, gravity=(0, 0, 0)), x, v, 5e-4, 1000, **variant.options)
     if variant.kernel == "gather" or variant.precision == "double":
         np.testing.assert_array_equal(after[0], x)

@@ -34,7 +34,8 @@ def test_float32_without_compensation_would_not(swing):
     steps = 2_000
     expected, _ = cs.step(scene, x, v, DT, steps, threads=1)
     compensated, _ = cs.step(scene, x, v, DT, steps, precision="single", threads=1)
-    x, v = x.astype(np.float32), v.astype(np.float32)
+    x = x.astype(np.float32)
+    v = v.astype(np.float32)
     for _ in range(steps):
         x, v = cs.step(scene, x, v, DT, precision="single", threads=1)
     assert error(x, expected) > 20 * error(compensated, expected)

@@ -19,7 +19,8 @@ def written_springs(text, rows, columns, x, y):
             wgsl = wgsl.replace(old, new)
         return eval(re.sub(r"(\d)u\b", r"\1", wgsl), {}, names)
 
-    springs_in_order, family = [], None
+    springs_in_order = []
+    family = None
     for line in text.splitlines():
         if block := re.fullmatch(r"    if \((\w+)\) \{", line):
             family = block[1]
@@ -36,10 +37,13 @@ def test_the_shader_follows_the_list_of_springs(more):
     """Each mass point of a cloth, its neighbours in order: those of the core, or of a list with a
     further family.
     """
-    neighbours, kinds = list(_core.neighbours), len(_core.spring_kinds)
+    neighbours = list(_core.neighbours)
+    kinds = len(_core.spring_kinds)
     if more:
         neighbours += [(down, 3 * right, "skew", kinds) for down in (1, -1) for right in (1, -1)]
-    text, rows, columns = springs(neighbours), 4, 5
+    text = springs(neighbours)
+    rows = 4
+    columns = 5
     for y, x in np.ndindex(rows, columns):
         ends = [(y + row, x + column, family, kind) for row, column, family, kind in neighbours]
         springs_of_point = [

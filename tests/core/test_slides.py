@@ -22,7 +22,8 @@ def slider(spheres, x, v=(0.0, 0.0, 0.0)):
 def exact_angle(start, duration, steps=100_000):
     """theta'' = g/R sin theta from rest, by second-order steps far finer than those under test."""
     h = duration / steps
-    theta, rate = start, 0.5 * h * G / R * np.sin(start)
+    theta = start
+    rate = 0.5 * h * G / R * np.sin(start)
     for _ in range(steps):
         theta += h * rate
         rate += h * G / R * np.sin(theta)

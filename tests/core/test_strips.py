@@ -98,7 +98,8 @@ def test_one_number_that_is_not_finite_is_found(
     """Each thread looks at its rows when the last step of a call is done with them."""
     monkeypatch.setenv("CLOTHSIM_ISA", isa)
     rows, columns = shape
-    middle, inner = rows // 2, min(9, columns - 1)  # two threads share the rows at the middle
+    middle = rows // 2  # the row at which two threads meet
+    inner = min(9, columns - 1)
     places = {(row, inner) for row in (middle - 1, middle, 2 * rows // 3, rows - 1)}
     for point in places | {(0, columns - 1), (1, columns // 3)}:
         scene, v = overflowing(shape, point, precision, mass=float(rows * columns))

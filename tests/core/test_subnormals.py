@@ -18,7 +18,8 @@ def faint(precision, shape=(17, 20)):
         cs.Cloth(shape, mass=1.0, stiffness=50.0, damping=0.1, drag=0.5), gravity=(0, 0, 0)
     )
     rng = np.random.default_rng(0)
-    x, v = scene.initial_position.copy(), np.zeros((*shape, 3))
+    x = scene.initial_position.copy()
+    v = np.zeros((*shape, 3))
     free = ~scene.cloth.pinned
     x[..., 1][free], v[..., 1][free] = tiny * rng.uniform(-4, 4, (2, free.sum()))
     return scene, x, v, tiny

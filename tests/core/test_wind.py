@@ -23,7 +23,8 @@ def flat_cloth(shape, mass, **arguments):
 
 def law(scene, t, x, v):
     """Return the force of the wind on each mass point, written down as in `Wind`."""
-    wind, corners = scene.wind, cs.triangles(scene.cloth.shape)
+    wind = scene.wind
+    corners = cs.triangles(scene.cloth.shape)
     air = np.array(wind.velocity) + (wind.motion.velocity_at(t) if wind.motion else 0.0)
     a, b, c = x.reshape(-1, 3)[corners.T]
     product = np.cross(b - a, c - a)
@@ -59,7 +60,10 @@ def rms(difference):
 def test_a_sheet_falls_at_the_terminal_speed_of_its_attitude(flat, normal, tangential):
     # It starts with the air, and falls across its plane or in it. Its weight comes to balance
     # density / 2 A c sqrt(s^2 + w^2) s; without w, s would be 3e-6 larger.
-    mass, density, size, air = 0.05, 1.1, (0.5, 0.8), np.array([1.0, -2.0, 3.0])
+    mass = 0.05
+    density = 1.1
+    size = (0.5, 0.8)
+    air = np.array([1.0, -2.0, 3.0])
     cloth = flat_cloth((4, 5), mass, size=size, stiffness=200.0, damping=0.05, pins=())
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     down = turn @ ((0, 1, 0) if flat else (0.6, 0, 0.8))
@@ -80,7 +84,10 @@ def test_a_sheet_falls_at_the_terminal_speed_of_its_attitude(flat, normal, tange
 def test_a_hinged_sheet_rests_at_the_angle_of_balance(speed):
     # On each point, so that the sheet stays flat: m g sin a = density / 2 A normal (speed cos a)^2.
     # The springs stretch by some 5e-4. Shear tightens the sheet, which would flutter otherwise.
-    mass, density, normal, size = 0.1, 1.2, 1.3, (0.5, 0.4)
+    mass = 0.1
+    density = 1.2
+    normal = 1.3
+    size = (0.5, 0.4)
     pins = [(0, k) for k in range(3)]
     cloth = flat_cloth((6, 3), mass, size=size, stiffness=1e3, damping=1.0, pins=pins)
     across, _, along = np.moveaxis(cloth.rest_positions, -1, 0)
@@ -107,9 +114,11 @@ def test_the_acceleration_is_that_of_the_law(variant):
     mass = np.random.default_rng(4).uniform(0.002, 0.008, (9, 7))
     cloth = SHEET.replace(mass=mass, drag=0.001, pins=[(0, 0), (4, 3)])
     for k in range(6):
-        scene, t = random_scene(k, cloth, WIND if k % 2 else cs.Wind(tangential=0.4)), 0.1 * k
+        scene = random_scene(k, cloth, WIND if k % 2 else cs.Wind(tangential=0.4))
+        t = 0.1 * k
         # From slower than w to much faster
-        x, v = scene.initial_position.copy(), scene.initial_velocity * 50.0 ** (k // 2 - 1)
+        x = scene.initial_position.copy()
+        v = scene.initial_velocity * 50.0 ** (k // 2 - 1)
         if k > 3:
             x[3, 2] = x[2, 3]  # the diagonal of a cell, so that two triangles have no area
         calm = cs.acceleration(scene.replace(wind=None), x, v, t, **variant.options)
@@ -121,7 +130,9 @@ def test_the_acceleration_is_that_of_the_law(variant):
 
 
 def test_blocks_of_damping_are_the_derivative_of_the_law():
-    scene, t, h = random_scene(), 0.2, 1e-5
+    scene = random_scene()
+    t = 0.2
+    h = 1e-5
     x, v = scene.initial_position, scene.initial_velocity
     (points, blocks) = scene.core_forces[0].damping_blocks(scene.cloth.core, x, v, t)
     change = np.random.default_rng(0).normal(size=x.shape)
@@ -290,7 +301,8 @@ def test_errors_name_the_argument(make, error, message):
 
 def test_a_sweep_over_the_wind_has_the_runs_of_its_scenes():
     pytest.importorskip("xarray")
-    scene, over = random_scene(), {"wind_velocity_x": [0.0, 5.0]}
+    scene = random_scene()
+    over = {"wind_velocity_x": [0.0, 5.0]}
     metrics = {"x": lambda run: run.x[-1]}
     grid = cs.sweep(scene, over, duration=0.1, dt=1e-3, progress=False, metrics=metrics)
     for k, speed in enumerate(over["wind_velocity_x"]):
@@ -302,7 +314,8 @@ def test_a_sweep_over_the_wind_has_the_runs_of_its_scenes():
 def test_a_fit_finds_the_coefficients_of_the_wind():
     pytest.importorskip("scipy")
     pytest.importorskip("xarray")
-    times, values = np.linspace(0.05, 0.4, 8), {"wind_normal": 1.1, "wind_tangential": 0.3}
+    times = np.linspace(0.05, 0.4, 8)
+    values = {"wind_normal": 1.1, "wind_tangential": 0.3}
     scene = random_scene(cloth=SHEET.replace(shape=(5, 4)))
     x = cs.simulate(scene, 0.4, rtol=1e-9, times=times).x[1:]
     noise = np.random.default_rng(0).normal(0, 1e-3, x.shape)

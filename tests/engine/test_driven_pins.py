@@ -43,7 +43,8 @@ def oracle_solution(scene, oracle, duration):
             start = scene.initial_position[pin] - motion.center_at(0.0, (0, 0, 0))
             if isinstance(motion, cs.Keyframes):
                 start = scene.initial_position[pin]
-            x[pin], v[pin] = motion.center_at(t, start), motion.velocity_at(t)
+            x[pin] = motion.center_at(t, start)
+            v[pin] = motion.velocity_at(t)
 
     def rate(t, y):
         x, v = y.reshape(shape).copy()
@@ -82,7 +83,8 @@ def test_every_method_keeps_its_order(integrator, motion, kernel, crumpled, orac
     )
     exact = oracle_solution(scene, oracle, duration)
     first = {1: 64, 2: 32, 4: 48, 5: 12, 8: 6}[method.order]
-    counts, errors = np.array([first, 3 * first // 2, 2 * first]), []
+    counts = np.array([first, 3 * first // 2, 2 * first])
+    errors = []
     for n in counts:
         stepper = cs.Stepper(scene, integrator=integrator, kernel=kernel)
         stepper.advance(int(n), duration / n)
@@ -186,7 +188,8 @@ PULLED = cs.Scene(cs.Cloth((4, 4), pins={(0, 0): cs.Linear((1, 0, 0)), (3, 0): N
 def test_set_state_leaves_pins_where_they_are():
     stepper = cs.Stepper(PULLED)
     stepper.advance(10, 1e-3)
-    x, v = stepper.positions.copy(), stepper.velocities.copy()
+    x = stepper.positions.copy()
+    v = stepper.velocities.copy()
     stepper.set_state(x, v)
     for array, pin in ((x, (0, 0)), (x, (3, 0)), (v, (0, 0)), (v, (3, 0))):
         shifted_array = array.copy()

@@ -121,7 +121,8 @@ def test_files_that_are_not_ours_are_refused(load, tmp_path, capsys):
     for name, content in contents.items():
         (tmp_path / name).write_bytes(content)
     np.savez(tmp_path / "other.npz", a=1)
-    evil, parts = np.array([Evil()], object), {"x": 0, "v": 0, "scene": "{}", "snapshot_state": 0}
+    evil = np.array([Evil()], object)
+    parts = {"x": 0, "v": 0, "scene": "{}", "snapshot_state": 0}
     np.savez(tmp_path / "evil.npz", t=evil, report="{}", snapshot=evil, **parts)
     np.savez(tmp_path / "wrong.npz", t=0, report="{", snapshot="[]", **parts)
     for name in (*contents, "other.npz", "evil.npz", "wrong.npz"):

@@ -95,7 +95,8 @@ def test_one_set_of_bits(make, options, crumpled, same_bits, tmp_path):
             stepper.advance(count, dt)
         return stepper.positions, stepper.velocities, stepper.impulses
 
-    expected, cuts = stepped(scene), (steps // 2, steps - steps // 2)
+    expected = stepped(scene)
+    cuts = (steps // 2, steps - steps // 2)
     assert steps < 40 or np.abs(expected[2]).max() > 0.01  # contact
     for threads in (2, 3):
         assert same_bits(stepped(scene, threads=threads), expected)

@@ -39,7 +39,9 @@ class Advancing:
     """Another thread that advances a stepper for as long as the block runs."""
 
     def __init__(self, stepper):
-        self.stepper, self.steps, self.stop = stepper, 0, threading.Event()
+        self.stepper = stepper
+        self.steps = 0
+        self.stop = threading.Event()
         self.thread = threading.Thread(target=self.work)
 
     def work(self):

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 PLACE, VELOCITY = np.array([0.25, -0.25, 0.25]), np.array([0.3, 1.5, -0.2])
-STEPS, DT = 20, 5e-4
+STEPS = 20
+DT = 5e-4
 
 
 def scene_of(response):

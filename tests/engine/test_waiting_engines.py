@@ -129,12 +129,15 @@ def test_an_engine_of_a_batch_serves_its_own_scenes_alone(scene):
 
 def test_another_thread_may_add_a_kind_of_call_at_any_moment():
     """At each instruction of Python, where a scene keeps as many kinds already as it may."""
-    scene, at, reached = cs.Scene(cs.Cloth((2, 2))), 0, True
+    scene = cs.Scene(cs.Cloth((2, 2)))
+    at = 0
+    reached = True
     x, v = state(scene)
     while reached:
         kinds = scene.__dict__["engines"] = {k: [] for k in range(8)}
         plans = scene.__dict__["_plans"] = dict.fromkeys(range(8))
-        count, reached = 0, False
+        count = 0
+        reached = False
 
         def trace(frame, event, argument, at=at, kinds=kinds, plans=plans):
             nonlocal count, reached

@@ -56,7 +56,8 @@ def error_control(rtol, integrator, *scene):
     run = cs.simulate(
         _scene(*scene), DURATION, rtol=tolerance, integrator=integrator, **arithmetic("gather")
     )
-    report, estimate = run.report, run.report["error_estimate"]
+    report = run.report
+    estimate = run.report["error_estimate"]
     return {
         "asked": report["tolerance"]["asked"],
         "reached": report["tolerance"]["reached"],
@@ -108,10 +109,8 @@ def sweep(contact):
 
 
 def work_precision():
-    methods, scene = (
-        ["rk4", "velocity_verlet", "dop853 adaptive"],
-        _scene("free", "pins", "linear", "8x5", ALWAYS),
-    )
+    methods = ["rk4", "velocity_verlet", "dop853 adaptive"]
+    scene = _scene("free", "pins", "linear", "8x5", ALWAYS)
     settings = {
         "precisions": ["double", "single"],
         "dts": [2.0**-8, 2.0**-9],

@@ -30,10 +30,8 @@ def test_figures(row):
         pytest.importorskip("xarray")
     values = figures.compute(row)
     for name, value in figures.golden()[row].items():
-        rel, least = (
-            figures.TOLERANCES.get(name, figures.ROUNDING),
-            figures.LEAST_ERROR if "error" in name else 1e-12,
-        )
+        rel = figures.TOLERANCES.get(name, figures.ROUNDING)
+        least = figures.LEAST_ERROR if "error" in name else 1e-12
         np.testing.assert_allclose(values[name], value, rel, least, err_msg=f"{row}: {name}")
     if values.get("told"):
         assert values["error"] <= values["estimate"]

@@ -7,12 +7,21 @@ import clothsim as cs
 import pytest
 
 CASES = cs.scenes.hard_cases()
-LONG, MILLION = (
-    10_000,
-    10**6,
-)  # steps, from which on the default kernel is enough, and from which on a case is slow
+LONG = 10_000  # steps; for longer cases the default kernel is enough
+MILLION = 10**6  # steps, from which on a case is slow
 SLOW = pytest.mark.slow
 KERNELS = {"double": "edge", "single": "gather"}
+
+
+def variants(case):
+    """Return the pairs of precision and kernel that a case is run with."""
+    if case.steps > LONG:
+        return [(precision, "auto") for precision in case.precisions]
+    if len(case.precisions) == 2:
+        return KERNELS.items()
+    return itertools.product(case.precisions, ("edge", "gather"))
+
+
 RUNS = [
     pytest.param(
         name,
@@ -22,13 +31,7 @@ RUNS = [
         marks=SLOW if case.steps >= MILLION else (),
     )
     for name, case in CASES.items()
-    for precision, kernel in (
-        [(precision, "auto") for precision in case.precisions]
-        if case.steps > LONG
-        else KERNELS.items()
-        if len(case.precisions) == 2
-        else itertools.product(case.precisions, ("edge", "gather"))
-    )
+    for precision, kernel in variants(case)
 ]
 
 

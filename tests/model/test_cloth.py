@@ -41,7 +41,8 @@ def test_springs_are_those_of_the_definition(shape):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_rest_lengths_are_the_distances_of_the_flat_sheet(shape):
     cloth = Cloth(shape=shape, size=(0.7, 2.1), pins=())
-    table, x = cloth.spring_table(), cloth.rest_positions.reshape(-1, 3)
+    table = cloth.spring_table()
+    x = cloth.rest_positions.reshape(-1, 3)
     distance = np.linalg.norm(x[table["j"]] - x[table["i"]], axis=1)
     # Coordinates up to 2.1 m are rounded to 2.2e-16 m each.
     np.testing.assert_allclose(table["rest_length"], distance, rtol=0, atol=1e-15)

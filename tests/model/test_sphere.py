@@ -13,7 +13,8 @@ from clothsim.model.sphere import Sphere
 def eq_13(rest_length, radius):
     """O = sqrt((D/2)^2 + R^2) - R of Kim et al., in 60 digits."""
     getcontext().prec = 60
-    half, radius = Decimal(rest_length) / 2, Decimal(radius)
+    half = Decimal(rest_length) / 2
+    radius = Decimal(radius)
     return float((half * half + radius * radius).sqrt() - radius)
 
 

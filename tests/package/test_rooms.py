@@ -42,12 +42,11 @@ def imports(text, folder, late=True):
         if node in skipped or not isinstance(node, (ast.Import, ast.ImportFrom)):
             continue
         for alias in node.names:
-            source, name = alias.name, ""
+            source = alias.name
+            name = ""
             if isinstance(node, ast.ImportFrom):
-                source, name = (
-                    resolve_name("." * node.level + (node.module or ""), folder),
-                    alias.name,
-                )
+                source = resolve_name("." * node.level + (node.module or ""), folder)
+                name = alias.name
             room, _, module = source.partition(".")
             if room == "clothsim":
                 full_name = f"{module}.{name}".strip(".")

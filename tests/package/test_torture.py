@@ -20,7 +20,8 @@ BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
 
 
 def test_a_kill_at_any_moment_leaves_a_whole_file_or_the_old_one(tmp_path):
-    rng, path = random.Random(SEED), tmp_path / "run.npz"
+    rng = random.Random(SEED)
+    path = tmp_path / "run.npz"
     runs = [cs.simulate(cs.scenes.hanging(), seconds, dt=1e-3, every=1) for seconds in (0.01, 0.02)]
     runs[0].save(path)
     for _ in range(10 * ROUNDS):
@@ -79,7 +80,8 @@ def _work(seed):
     scene = cs.Scene(cs.Cloth(shape), rng.choice([(), (BALL,)]))
     dt = 0.3 * cs.max_stable_dt(scene)
     options = {"kernel": kernel, "precision": precision, "threads": rng.choice([None, 1, 2, 3])}
-    stepper, arrays = cs.Stepper(scene, **options), []
+    stepper = cs.Stepper(scene, **options)
+    arrays = []
     for _ in range(30):
         call = rng.randrange(5)
         if call == 0:
@@ -109,7 +111,8 @@ def _work(seed):
 
 def test_calls_from_several_threads_give_the_bits_of_one():
     for first in range(SEED, SEED + 4 * ROUNDS, 4):
-        seeds, results = range(first, first + 4), {}
+        seeds = range(first, first + 4)
+        results = {}
 
         def work(seed, results=results):
             results[seed] = _work(seed)

@@ -31,7 +31,8 @@ class Bar(ProgressBar):
 
     def __init__(self, shown, desc, total):
         super().__init__(shown)
-        self.total, self.count = total, 0
+        self.total = total
+        self.count = 0
         BARS.append(self)
 
     def advance(self, count=1):
@@ -227,7 +228,9 @@ class PageReader(HTMLParser):
 
     def __init__(self):
         super().__init__()
-        self.open, self.tags, self.references = [], [], []
+        self.open = []
+        self.tags = []
+        self.references = []
 
     def handle_starttag(self, tag, attributes):
         self.tags.append(tag)

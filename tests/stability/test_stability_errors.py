@@ -66,10 +66,12 @@ def test_the_limit_is_that_of_the_integrator():
 def test_the_rest_of_a_batch_goes_on_with_the_bits_it_has_alone(precision, threads, same_bits):
     """Members 1 and 3 blow up one after the other; 0 and 2 do not notice."""
     scenes = [stiff(0.9), stiff(3_000.0), stiff(9.0), stiff(9_000.0)]
-    dt, steps = 0.9 * cs.max_stable_dt(stiff()), 300
+    dt = 0.9 * cs.max_stable_dt(stiff())
+    steps = 300
     options = {"precision": precision, "threads": threads}
     stepper = cs.Stepper(scenes, t=0.5, **options)
-    steps_before, failed = 0, []
+    steps_before = 0
+    failed = []
     while steps_before < steps:
         try:
             stepper.advance(steps - steps_before, dt)

@@ -148,7 +148,8 @@ def test_after_a_contact_there_is_no_error_but_a_reason(response):
 def test_members_that_differ_only_in_numerics_use_one_reference(monkeypatch):
     from clothsim.sweeps import metrics
 
-    solved, solve = [], metrics.solve_in_double
+    solved = []
+    solve = metrics.solve_in_double
     metrics._kept_reference.cache_clear()
     monkeypatch.setattr(
         metrics,

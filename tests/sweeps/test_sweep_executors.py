@@ -47,7 +47,8 @@ def small_tasks(monkeypatch):
 @pytest.fixture
 def member_log(monkeypatch):
     """Return indices of the members whose results came in, in order."""
-    record, indices = store.Results.record, []
+    record = store.Results.record
+    indices = []
 
     def recording(self, records):
         indices.extend(member.index for member in records)
@@ -88,7 +89,8 @@ def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
 ):
     pytest.importorskip("zarr")
     path = tmp_path / "s.zarr"
-    flush, killed = store.Store.flush, []
+    flush = store.Store.flush
+    killed = []
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("fork")) as pool:
 
         def killing(self, final=False):
@@ -189,7 +191,8 @@ def test_a_batch_stops_within_a_step_or_two_of_the_clock():
 
 def tasks_of(over, count=2, metrics="stable"):
     """Return the tasks of a sweep for an executor with `count` workers."""
-    grid, options = make_grid(over), SweepOptions()
+    grid = make_grid(over)
+    options = SweepOptions()
     with ThreadPoolExecutor(count) as pool:
         what = Maker(SCENE, options), grid, choose_metrics(metrics), options, np.arange(grid.size)
         return grid, list(tasks(*what, Workers(pool, None), {}))
@@ -235,7 +238,8 @@ def test_members_of_one_reference_come_together():
 
 
 def test_a_member_is_made_once(monkeypatch):
-    makes, make = [], Maker.__call__
+    makes = []
+    make = Maker.__call__
     monkeypatch.setattr(
         Maker, "__call__", lambda self, *args: makes.append(args[0]) or make(self, *args)
     )

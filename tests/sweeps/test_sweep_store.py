@@ -35,7 +35,8 @@ def height(run):
 def same(a, b):
     assert set(a.variables) == set(b.variables)
     for name in a.variables:
-        left, right = a[name].values, b[name].values
+        left = a[name].values
+        right = b[name].values
         assert left.dtype == right.dtype, name
         assert np.array_equal(left, right, equal_nan=left.dtype.kind == "f"), name
         assert a[name].dims == b[name].dims and a[name].attrs == b[name].attrs, name
@@ -52,7 +53,8 @@ def store_path(tmp_path_factory):
 @pytest.fixture
 def member_log(monkeypatch):
     """Return indices of the members that are run, in order; each task has a single member."""
-    run_task, indices = sweeps.run_task, []
+    run_task = sweeps.run_task
+    indices = []
 
     def counting(task, **options):
         indices.extend(member.index for member in task.members)
@@ -106,7 +108,8 @@ def killed(monkeypatch, after, run):
     """
     from zarr.storage import _local
 
-    writes, write = [], _local._put
+    writes = []
+    write = _local._put
 
     def writing(*args, **options):
         writes.append(args)
@@ -125,7 +128,9 @@ def killed(monkeypatch, after, run):
 
 def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, member_log, monkeypatch):
     expected = cs.sweep(SCENE, SMALL, duration=0.3, metrics="energy_drift", progress=False)
-    readable, after, is_over = [], 0, False
+    readable = []
+    after = 0
+    is_over = False
     while not is_over:
         path = tmp_path / f"{after}.zarr"
         is_over = not killed(monkeypatch, after, lambda: sweep(path, SMALL, metrics="energy_drift"))
@@ -141,7 +146,8 @@ def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, member_log
         else:
             is_done = before.status.values > 0
             for name in ("energy_drift", "unstable_step", "max_stable_dt"):
-                left, right = before[name].values[is_done], expected[name].values[is_done]
+                left = before[name].values[is_done]
+                right = expected[name].values[is_done]
                 assert np.array_equal(left, right, equal_nan=True)
         readable.append(is_done.sum())
         member_log.clear()
@@ -152,7 +158,8 @@ def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, member_log
 
 
 def test_a_second_ctrl_c_waits_until_the_store_is_written(tmp_path, member_log, monkeypatch):
-    write, signals = store.Store.write, []
+    write = store.Store.write
+    signals = []
 
     def interrupted(self, dataset):
         signals.append(signal.raise_signal(signal.SIGINT))

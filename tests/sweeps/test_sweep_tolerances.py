@@ -30,7 +30,8 @@ def test_members_are_those_of_simulate(scene, options):
     result = sweep(scene, {"rtol": [2e-5, 1e-3]}, metrics=metrics, **options)
     for rtol in (2e-5, 1e-3):
         run = cs.simulate(scene, 0.3, rtol=rtol, every=options.get("every"), threads=1)
-        report, mine = run.report, result.sel(rtol=rtol)
+        report = run.report
+        mine = result.sel(rtol=rtol)
         assert (
             float(mine.energy_drift)
             == report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
