@@ -92,7 +92,7 @@ def print_costs():
 
 def judge(count, seed):
     """Print the runs that miss, and how many there are."""
-    misses = judged = untold = unreached = 0
+    misses = verdicts = silences = excesses = 0
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         scene, duration = draw(rng)
@@ -105,11 +105,11 @@ def judge(count, seed):
         report = run.report
         estimate = report["error_estimate"]["rms"]
         request = rtol * max(scene.cloth.size)
-        untold += np.isnan(estimate)
-        unreached += estimate > request
+        silences += np.isnan(estimate)
+        excesses += estimate > request
         if np.isnan(estimate) or np.isnan(error):
             continue
-        judged += 1
+        verdicts += 1
         ratio = report["force_evaluations"] / better.report["force_evaluations"]
         if error > max(2 * estimate, request):
             misses += 1
@@ -118,7 +118,7 @@ def judge(count, seed):
             f"{number}: asked {request:.1e} told {estimate:.1e} off {error:.1e}, "
             f"evaluations {ratio:.2g} of dop853 at a hundredth"
         )
-    print(f"{misses} of {judged} miss; {untold} untold; {unreached} not reached")
+    print(f"{misses} of {verdicts} miss; {silences} untold; {excesses} not reached")
 
 
 def plot(file):

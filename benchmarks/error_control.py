@@ -57,8 +57,8 @@ class Judgement:
 def requests(case: Case) -> list[tuple[str, int]]:
     """Kinds of run and exponents of the error asked for, drawn for a scene."""
     rng = np.random.default_rng([int(n) for n in case.name.split("/")] + [7])
-    chosen = rng.permutation(np.arange(LOOSEST, TIGHTEST + 1))[:AUTO]
-    kinds = [("auto", int(k)) for k in chosen]
+    exponents = rng.permutation(np.arange(LOOSEST, TIGHTEST + 1))[:AUTO]
+    kinds = [("auto", int(k)) for k in exponents]
     for name in rng.permutation(NAMED)[:BY_NAME].tolist():
         # The low orders are asked for what they can do.
         loosest = LOOSEST + cs.integrators()[name].order
@@ -195,13 +195,11 @@ def main() -> None:
     parser.add_argument(
         "--folder", type=Path, default=Path(tempfile.gettempdir()) / "clothsim-error-control"
     )
-    chosen = parser.parse_args()
-    chosen.folder.mkdir(parents=True, exist_ok=True)
-    judgements = judged_runs(
-        chosen.stream, chosen.first, chosen.scenes, chosen.folder, not chosen.no_cost
-    )
+    args = parser.parse_args()
+    args.folder.mkdir(parents=True, exist_ok=True)
+    judgements = judged_runs(args.stream, args.first, args.scenes, args.folder, not args.no_cost)
     print(table(judgements))
-    for run in judgements if chosen.bad else []:
+    for run in judgements if args.bad else []:
         ratio = run.estimate / max(run.error, 1e-300)
         is_sure = run.error > SURE * run.uncertainty
         if run.reason or run.error > run.request or (is_sure and not 0.5 <= ratio <= 3):

@@ -72,7 +72,7 @@ def replace_values(scene, values):
 def judge(scenes, draws, starts, seed):
     """By kind: deviations in stated sigmas; starts off by ten: (reached, told that not, all)."""
     scatter = defaultdict(list)
-    reached = np.zeros(3, int)
+    outcomes = np.zeros(3, int)
     for number in range(scenes):
         rng = np.random.default_rng([seed, number])
         truth, names = draw(rng)
@@ -87,15 +87,15 @@ def judge(scenes, draws, starts, seed):
             if k:
                 continue
             for _ in range(starts):
-                off = {
+                far_values = {
                     name: value * 10.0 ** rng.choice([-1, 1])
                     for name, value in true.items()
                     if name in KINDS[:6]
                 }
-                far = cs.fit(replace_values(truth, off), TIMES, data, over=names, sigma=5e-4)
+                far = cs.fit(replace_values(truth, far_values), TIMES, data, over=names, sigma=5e-4)
                 same = abs(far.report["chi_square"] / fit.report["chi_square"] - 1) < 1e-6
-                reached += same, not same and bool(far.report["reason"]), 1
-    return scatter, reached
+                outcomes += same, not same and bool(far.report["reason"]), 1
+    return scatter, outcomes
 
 
 def main():

@@ -93,13 +93,13 @@ def main() -> None:
             continue
         estimate = run.report["error_estimate"]["rms"]
         tolerance = rtol * max(cloth.size)
-        off = rms(run.x[-1] - better.x[-1])
+        error = rms(run.x[-1] - better.x[-1])
         counts["judged"] += 1
         counts["without an estimate"] += int(np.isnan(estimate))
-        if off > 2 * estimate and off > tolerance:
+        if error > 2 * estimate and error > tolerance:
             counts["missed"] += 1
             uncertainty = better.report["error_estimate"]["rms"]
-            print(f"{seed}: told {estimate:.1e} m, off {off:.1e} m, known to {uncertainty:.1e} m")
+            print(f"{seed}: told {estimate:.1e} m, off {error:.1e} m, known to {uncertainty:.1e} m")
     print(", ".join(f"{n} {name}" for name, n in counts.items()), end="")
     print(f" in {time.perf_counter() - begin:.0f} s")
 

@@ -106,18 +106,18 @@ def judge_estimates(seeds: range) -> None:
         error = run.report["error_estimate"]
         tolerance = rtol * max(case.scene.cloth.size)
         estimate = error["rms"]
-        off = rms(run.x[-1] - better.x[-1])
+        distance = rms(run.x[-1] - better.x[-1])
         uncertainty = better.report["error_estimate"]["rms"]
         text = (
             f"{seed} ({case.kind}): asked {tolerance:.1e} m, told {estimate:.1e} m, "
-            f"off {off:.1e} m, known to {uncertainty:.1e} m"
+            f"off {distance:.1e} m, known to {uncertainty:.1e} m"
         )
         counts["judged"] += 1
         if error["reason"]:
             counts["without an estimate" if np.isnan(estimate) else "not reached"] += 1
             reasons[error["reason"]] += 1
             print(f"{text}; {error['reason']}", flush=True)
-        if off > 2 * estimate and off > tolerance:
+        if distance > 2 * estimate and distance > tolerance:
             counts["missed"] += 1
             print(f"{text}: missed", flush=True)
     for reason, count in reasons.most_common():

@@ -75,13 +75,14 @@ def main():
         begin = time.perf_counter()
         report = cs.settle(scene, args.tolerance).report
         seconds = time.perf_counter() - begin
-        count, waited, residual = damped_motion(scene, args.tolerance, args.most)
+        count, duration, residual = damped_motion(scene, args.tolerance, args.most)
         ratio = (
             f"{'' if residual < args.tolerance else '> '}{count / report['force_evaluations']:.0f}"
         )
         ours = f"{report['force_evaluations']:,} | {seconds:.2f} | {report['residual']:.1e}"
         print(
-            f"| {name} | {ours} | {count:,} | {waited:.1f} | {residual:.1e} | {ratio} |", flush=True
+            f"| {name} | {ours} | {count:,} | {duration:.1f} | {residual:.1e} | {ratio} |",
+            flush=True,
         )
 
 

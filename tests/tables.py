@@ -23,16 +23,16 @@ def each(names, rows):
     def decorate(test):
         @functools.wraps(test)
         def all_rows(**fixtures):
-            failed = []
+            failures = []
             for row in rows:
                 values = dict(zip(names, row, strict=True))
                 try:
                     test(**fixtures, **values)
                 except (Exception, pytest.fail.Exception) as error:
-                    failed.append((values, error))
-            if failed:
-                lines = [f"{values}: {type(error).__name__}: {error}" for values, error in failed]
-                raise AssertionError("\n".join(lines)) from failed[0][1]
+                    failures.append((values, error))
+            if failures:
+                lines = [f"{values}: {type(error).__name__}: {error}" for values, error in failures]
+                raise AssertionError("\n".join(lines)) from failures[0][1]
 
         signature = inspect.signature(test)
         parameters = [

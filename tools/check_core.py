@@ -23,7 +23,7 @@ for room, *rooms_below in (
     ("picture", "memory"),
 ):
     BELOW[room] = set(rooms_below).union(*(BELOW[below] for below in rooms_below))
-# Of memory the threads alone: it shares no arithmetic with what it judges.
+# The reference takes the threads alone from memory: it shares no arithmetic with what it judges.
 BELOW["reference"] = {"memory", "model"}
 BELOW["bindings"] = set(BELOW)
 

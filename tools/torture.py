@@ -41,15 +41,15 @@ def main() -> None:
         "CLOTHSIM_TEST_ROUNDS": str(options.rounds),
         "CLOTHSIM_TEST_FLIPS": str(10**7),
     }
-    failed = []
+    failures = []
     for k, part in enumerate(PARTS):
         begin = time.monotonic()
         code = _run(part, max(1.0, (end - begin) / (len(PARTS) - k)), environment)
         result = RESULTS.get(code, f"failed with {code}")
         print(f"{part}: {result} after {time.monotonic() - begin:.0f} s", flush=True)
         if code:
-            failed.append(part)
-    sys.exit(f"seed {options.seed}: failed: {', '.join(failed)}" if failed else 0)
+            failures.append(part)
+    sys.exit(f"seed {options.seed}: failed: {', '.join(failures)}" if failures else 0)
 
 
 def _run(part: str, seconds: float, environment: dict[str, str]) -> int | None:

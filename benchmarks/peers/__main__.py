@@ -176,8 +176,8 @@ def fastest(data: Any, errors: list[float]) -> Iterator[tuple[str, ...]]:
             run = data.isel(data.wall_time.where(able).argmin(...))
             time, spread = float(run.wall_time), float(run.wall_time_spread / run.wall_time)
             ours = time if is_own else ours
-            reached = (f"{float(run[k]):.1e}" for k in ("rms_error", "frames_rms_error"))
-            what = (
+            errors_of_run = (f"{float(run[k]):.1e}" for k in ("rms_error", "frames_rms_error"))
+            labels = (
                 f"{error:g}",
                 str(run.library.item()),
                 str(run.solver.item()),
@@ -185,10 +185,10 @@ def fastest(data: Any, errors: list[float]) -> Iterator[tuple[str, ...]]:
             )
             ratio = "" if is_own else f"{time / ours:.1f}"
             yield (
-                *what,
+                *labels,
                 f"{time:.3g}",
                 f"{spread:.0%}",
-                *reached,
+                *errors_of_run,
                 f"{float(run.force_evaluations):.0f}",
                 ratio,
             )

@@ -12,7 +12,7 @@ RUN = cs.simulate(cs.Scene(cs.Cloth((3, 3))), 0.003, dt=1e-3, every=1)
 HINT = r"pip install 'clothsim\[{}\]'"
 
 
-def never(*arguments, **options):
+def refuse_import(*arguments, **options):
     raise AssertionError("something was computed before the package was missed")
 
 
@@ -24,7 +24,7 @@ def nothing_runs(monkeypatch):
         ("accuracy.work", "reference_for"),
         ("sweeps.sweep", "run_task"),
     ]:
-        monkeypatch.setattr(importlib.import_module(f"clothsim.{module}"), name, never)
+        monkeypatch.setattr(importlib.import_module(f"clothsim.{module}"), name, refuse_import)
 
 
 @pytest.mark.parametrize(

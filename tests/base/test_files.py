@@ -51,7 +51,7 @@ def test_a_full_disk_leaves_the_old_file_and_no_part(name, tmp_path):
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(before[name]) // 2, hard))
     try:
-        with pytest.raises(Exception) as caught:  # libraries and ffmpeg raise their own
+        with pytest.raises(Exception) as caught:  # libraries and ffmpeg raise errors of their own
             WRITERS[name](path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -84,7 +84,7 @@ def test_a_symbolic_link_is_replaced_and_not_followed(name, tmp_path):
 @pytest.mark.parametrize("name", ["scene.toml", "run.npz", "page.html"])
 def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
     path = tmp_path / name
-    failed = []
+    failures = []
     write(name, path)
     load = {
         "scene.toml": cs.load_scene,
@@ -99,14 +99,14 @@ def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
                 WRITERS[name](path)
                 assert load(path) == expected
         except BaseException as error:
-            failed.append(error)
+            failures.append(error)
 
     threads = [threading.Thread(target=save) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert failed == []
+    assert failures == []
     assert [file.name for file in tmp_path.iterdir()] == [name]
 
 

@@ -73,9 +73,9 @@ def test_the_figure_has_the_front_of_clothsim_and_the_best_peers():
 
 
 def test_a_row_has_spread_both_errors_and_the_ratio():
-    ours, theirs = fastest(runs(), [1e-6])
-    assert ours[1:] == ("clothsim", "b", "3", "3", "5%", "1.0e-06", "2.0e-06", "3000", "")
-    assert theirs[1:] == ("other", "c", "6", "6", "5%", "1.0e-06", "2.0e-06", "6000", "2.0")
+    own_row, other_row = fastest(runs(), [1e-6])
+    assert own_row[1:] == ("clothsim", "b", "3", "3", "5%", "1.0e-06", "2.0e-06", "3000", "")
+    assert other_row[1:] == ("other", "c", "6", "6", "5%", "1.0e-06", "2.0e-06", "6000", "2.0")
 
 
 def _close(method, setting, solution, bound):

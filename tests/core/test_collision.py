@@ -40,7 +40,7 @@ def answered(x, v, sphere, t, radius=RADIUS):
                 continue
             # |m - s u| = radius, the root s > 0
             s = max(np.roots([u @ u, -2 * m @ u, m @ m - radius**2]).real)
-            if not sphere.as_printed:  # no further back than it came in the step
+            if not sphere.as_printed:  # it goes back no further than it came in the step
                 s = min(s, DT)
             m = m - s * u
             x[at] = center + m
@@ -251,7 +251,7 @@ def test_a_sphere_is_met_from_every_side(variant, axis, side, response):
     scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
     x = cloth.rest_positions
     v = np.zeros((16, 12, 3))
-    steps = 45 if axis == 1 else 15  # into the contact, before it magnifies rounding
+    steps = 45 if axis == 1 else 15  # steps until the contact, which magnifies rounding
     expected = cs.reference_step(scene, x, v, 2e-4, steps, t=0.0)
     assert (np.abs(expected[1]).max(axis=-1) > 10).sum() > 2
     result = cs.step(scene, x, v, 2e-4, steps, t=0.0, **variant.options)

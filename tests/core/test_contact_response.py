@@ -9,7 +9,7 @@ from tables import each
 from variants import cases
 
 DT, DEPTH = 1e-3, 1e-6  # s, m
-GRAZING = (1e-2, 1e-6, 1e-9, 1e-12, 1e-15)  # of the speed, into the plane
+GRAZING = (1e-2, 1e-6, 1e-9, 1e-12, 1e-15)  # part of the speed that goes into the plane
 FLOOR = cs.Plane((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), response="ray")
 # Points in the wedge of two planes may touch both, one after the other.
 WEDGE = tuple(cs.Plane((0.0, 0.0, 0.0), (s, 1.0, 0.2), response="ray") for s in (-0.5, 0.5))
@@ -39,7 +39,7 @@ def test_a_point_that_grazes_a_plane_goes_back_by_its_way(variant, restitution, 
     bound = {"double": 1e-15, "single": 1e-7}[variant.precision]
     free = x + DT * v
     into = -(v @ n)[..., None]
-    way = np.minimum(DEPTH / into, DT)  # at speed 1; the first of them reaches the plane
+    way = np.minimum(DEPTH / into, DT)  # speed 1: the first of them reaches the plane
     assert (way < DT)[:, 0].all() and (way == DT)[:, 1:].all()
     slide = v + into * n
     v_after = slide + restitution * into * n
@@ -49,8 +49,8 @@ def test_a_point_that_grazes_a_plane_goes_back_by_its_way(variant, restitution, 
     np.testing.assert_allclose(state[0], free - way * v + onward, rtol=0, atol=bound)
     np.testing.assert_allclose(state[1], v_after, rtol=0, atol=bound)
     assert (np.linalg.norm(state[0] - free, axis=-1) <= 2 * DT + bound).all()
-    for mine, theirs in zip(state, cs.reference_step(scene, x, v, DT, t=0.0), strict=True):
-        np.testing.assert_allclose(mine, theirs, rtol=0, atol=bound)
+    for answer, expected in zip(state, cs.reference_step(scene, x, v, DT, t=0.0), strict=True):
+        np.testing.assert_allclose(answer, expected, rtol=0, atol=bound)
 
 
 @cases(precision=["double"], moving=[False, True])
@@ -75,8 +75,8 @@ def test_among_two_planes_no_point_is_thrown(variant, moving, restitution, frict
     distance = np.linalg.norm(state[0] - (x + DT * v), axis=-1)
     each_way = 1 if restitution == 1 and friction == 0 else 2
     assert (distance <= sum(each_way * touches for touches in touched) * speed * DT + 1e-15).all()
-    for mine, theirs in zip(state, cs.reference_step(scene, x, v, DT, t=0.0), strict=True):
-        np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-13)
+    for answer, expected in zip(state, cs.reference_step(scene, x, v, DT, t=0.0), strict=True):
+        np.testing.assert_allclose(answer, expected, rtol=0, atol=1e-13)
 
 
 @cases(precision=["double"])

@@ -164,5 +164,5 @@ def test_each_row_of_points_has_sums_of_its_own():
         stepper.advance(60, 2e-4)
     sums, second_sums = (stepper.snapshot().core["impulses"] for stepper in (first, second))
     of_rows = sums[0, :, :, 1].sum(axis=-1)
-    assert of_rows.min() > 0.05 * of_rows.sum()  # downwards
+    assert of_rows.min() > 0.05 * of_rows.sum()  # the sheet pushes downwards
     assert (sums == second_sums).all()

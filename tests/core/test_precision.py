@@ -4,7 +4,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 
-DT = 5e-6  # the paper's
+DT = 5e-6  # s, the paper's step
 
 
 @pytest.fixture(scope="module")

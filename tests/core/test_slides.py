@@ -54,7 +54,7 @@ def test_a_frictionless_slide_is_of_first_order(response, restitution):
 @pytest.mark.parametrize("response", RESPONSES)
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_slip_on_a_floor_that_starts_to_move(response, restitution):
-    radius, speed, mu = 1e5, 1.0, 0.5  # flat to 3e-6 m over the way
+    radius, speed, mu = 1e5, 1.0, 0.5  # the sphere is flat to 3e-6 m over the way
     floor = cs.Sphere(
         (0, -radius, 0),
         radius,

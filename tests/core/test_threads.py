@@ -105,13 +105,14 @@ print(cs.build_config()["threads"], report["threads"], len(os.listdir("/proc/sel
 """
 
 
+@pytest.mark.unsanitized("thread", reason="TSan has a thread of its own in the process")
 @pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")
 @each(
     "settings, available, threads",
     [
         ({"OMP_NUM_THREADS": "1,2"}, 1, 3),
         ({"OMP_NUM_THREADS": "many"}, None, 3),
-        ({"OMP_PROC_BIND": "true"}, None, 3),  # which binds the caller to one processor
+        ({"OMP_PROC_BIND": "true"}, None, 3),  # this binds the caller to one processor
         ({"OMP_DYNAMIC": "true"}, None, 3),
         ({"OMP_THREAD_LIMIT": "2"}, None, 2),
     ],

@@ -9,7 +9,7 @@ from clothsim.gpu.shader import check_scenes
 from variants import cases
 
 GRAVITY, SLOW_SPEED = 9.80665, 0.01  # m/s^2, m/s
-GUSTS = cs.Sinusoid((0.1, 0.15, 0.05), 1.7, 0.2)  # of up to 2 m/s
+GUSTS = cs.Sinusoid((0.1, 0.15, 0.05), 1.7, 0.2)  # gusts of up to 2 m/s
 # It carries the sheet, so that no triangle turns through the wind, where forces are hardly smooth.
 WIND = cs.Wind((1.0, 6.0, -2.0), normal=1.1, tangential=0.3, motion=GUSTS)
 SHEET = cs.Cloth((9, 7), (0.8, 0.6), mass=1.0, stiffness=100.0, damping=0.1)
@@ -116,7 +116,7 @@ def test_the_acceleration_is_that_of_the_law(variant):
     for k in range(6):
         scene = random_scene(k, cloth, WIND if k % 2 else cs.Wind(tangential=0.4))
         t = 0.1 * k
-        # From slower than w to much faster
+        # The speeds go from less than w to much more
         x = scene.initial_position.copy()
         v = scene.initial_velocity * 50.0 ** (k // 2 - 1)
         if k > 3:
@@ -253,7 +253,7 @@ def test_strong_wind_limits_the_step_of_a_light_cloth():
     with_half = cs.max_stable_dt(scene, "rk4", rest[0], rest[1] + (0, 10, 0))
     assert with_half == pytest.approx(2 * limit, rel=0.05)
     assert 0.1 * limit < cs.max_stable_dt(scene) <= limit < 0.1 * cs.max_stable_dt(calm)
-    gusts = cs.Sinusoid((0.0, 8.0 / (2 * np.pi), 0.0), 1.0)  # of 8 m/s
+    gusts = cs.Sinusoid((0.0, 8.0 / (2 * np.pi), 0.0), 1.0)  # a wind of 8 m/s
     gusty = scene.replace(wind=storm.replace(velocity=(0.0, 12.0, 0.0), motion=gusts))
     assert cs.max_stable_dt(gusty) == pytest.approx(cs.max_stable_dt(scene), rel=2e-3)
     account = scene.explain()

@@ -98,7 +98,7 @@ def test_beside_an_advance_of_another_thread_a_call_is_done_or_refused(name, sam
     else:
         steps = advance.steps + (successes if name == "advance" else 0)
         assert round(stepper.time / 1e-4) == steps
-        if not name.startswith("set_"):  # whole steps, none half done
+        if not name.startswith("set_"):  # no step is half done
             fresh = cs.Stepper(SHEET, threads=1)
             fresh.advance(steps, 1e-4)
             assert same_bits((stepper.x, stepper.v), (fresh.x, fresh.v))

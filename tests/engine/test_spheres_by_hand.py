@@ -35,7 +35,7 @@ def test_a_frame_per_call_is_the_motion_of_one_run(response, kernel):
             stepper.advance(STEPS, DT)
         assert np.abs(by_hand.positions - moving.positions).max() < 1e-9
     assert np.abs(by_hand.positions - jumps.positions).max() > 1e-4
-    assert by_hand.positions[4, 4, 1] > 0.02  # lifted
+    assert by_hand.positions[4, 4, 1] > 0.02  # the sheet is lifted
     assert by_hand.scene == scene.replace(spheres=scene.spheres[0].replace(center=tuple(center)))
 
 

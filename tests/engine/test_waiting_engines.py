@@ -43,8 +43,8 @@ def test_later_calls_have_the_bits_of_a_new_engine(scene, options):
     for seed in range(3):
         x, v = state(scene, seed)
         state_after = cs.step(scene, x, v, DT, steps=3, **options)
-        for mine, theirs in zip(state_after, fresh(scene, x, v, **options)):
-            assert np.array_equal(mine, theirs)
+        for answer, expected in zip(state_after, fresh(scene, x, v, **options)):
+            assert np.array_equal(answer, expected)
         a = cs.acceleration(scene, x, v, precision=options.get("precision", "double"))
         assert np.array_equal(
             a,

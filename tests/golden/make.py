@@ -31,7 +31,7 @@ def hashes():
             assert " free " in row or rows.digest(row, scene=free) != digest, f"no contact: {row}"
         old_hashes = rows.golden().get(row, {})
         if all(old_hashes.get(key, digest) == digest for key, digest in new_hashes.items()):
-            new_hashes = {**old_hashes, **new_hashes}  # those of other vendors' processors stay
+            new_hashes = {**old_hashes, **new_hashes}  # hashes of other vendors' processors stay
         yield row + ": " + " ".join("=".join(pair) for pair in new_hashes.items())
     del os.environ["CLOTHSIM_ISA"]
 

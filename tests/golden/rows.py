@@ -56,7 +56,7 @@ def key(row, isa):
     kernel, precision = row.split()[:2]
     if kernel == "gather":
         return "any"
-    if isa in ("avx2", "sse2") and precision == "double":  # an exact root
+    if isa in ("avx2", "sse2") and precision == "double":  # this root is exact
         return isa
     vendor = re.search(r"vendor_id\s*: *(\S+)", Path("/proc/cpuinfo").read_text())
     return f"{isa}/{vendor[1] if vendor else 'unknown'}"

@@ -53,8 +53,8 @@ def test_a_wrong_outcome_is_seen():
     assert not dataclasses.replace(CASES["dt at 0.95 of the limit"], dt=0.1).run().passed
     soft = CASES["a strip of 1 x 12"]
     stiffer = soft.scene.replace(cloth=soft.scene.cloth.replace(stiffness=1001.0))
-    judged = soft.judges[0](soft, dataclasses.replace(_end(soft), x=_end(soft, stiffer).x))
-    assert not judged[0].passed
+    verdict = soft.judges[0](soft, dataclasses.replace(_end(soft), x=_end(soft, stiffer).x))
+    assert not verdict[0].passed
 
 
 def _end(case, scene=None):

@@ -42,7 +42,7 @@ def unaligned(shape, dtype=np.float64):
 def test_out_is_written_and_returned(variant, crumpled, same_bits):
     scene, x, v, dt = crumpled()
     expected = cs.step(scene, x, v, dt, 20, **variant.options)
-    for same_scene in (scene, scene.replace()):  # by an engine that waits, and by a new one
+    for same_scene in (scene, scene.replace()):  # a waiting engine steps it, then a new one
         out = np.empty_like(x), np.empty_like(v)
         result = cs.step(same_scene, x, v, dt, 20, out=out, **variant.options)
         assert result[0] is out[0] and result[1] is out[1]

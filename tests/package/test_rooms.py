@@ -59,7 +59,7 @@ def test_no_circle_of_imports():
         for name, code in MODULES.items()
         if name
     }
-    order = list(TopologicalSorter(graph).static_order())  # raises CycleError
+    order = list(TopologicalSorter(graph).static_order())  # this raises CycleError
     assert order.index("model.cloth") < order.index("model.scene") < order.index("run.simulate")
 
 

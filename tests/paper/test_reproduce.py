@@ -88,7 +88,7 @@ def test_static_sphere_is_touched_at_all_frames_and_the_cloth_only_loses_energy(
 def test_printed_methods_fail_on_the_moving_sphere_and_corrected_ones_hold(report):
     assert cell(report, "2", 1, "as printed", 200)["points"] > 0.02
     assert cell(report, "2", 1, "as printed", 3100)["points_passed"] > 40
-    assert cell(report, "2", 2, "as printed", 200)["energy_gained"] > 1e3  # out of nothing
+    assert cell(report, "2", 2, "as printed", 200)["energy_gained"] > 1e3  # energy from nothing
     for method in (1, 2):
         last = cell(report, "2", method, "corrected", 3100)
         assert last["triangles_so_far"] < 2.5e-3
@@ -112,9 +112,9 @@ def test_points_that_leave_on_another_side_have_passed():
         passed.see(np.where([False, True, False], y, x))
     assert passed.count == 2
     passed.see(np.where([False, True, False], -0.5, x))
-    passed.see(np.where([False, True, False], -2.0, x))  # out where they came in
+    passed.see(np.where([False, True, False], -2.0, x))  # they go out where they came in
     assert passed.count == 2
-    passed.see(x)  # through it between two states
+    passed.see(x)  # they go through it between two states
     assert passed.count == 4
 
 
@@ -122,8 +122,8 @@ def test_findings_follow_the_numbers(report):
     judgements = findings(report["experiments"])
     verdicts = [finding.held for claims in judgements.values() for finding in claims]
     assert len(verdicts) == 10 and set(verdicts) <= {"yes", "in part", "no", "not measured"}
-    assert verdicts[0] == "in part"  # of the edge as printed
-    assert verdicts[3] == "no"  # of method 2's folds
+    assert verdicts[0] == "in part"  # the edge as printed
+    assert verdicts[3] == "no"  # method 2's folds
     rows = [{"case": name, "frames_per_second": 500.0 - 100 * (name[7] == "2")} for name in CASES]
     slower, quick = findings({"3": {"rows": rows, "frame_steps": 320}})["3"]
     assert (slower.held, quick.held) == ("yes", "yes") and "400" in slower.corrected
@@ -193,7 +193,11 @@ def test_the_terminal_ends_with_a_line_for_each_claim(report, monkeypatch, capsy
     monkeypatch.setattr("clothsim.paper.reproduce", lambda *_, **__: report)
     assert main(["reproduce"]) in (0, None)
     lines = capsys.readouterr().out.strip().splitlines()[-10:]
-    claims = [f for judged in findings(report["experiments"]).values() for f in judged]
+    claims = [
+        f
+        for claims_of_experiment in findings(report["experiments"]).values()
+        for f in claims_of_experiment
+    ]
     assert [line.split(":")[0] for line in lines] == [f.held for f in claims]
     assert all(f.claim in line for f, line in zip(claims, lines, strict=True))
     assert all(f.criterion in " ".join(text(report).split()) for f in claims)

@@ -71,19 +71,19 @@ def test_the_rest_of_a_batch_goes_on_with_the_bits_it_has_alone(precision, threa
     options = {"precision": precision, "threads": threads}
     stepper = cs.Stepper(scenes, t=0.5, **options)
     steps_before = 0
-    failed = []
+    failures = []
     while steps_before < steps:
         try:
             stepper.advance(steps - steps_before, dt)
             steps_before = steps
         except cs.UnstableError as error:
             steps_before += error.step - 1
-            failed.append(error.member)
+            failures.append(error.member)
             assert f"of batch member {error.member}" in str(error)
             np.testing.assert_array_equal(stepper.positions[error.member], error.x)
             for k, scene in enumerate(scenes):  # all of them stand at that step
                 single = cs.Stepper(scene, t=0.5, **options)
-                if k not in failed[:-1]:
+                if k not in failures[:-1]:
                     single.advance(steps_before, dt)
                     assert same_bits(
                         (stepper.positions[k], stepper.velocities[k]),
@@ -91,7 +91,7 @@ def test_the_rest_of_a_batch_goes_on_with_the_bits_it_has_alone(precision, threa
                     )
             positions = error.x
             stepper.freeze(error.member)
-    assert failed == [3, 1]
+    assert failures == [3, 1]
     np.testing.assert_array_equal(stepper.positions[1], positions)
     assert stepper.time == 0.5 + steps * dt
     for k in (0, 2):

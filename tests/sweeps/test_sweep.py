@@ -20,7 +20,7 @@ def sweep(*args, **options):
     return cs.sweep(*args, progress=False, **options)
 
 
-# The same bits as alone
+# A member has the bits of its run
 
 
 def test_members_have_the_bits_of_simulate(crumpled):
@@ -57,14 +57,14 @@ def test_members_have_the_bits_of_simulate(crumpled):
                         kernel=kernel,
                         threads=1,
                     )
-                    mine = result.isel(damping_shear=k).sel(
+                    member_run = result.isel(damping_shear=k).sel(
                         precision=precision, dt=dt, kernel=kernel
                     )
                     assert (
-                        mine.x.values.tobytes() == single.x.tobytes()
-                        and mine.v.values.tobytes() == single.v.tobytes()
+                        member_run.x.values.tobytes() == single.x.tobytes()
+                        and member_run.v.values.tobytes() == single.v.tobytes()
                     )
-                    assert np.array_equal(mine.t, single.t) and len(single.t) == 5
+                    assert np.array_equal(member_run.t, single.t) and len(single.t) == 5
 
 
 UNDAMPED = cs.Scene(cs.Cloth((6, 7), mass=2.56, stiffness=1e3, damping=0))
@@ -123,9 +123,9 @@ def test_error_is_the_distance_from_the_solution(solution):
     for dt in dts:
         run = cs.simulate(LOOSE, 0.15, dt=dt)
         distance = np.linalg.norm(run.x[-1] - solution, axis=-1)
-        mine = result.sel(dt=dt)
-        assert float(mine.error) == pytest.approx(distance.max(), rel=1e-4, abs=0)
-        assert float(mine.error_rms) == pytest.approx(
+        member_run = result.sel(dt=dt)
+        assert float(member_run.error) == pytest.approx(distance.max(), rel=1e-4, abs=0)
+        assert float(member_run.error_rms) == pytest.approx(
             np.sqrt((distance**2).mean()), rel=1e-4, abs=0
         )
     orders = np.log2(result.error.values[:-1] / result.error.values[1:])

@@ -74,7 +74,7 @@ def test_a_thread_pool(expected, small_tasks, member_log):
 
 
 @pytest.mark.parametrize("start", ["fork", "spawn"])
-@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # fork with threads about
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # fork warns of threads
 def test_a_process_pool(expected, small_tasks, member_log, start):
     if start not in multiprocessing.get_all_start_methods():
         pytest.skip(f"no {start} on this system")

@@ -112,7 +112,7 @@ def test_heat_maps(swept):
     framed = cs.sweep(
         cs.scenes.hanging(), {"dt": [1e-3, 2e-3]}, duration=0.01, metrics=corners, progress=False
     )
-    axes = framed.clothsim.plot("heatmap")  # of a metric with one number a member, not of an array
+    axes = framed.clothsim.plot("heatmap")  # it takes one number a member
     assert np.array_equal(axes.get_lines()[0].get_ydata(), framed.height)
     assert plots.suggested(swept.drop_vars("error")) == "stability"
     assert plots.suggested(swept.isel(dt=[0]).drop_vars("error")) == "heatmap"

@@ -267,7 +267,7 @@ def test_one_writer_at_a_time(tmp_path):
     shutil.rmtree(path)
     sweep(path)
     about = json.loads(cs.open_sweep(path).attrs[store.ATTRIBUTE])
-    writing = store.Store(path, about)  # of two threads of one process too
+    writing = store.Store(path, about)  # this holds for two threads of one process too
     (tmp_path / "link.zarr").symlink_to(path)
     for file in (path, tmp_path / "link.zarr"):
         with pytest.raises(ValueError, match=f"{file.name}' is being written by a sweep; "):
