@@ -30,7 +30,7 @@ def drape():
 SCENES = {"paper_swing": cs.scenes.paper_swing, "curtain of 7 pins": curtain, "drape": drape}
 
 
-def unbalanced(scene, x, dt):
+def residual_force(scene, x, dt):
     """Largest unbalanced force over the largest weight: momentum that a step from rest leaves."""
     x, v = cs.step(scene, x, np.zeros_like(x), 0.01 * dt, t=0.0, integrator="semi_implicit_euler")
     force = scene.cloth.mass_per_point * np.linalg.norm(v, axis=-1) / (0.01 * dt)
@@ -47,7 +47,7 @@ def damped_motion(scene, tolerance, limit):
     begin = time.perf_counter()
     while stepper.time < limit:
         stepper.advance(steps, dt)
-        residual = unbalanced(scene, stepper.positions, dt)
+        residual = residual_force(scene, stepper.positions, dt)
         if residual < tolerance:
             break
     return 4 * round(stepper.time / dt), time.perf_counter() - begin, residual

@@ -37,7 +37,7 @@ def ctrl_c():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _chosen(request, monkeypatch):
+def _use_instruction_set(request, monkeypatch):
     monkeypatch.setenv("CLOTHSIM_ISA", request.param.instruction_set)
     return request.param
 
@@ -48,13 +48,13 @@ def variant(request, monkeypatch):
 
     `variants.cases` brings other instruction sets.
     """
-    return _chosen(request, monkeypatch)
+    return _use_instruction_set(request, monkeypatch)
 
 
 @pytest.fixture(params=[v for v in NATIVE_VARIANTS if v.precision == "double"], ids=str)
 def double_variant(request, monkeypatch):
     """Return the variants that compute in double."""
-    return _chosen(request, monkeypatch)
+    return _use_instruction_set(request, monkeypatch)
 
 
 @pytest.fixture(params=NAMED_KERNELS)

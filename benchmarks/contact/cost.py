@@ -16,7 +16,7 @@ _FLOOR = cs.Plane((0.0, -0.1, 0.0))
 _FALL = 40, 100, 2.5e-4  # parts of the paper's scene, steps of a part, the length of a step [s]
 
 
-def _settled(obstacle: cs.Sphere | cs.Plane) -> cs.Stepper:
+def _settle(obstacle: cs.Sphere | cs.Plane) -> cs.Stepper:
     """Return a sheet without pins that drag has brought to rest, all points on the obstacle."""
     cloth = cs.Cloth(drag=20.0, pins=())
     stepper = cs.Stepper(cs.Scene(cloth, obstacle), threads=1)
@@ -32,7 +32,7 @@ def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str,
     ratio is to the step of the same cloth without obstacles, with as many threads.
     """
     far = cs.Sphere((0.5, -9.0, 0.5), 0.25)
-    on_ball, on_floor = map(_settled, (_BALL, _FLOOR))
+    on_ball, on_floor = map(_settle, (_BALL, _FLOOR))
     variants: dict[str, tuple[Any, cs.Stepper]] = {
         "no obstacle": ((), on_ball),
         "sphere, nothing near": (far, on_ball),

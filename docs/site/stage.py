@@ -119,7 +119,7 @@ def commands(path: Path) -> None:
     path.write_text(page)
 
 
-def titled(path: Path) -> str:
+def add_titles(path: Path) -> str:
     """Return an example titled by its first sentence; the last picture stands in the gallery."""
     text = path.read_text(encoding="utf8")
     title, _, more = ast.get_docstring(ast.parse(text)).partition("\n\n")
@@ -137,7 +137,7 @@ def gallery(folder: Path) -> None:
         (folder / str(number)).mkdir(parents=True)
         (folder / str(number) / "GALLERY_HEADER.rst").write_text(f"{group}\n{'-' * len(group)}\n")
         for name in listed.split():
-            example = titled(ROOT / "examples" / f"{name}.py")
+            example = add_titles(ROOT / "examples" / f"{name}.py")
             (folder / str(number) / f"{name}.py").write_text(example, encoding="utf8")
     (folder / "GALLERY_HEADER.rst").write_text(
         "Gallery\n=======\n\nShort scripts, each with what it prints and draws.\n"

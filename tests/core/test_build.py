@@ -15,7 +15,7 @@ from tables import each
 EXTRAS = ("matplotlib", "tqdm", "xarray", "scipy", "zarr", "dask", "wgpu", "PIL", "pandas", "pxr")
 
 
-def printed(code, **environment):
+def output_of(code, **environment):
     run = python(code, **environment)
     assert run.returncode == 0, run.stderr
     return run.stdout
@@ -27,7 +27,7 @@ def test_import_loads_numpy_and_light_parts_of_the_standard_library():
         "import sys, numpy; before = set(sys.modules); import clothsim; "
         "print(*sorted(set(sys.modules) - before))"
     )
-    roots = {name.partition(".")[0] for name in printed(code).split()}
+    roots = {name.partition(".")[0] for name in output_of(code).split()}
     assert roots - {"clothsim", "numpy"} <= sys.stdlib_module_names
     heavy = {
         "asyncio",
@@ -54,7 +54,7 @@ run = cs.simulate(cs.scenes.paper_static(), 0.01, dt=1e-3, every=2)
 cs.Stepper(cs.scenes.paper_moving()).advance(5, 1e-4)
 print(run.report["steps"])
 """
-    assert printed(code) == "10\n"
+    assert output_of(code) == "10\n"
 
 
 def test_build_config(monkeypatch):
@@ -139,7 +139,7 @@ def test_an_import_without_the_core_says_how_to_build_it(tmp_path):
         package, tmp_path / "clothsim", ignore=shutil.ignore_patterns("_core*", "__pycache__")
     )
     code = "try:\n    import clothsim\nexcept ImportError as error:\n    print(error)"
-    message = printed(code, PYTHONPATH=str(tmp_path))
+    message = output_of(code, PYTHONPATH=str(tmp_path))
     assert message.startswith(
         "the core of clothsim is not built here: run `pip install .` in the clone"
     )

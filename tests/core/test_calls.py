@@ -19,7 +19,7 @@ def stiff(*spheres):
     return scene, x, 1.7 * cs.max_stable_dt(scene)
 
 
-def unwatched(*args, **options):
+def plain_stepper(*args, **options):
     """Return a stepper that watches no speeds and energies: only an overflow is an error."""
     stepper = cs.Stepper(*args, **options)
     members = len(stepper.frozen)
@@ -41,12 +41,12 @@ def run(stepper, steps, dt, total=1000):
 def test_short_calls_end_where_a_long_one_does(variant, same_bits):
     """The core goes back to a state of some calls ago to find the step that went wrong."""
     scene, x, dt = stiff()
-    uncut = unwatched(scene, x, **variant.options)
+    uncut = plain_stepper(scene, x, **variant.options)
     steps_before, error = run(uncut, 1000, dt)
     assert steps_before > (64 if variant.precision == "double" else 8)
     assert np.abs(error.x).max() > 1e10
     for steps in (1, 7, 63, 64, 65):
-        parts = unwatched(scene, x, **variant.options)
+        parts = plain_stepper(scene, x, **variant.options)
         done_in_parts, error_in_parts = run(parts, steps, dt)
         assert (done_in_parts, error_in_parts.point) == (steps_before, error.point)
         assert error_in_parts.step == steps_before % steps + 1
@@ -65,8 +65,8 @@ def test_changes_between_calls_are_not_undone(kernel, precision, same_bits):
     soft = scene.replace(cloth=scene.cloth.replace(stiffness=1.0))
     v = np.zeros_like(x)
     options = {"kernel": kernel, "precision": precision, "threads": 1}
-    stepper = unwatched([soft, scene, scene], np.stack([x] * 3), np.stack([v] * 3), **options)
-    single = unwatched(scene, x, **options)
+    stepper = plain_stepper([soft, scene, scene], np.stack([x] * 3), np.stack([v] * 3), **options)
+    single = plain_stepper(scene, x, **options)
     for member in (stepper, single):
         for _ in range(10):
             member.advance(1, dt)
@@ -83,7 +83,7 @@ def test_changes_between_calls_are_not_undone(kernel, precision, same_bits):
     stepper.freeze(1)
     stepper.advance(5, dt)
     assert same_bits([stepper.positions[1]], [single.positions])
-    expected = unwatched(soft, x, **options)
+    expected = plain_stepper(soft, x, **options)
     for steps, step in ((10, dt), (30, dt / 2), (steps_before + 5, dt)):
         expected.advance(steps, step)
     assert same_bits([stepper.positions[0]], [expected.positions])

@@ -23,7 +23,7 @@ def cloud(seed=1, shape=(11, 19), reach=1.0):
     return x, rng.normal(size=(*shape, 3))
 
 
-def answered(x, v, sphere, t, radius=RADIUS):
+def respond(x, v, sphere, t, radius=RADIUS):
     """Kim et al., eq 7-12 with errata corrected, restitution and Coulomb friction, per point."""
     center = sphere.center_at(t)
     velocity = sphere.velocity_at(t)
@@ -82,7 +82,7 @@ def test_responses_are_those_of_the_formulas(
     )
     x, v = cloud()
     t = 0.03
-    expected = answered(x + DT * v, v, sphere, t + DT)
+    expected = respond(x + DT * v, v, sphere, t + DT)
     touched = np.abs(expected[1] - v).max(axis=-1) > 1e-6
     assert 20 < touched.sum() < 150
     result = cs.step(drifting(x, sphere), x, v, DT, t=t, **variant.options)
@@ -146,7 +146,7 @@ def test_several_spheres_respond_in_their_order(variant, response):
     x, v = cloud()
     expected = x + DT * v, v
     for sphere, radius in zip(spheres, (RADIUS, 0.42, 0.3)):
-        expected = answered(*expected, sphere, DT, radius)
+        expected = respond(*expected, sphere, DT, radius)
     result = cs.step(drifting(x, spheres), x, v, DT, t=0.0, **variant.options)
     for part, expected_part in zip(result, expected):
         np.testing.assert_allclose(part, expected_part, rtol=0, atol=1e-12)

@@ -68,13 +68,13 @@ def test_among_two_planes_no_point_is_thrown(variant, moving, restitution, frict
     v += planes[0].velocity_at(0.0)
     scene = drifting(x, planes)
     state = cs.step(scene, x, v, DT, t=0.0, **variant.options)
-    touched = [plane.height(x + DT * v, DT) < 0 for plane in planes]
-    assert (touched[0] & touched[1]).sum() > 20
+    hits = [plane.height(x + DT * v, DT) < 0 for plane in planes]
+    assert (hits[0] & hits[1]).sum() > 20
     # A response goes back by at most the way of the step, and on for at most as long.
     speed = np.linalg.norm(v - planes[0].velocity_at(0.0), axis=-1)
     distance = np.linalg.norm(state[0] - (x + DT * v), axis=-1)
     each_way = 1 if restitution == 1 and friction == 0 else 2
-    assert (distance <= sum(each_way * touches for touches in touched) * speed * DT + 1e-15).all()
+    assert (distance <= sum(each_way * touches for touches in hits) * speed * DT + 1e-15).all()
     for answer, expected in zip(state, cs.reference_step(scene, x, v, DT, t=0.0), strict=True):
         np.testing.assert_allclose(answer, expected, rtol=0, atol=1e-13)
 

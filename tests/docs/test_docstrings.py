@@ -54,7 +54,7 @@ def test_it_has_an_example(name):
     assert ">>> " in inspect.getdoc(GIVEN.get(MEMBERS[name], MEMBERS[name]))
 
 
-def documented(text):
+def documented_names(text):
     """Names of the sections Parameters and Attributes."""
     names_of_entries = set()
     for section in re.findall(
@@ -75,4 +75,4 @@ def test_its_arguments_are_documented(name):
     parameters = inspect.signature(value).parameters.items()
     names = {name for name, parameter in parameters if parameter.annotation != "NoReturn"}
     arguments = names - {"self", "cls"}
-    assert arguments <= documented(inspect.getdoc(value))
+    assert arguments <= documented_names(inspect.getdoc(value))

@@ -32,10 +32,10 @@ def edge_force(scene, deformation):
 @each("points", [3, 32, 100])
 def test_a_stretched_and_a_sheared_fabric_have_the_stated_moduli(points):
     scene = sheet(points)
-    stretched = edge_force(scene, STRAIN * np.outer([1, 0, 0], [1, 0, 0])) / STRAIN
-    assert stretched[0] == pytest.approx(TENSILE + (TENSILE - SHEAR) / (points - 1), rel=1e-5)
-    sheared = edge_force(scene, STRAIN * np.outer([0, 0, 1], [1, 0, 0])) / STRAIN
-    assert sheared[2] == pytest.approx(SHEAR, rel=1e-5)
+    stretch_force = edge_force(scene, STRAIN * np.outer([1, 0, 0], [1, 0, 0])) / STRAIN
+    assert stretch_force[0] == pytest.approx(TENSILE + (TENSILE - SHEAR) / (points - 1), rel=1e-5)
+    shear_force = edge_force(scene, STRAIN * np.outer([0, 0, 1], [1, 0, 0])) / STRAIN
+    assert shear_force[2] == pytest.approx(SHEAR, rel=1e-5)
 
 
 def test_readme_begins_with_the_cotton_of_the_page():

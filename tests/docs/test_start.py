@@ -51,7 +51,7 @@ def test_the_notebook_is_the_page():
     cells_of_page = runpy.run_path(str(path.with_name("make.py")))["cells"]()
     sources = [cell["source"] for cell in cells_of_page]
     assert ["".join(cell["source"]) for cell in cells] == sources
-    printed = [
+    outputs = [
         "".join(
             "".join(output["text"])
             for output in cell["outputs"]
@@ -60,5 +60,5 @@ def test_the_notebook_is_the_page():
         for cell in cells
         if cell["cell_type"] == "code"
     ]
-    assert printed == [expected for _, expected in BLOCK.findall(PAGE)]
+    assert outputs == [expected for _, expected in BLOCK.findall(PAGE)]
     assert path.stat().st_size < 200_000

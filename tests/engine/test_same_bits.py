@@ -85,7 +85,7 @@ def test_one_set_of_bits(make, options, crumpled, same_bits, tmp_path):
     if options.get("integrator") == "implicit_midpoint":  # at the price of its steps
         steps = 2
 
-    def stepped(scenes, cuts=(steps,), threads=1):
+    def step_scene(scenes, cuts=(steps,), threads=1):
         stepper = cs.Stepper(scenes, threads=threads, **options)
         for k, count in enumerate(cuts):
             if k > 0:
@@ -95,13 +95,13 @@ def test_one_set_of_bits(make, options, crumpled, same_bits, tmp_path):
             stepper.advance(count, dt)
         return stepper.positions, stepper.velocities, stepper.impulses
 
-    expected = stepped(scene)
+    expected = step_scene(scene)
     cuts = (steps // 2, steps - steps // 2)
     assert steps < 40 or np.abs(expected[2]).max() > 0.01  # contact
     for threads in (2, 3):
-        assert same_bits(stepped(scene, threads=threads), expected)
-    assert same_bits(stepped(scene, cuts), expected)
-    batch = stepped([scene, scene.replace(gravity=(0.1, -3.0, 0.2)), scene], cuts, threads=2)
+        assert same_bits(step_scene(scene, threads=threads), expected)
+    assert same_bits(step_scene(scene, cuts), expected)
+    batch = step_scene([scene, scene.replace(gravity=(0.1, -3.0, 0.2)), scene], cuts, threads=2)
     assert [same_bits([part[k] for part in batch], expected) for k in (0, 1, 2)] == [
         True,
         False,

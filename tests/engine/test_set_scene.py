@@ -19,7 +19,7 @@ def drape(scenes=SCENE, **options):
     return stepper
 
 
-def continued(stepper, steps=200):
+def state_after(stepper, steps=200):
     stepper.advance(steps, 2e-4)
     return stepper.positions, stepper.velocities
 
@@ -32,7 +32,7 @@ def test_the_scene_as_it_is_changes_no_bit_of_a_sheet_in_contact(scenes, precisi
     copy = cs.Stepper.restore(stepper.snapshot())
     copy.set_scene(scenes)
     assert copy.time == stepper.time
-    assert same_bits(continued(copy), continued(stepper))
+    assert same_bits(state_after(copy), state_after(stepper))
 
 
 class Advancing:

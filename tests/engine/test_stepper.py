@@ -21,7 +21,7 @@ def stiff(shape=(9, 20)):
     return cs.Scene(cloth)
 
 
-def disturbed(scene, size=1e-3):
+def noisy_positions(scene, size=1e-3):
     return scene.initial_position + size * np.random.default_rng(1).normal(
         size=scene.initial_position.shape
     )
@@ -30,7 +30,7 @@ def disturbed(scene, size=1e-3):
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")
 def test_an_unstable_run_names_the_point_and_keeps_the_last_finite_state(variant):
     scene = stiff()
-    x = disturbed(scene)
+    x = noisy_positions(scene)
     dt = 1.4 * cs.max_stable_dt(scene)
     stepper = cs.Stepper(scene, x, t=0.5, **variant.options)
     stepper.advance(3, dt)
@@ -61,7 +61,7 @@ def test_the_point_named_is_free(part, precision):
 def test_growth_above_the_stability_limit_is_an_error_before_it_is_absurd(kernel):
     """A sheet of 1 m whose points are 1e6 m apart is no result, finite or not."""
     scene = stiff()
-    x = disturbed(scene)
+    x = noisy_positions(scene)
     v = np.zeros_like(scene.initial_position)
     dt = 2 * cs.max_stable_dt(scene)
     with pytest.raises(cs.UnstableError) as raised:

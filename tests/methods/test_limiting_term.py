@@ -7,7 +7,7 @@ import pytest
 from clothsim.methods.bound import limiting_term
 
 
-def given(category, run):
+def warnings_of(category, run):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run()
@@ -38,14 +38,14 @@ def test_the_term_that_limits_is_the_one_that_moves_the_limit(method, features, 
     # Half of that kind lengthens the step by more than half of the other does.
     cloth = scene.cloth
 
-    def halved(name):
+    def halve(name):
         value = getattr(cloth, name)
         value = {f: v / 2 for f, v in value.items()} if hasattr(value, "items") else value / 2
         drag = cloth.drag / 2 if name == "damping" else cloth.drag
         return cs.max_stable_dt(cs.Scene(cloth.replace(**{name: value}, drag=drag)), method)
 
     counterpart = {"damping": "stiffness", "stiffness": "damping"}[kind]
-    assert halved(kind) > 1.2 * term.max_stable_dt and halved(kind) > halved(counterpart)
+    assert halve(kind) > 1.2 * term.max_stable_dt and halve(kind) > halve(counterpart)
 
 
 def test_below_the_value_the_other_kind_limits():
@@ -82,7 +82,7 @@ def test_pefrl_with_damping_is_announced():
         )
 
     for call in calls(damped):
-        (message,) = given(cs.OrderWarning, call)
+        (message,) = warnings_of(cs.OrderWarning, call)
         assert "order 1" in message and "order 4" in message and "rk4" in message
     for call in calls(free):
-        assert not given(cs.OrderWarning, call)
+        assert not warnings_of(cs.OrderWarning, call)

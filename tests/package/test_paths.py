@@ -63,8 +63,8 @@ def targets():
 )
 def test_make_has_the_targets_that_are_called(path):
     text = path.read_text(encoding="utf8")
-    called = re.findall(r"(?:`|run: |^|&& |\d+ )make ([\w./-]+)", text, re.M)
-    assert {name for name in called if name.strip("./")} <= targets()
+    names = re.findall(r"(?:`|run: |^|&& |\d+ )make ([\w./-]+)", text, re.M)
+    assert {name for name in names if name.strip("./")} <= targets()
     stamps = re.findall(r"\.venv/\.built-[\w-]+", text)
     assert set(stamps) <= targets()
 

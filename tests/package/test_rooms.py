@@ -37,9 +37,9 @@ def imports(text, folder, late=True):
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
     ]
     blocks += [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and not late]
-    skipped = {inner for block in blocks for inner in ast.walk(block)}
+    skipped_nodes = {inner for block in blocks for inner in ast.walk(block)}
     for node in ast.walk(tree):
-        if node in skipped or not isinstance(node, (ast.Import, ast.ImportFrom)):
+        if node in skipped_nodes or not isinstance(node, (ast.Import, ast.ImportFrom)):
             continue
         for alias in node.names:
             source = alias.name

@@ -13,7 +13,7 @@ PACKAGE = Path(cs.__file__).parent
 STUB = ast.parse((PACKAGE / "_core.pyi").read_text())
 
 
-def declared(body):
+def declarations(body):
     return {node.name for node in body if isinstance(node, (ast.ClassDef, ast.FunctionDef))} | {
         node.target.id for node in body if isinstance(node, ast.AnnAssign)
     }
@@ -24,7 +24,7 @@ def public(names):
 
 
 def test_the_stub_has_the_names_of_the_core():
-    assert public(declared(STUB.body)) == public(dir(_core))
+    assert public(declarations(STUB.body)) == public(dir(_core))
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_the_stub_has_the_names_of_the_core():
     ids=lambda node: node.name,
 )
 def test_the_stub_has_the_members_of_a_class_of_the_core(stub):
-    assert public(declared(stub.body)) == public(vars(getattr(_core, stub.name)))
+    assert public(declarations(stub.body)) == public(vars(getattr(_core, stub.name)))
 
 
 def test_editors_are_offered_the_names_of_the_integrators():

@@ -15,7 +15,7 @@ def stiff(stiffness=900.0):
     return cs.Scene(cloth, gravity=(0, 0, 0), position=cloth.rest_positions + noise)
 
 
-def caught(run):
+def stability_warnings(run):
     with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter("always")
         run()
@@ -26,11 +26,11 @@ def test_a_stepper_warns_once_with_the_limit_at_the_callers_line():
     scene = stiff()
     limit = cs.max_stable_dt(scene)
     stepper = cs.Stepper(scene)
-    assert not caught(lambda: stepper.advance(1, limit))
-    (first,) = caught(lambda: stepper.advance(1, 1.01 * limit))
+    assert not stability_warnings(lambda: stepper.advance(1, limit))
+    (first,) = stability_warnings(lambda: stepper.advance(1, 1.01 * limit))
     assert f"dt = {1.01 * limit:g} s is above {limit:.3g} s" in str(first.message)
     assert "rk4" in str(first.message) and first.filename == __file__
-    assert not caught(lambda: stepper.advance(1, 1.02 * limit))
+    assert not stability_warnings(lambda: stepper.advance(1, 1.02 * limit))
 
 
 def test_step_and_simulate_warn_at_the_callers_line():
@@ -38,16 +38,16 @@ def test_step_and_simulate_warn_at_the_callers_line():
     dt = 1.01 * cs.max_stable_dt(scene)
     x, v = scene.initial_position, scene.initial_velocity
     for call in (lambda: cs.step(scene, x, v, dt), lambda: cs.simulate(scene, 3 * dt, dt)):
-        (warning,) = caught(call)
+        (warning,) = stability_warnings(call)
         assert warning.filename == __file__
     # The second, coarser run of an estimate is not the caller's.
-    assert not caught(lambda: cs.simulate(scene, 3 * dt, 0.6 * dt, estimate_error=True))
+    assert not stability_warnings(lambda: cs.simulate(scene, 3 * dt, 0.6 * dt, estimate_error=True))
 
 
 def test_a_batch_names_the_member_with_the_lowest_limit():
     scenes = [stiff(), stiff(9e4), stiff(9e3)]
     limit = cs.max_stable_dt(scenes[1])
-    (warning,) = caught(lambda: cs.Stepper(scenes).advance(1, 1.1 * limit))
+    (warning,) = stability_warnings(lambda: cs.Stepper(scenes).advance(1, 1.1 * limit))
     assert f"{limit:.3g} s" in str(warning.message) and "batch member 1" in str(warning.message)
 
 
@@ -55,10 +55,14 @@ def test_the_limit_is_that_of_the_integrator():
     scene = stiff()
     dt = 0.9 * cs.max_stable_dt(scene)
     assert cs.max_stable_dt(scene, "semi_implicit_euler") < dt
-    assert not caught(lambda: cs.Stepper(scene).advance(1, dt))
-    (warning,) = caught(lambda: cs.Stepper(scene, integrator="semi_implicit_euler").advance(1, dt))
+    assert not stability_warnings(lambda: cs.Stepper(scene).advance(1, dt))
+    (warning,) = stability_warnings(
+        lambda: cs.Stepper(scene, integrator="semi_implicit_euler").advance(1, dt)
+    )
     assert "semi_implicit_euler" in str(warning.message)
-    assert not caught(lambda: cs.Stepper(scene, integrator="implicit_midpoint").advance(1, dt))
+    assert not stability_warnings(
+        lambda: cs.Stepper(scene, integrator="implicit_midpoint").advance(1, dt)
+    )
 
 
 @quiet
