@@ -78,7 +78,7 @@ def contact(response: Response = "ray") -> Start:
 
 
 def batch(members: int) -> Start:
-    """Cloths that differ in stiffness, in free fall."""
+    """Return cloths that differ in stiffness, in free fall."""
     start = swing()
     cloth = start.scene.cloth
     scenes = [
@@ -330,7 +330,7 @@ def time_group(
 
 
 def _frames(start: Start, steps: int) -> list[np.ndarray]:
-    """Positions by the scalar reference at every FRAMES-th part of the steps."""
+    """Return positions by the scalar reference at every FRAMES-th part of the steps."""
     x = start.x
     v = start.v
     t = start.t

@@ -55,7 +55,7 @@ def short(value: Any, unit: str = "") -> str:
 
 
 def conditions(packages: Sequence[str] = ()) -> str:
-    """Machine, load and versions, for the line under a table."""
+    """Return the machine, its load and versions, for the line under a table."""
     config = cs.build_config()
     cpuinfo = Path("/proc/cpuinfo")
     model = re.search(r"model name\s*: (.*)", cpuinfo.read_text() if cpuinfo.exists() else "")

@@ -55,7 +55,7 @@ class Judgement:
 
 
 def requests(case: Case) -> list[tuple[str, int]]:
-    """Kinds of run and exponents of the error asked for, drawn for a scene."""
+    """Return the kinds of run and exponents of the error asked for, drawn for a scene."""
     rng = np.random.default_rng([int(n) for n in case.name.split("/")] + [7])
     exponents = rng.permutation(np.arange(LOOSEST, TIGHTEST + 1))[:AUTO]
     kinds = [("auto", int(k)) for k in exponents]
@@ -94,7 +94,7 @@ def judge(case: Case, kind: str, exponent: int, exact: np.ndarray, uncertainty: 
 def cheapest(
     case: Case, exact: np.ndarray, errors: list[float], limit: float
 ) -> dict[float, float]:
-    """Force evaluations of the cheapest fixed method and step for each error [m]."""
+    """Return force evaluations of the cheapest fixed method and step for each error [m]."""
     scene = case.scene
     best = dict.fromkeys(errors, math.inf)
     state = scene.initial_position, scene.initial_velocity

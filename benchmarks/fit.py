@@ -70,7 +70,7 @@ def replace_values(scene, values):
 
 
 def judge(scenes, draws, starts, seed):
-    """By kind: deviations in stated sigmas; starts off by ten: (reached, told that not, all)."""
+    """Return deviations in stated sigmas by kind, and the outcomes of starts off by ten."""
     scatter = defaultdict(list)
     outcomes = np.zeros(3, int)
     for number in range(scenes):

@@ -35,7 +35,7 @@ def drape(size):
 
 
 def seconds_per_step(scene, dt, members, seconds, windows=5, **options):
-    """Seconds a step takes, the least of some windows of about `seconds`."""
+    """Return the seconds that a step takes, the least of some windows of about `seconds`."""
     x = np.stack([scene.initial_position] * members)
     stepper = cs.Stepper(scene, x, precision="single", **options)
     best = np.inf

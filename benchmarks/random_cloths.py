@@ -32,7 +32,7 @@ class Case:
 
 
 def draw(seed: int, number: int) -> Case:
-    """Scene `number` of the stream `seed`; each is drawn by itself."""
+    """Return scene `number` of the stream `seed`; each is drawn by itself."""
     rng = np.random.default_rng([seed, number])
     rows, columns = (int(n) for n in rng.integers(2, 19, 2))
     families = ("structural", *(f for f in ("shear", "bend") if rng.random() < 0.6))
@@ -144,7 +144,7 @@ def rms(difference: np.ndarray) -> float:
 
 
 def truth(case: Case, folder: Path) -> tuple[np.ndarray, float]:
-    """Positions at the end and the rms distance [m] of two computations; kept in `folder`."""
+    """Return positions at the end and the rms distance [m] of two computations."""
     text = json.dumps([case.scene.to_dict(), case.duration, TOLERANCES], sort_keys=True)
     path = folder / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
     if path.exists():

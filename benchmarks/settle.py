@@ -16,7 +16,7 @@ import numpy as np
 
 
 def curtain():
-    """Seven pins along one side."""
+    """Return a sheet with seven pins along one side."""
     return cs.Scene(cs.Cloth(pins=[(int(row), 0) for row in np.linspace(0, 31, 7)]))
 
 
@@ -31,7 +31,7 @@ SCENES = {"paper_swing": cs.scenes.paper_swing, "curtain of 7 pins": curtain, "d
 
 
 def residual_force(scene, x, dt):
-    """Largest unbalanced force over the largest weight: momentum that a step from rest leaves."""
+    """Return the largest unbalanced force over the largest weight, from a step from rest."""
     x, v = cs.step(scene, x, np.zeros_like(x), 0.01 * dt, t=0.0, integrator="semi_implicit_euler")
     force = scene.cloth.mass_per_point * np.linalg.norm(v, axis=-1) / (0.01 * dt)
     return force[~scene.cloth.pinned].max() / (
@@ -40,7 +40,7 @@ def residual_force(scene, x, dt):
 
 
 def damped_motion(scene, tolerance, limit):
-    """Force evaluations, seconds and the residual of the motion of the scene itself."""
+    """Return force evaluations, seconds and the residual of the motion of the scene itself."""
     dt = 0.9 * cs.max_stable_dt(scene)
     stepper = cs.Stepper(scene)
     steps = int(0.5 / dt)

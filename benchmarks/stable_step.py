@@ -65,7 +65,7 @@ def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndar
 
 
 def dense(scene: cs.Scene, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """K and C of the free points, per unit mass: a = -K dx - C dv."""
+    """Return K and C of the free points, per unit mass: a = -K dx - C dv."""
     cloth = scene.cloth
     x = x.reshape(-1, 3)
     v = v.reshape(-1, 3)
@@ -95,7 +95,7 @@ def dense(scene: cs.Scene, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np
 
 
 def step_matrix(method: str, k: np.ndarray, c: np.ndarray, h: float) -> np.ndarray:
-    """Of (x, h v), for the methods that are no Runge-Kutta methods."""
+    """Return the matrix of a step of (x, h v), for methods that are no Runge-Kutta methods."""
     identity = np.eye(len(k))
     zero = np.zeros_like(k)
     k, c = h * h * k, h * c
@@ -127,7 +127,7 @@ def step_matrix(method: str, k: np.ndarray, c: np.ndarray, h: float) -> np.ndarr
 
 
 def polynomial(method: str) -> list[float]:
-    """Coefficients of a Runge-Kutta method's stability function, from z^0 on."""
+    """Return coefficients of a Runge-Kutta method's stability function, from z^0 on."""
     order = {"rk4": 4, "dopri5": 5, "dop853": 8}[method]
     further = {
         "rk4": [],

@@ -8,7 +8,7 @@ from clothsim.cli import main
 
 
 def run(capsys, *arguments):
-    """Exit code, stdout and stderr of one command, whose first argument is split at blanks."""
+    """Run one command, whose first argument is split at blanks: exit code, stdout and stderr."""
     first, *arguments_after = map(str, arguments or ("",))
     try:
         code = main([*first.split(), *arguments_after])
@@ -19,7 +19,7 @@ def run(capsys, *arguments):
 
 
 def python(code, *arguments, timeout=120, **environment):
-    """Exit code and both streams of a new interpreter with further variables in its environment."""
+    """Run a new interpreter with further variables in its environment."""
     command = [sys.executable, "-c", code, *map(str, arguments)]
     return subprocess.run(
         command, capture_output=True, text=True, timeout=timeout, env={**os.environ, **environment}

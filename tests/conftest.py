@@ -33,7 +33,7 @@ def pytest_collection_modifyitems(config, items):
 
 @pytest.fixture(scope="session", autouse=True)
 def ctrl_c():
-    """Ctrl-C counts, also where the suite runs in the background of a script, which ignores it."""
+    """Let Ctrl-C count also where the suite runs in the background of a script."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
@@ -44,7 +44,7 @@ def _use_instruction_set(request, monkeypatch):
 
 @pytest.fixture(params=NATIVE_VARIANTS, ids=str)
 def variant(request, monkeypatch):
-    """Every kernel x precision x arithmetic class of the default instruction set.
+    """Give every kernel x precision x arithmetic class of the default instruction set.
 
     `variants.cases` brings other instruction sets.
     """
@@ -59,7 +59,7 @@ def double_variant(request, monkeypatch):
 
 @pytest.fixture(params=NAMED_KERNELS)
 def kernel(request):
-    """Every kernel, on the instruction set that is used by default."""
+    """Give every kernel, on the instruction set that is used by default."""
     return request.param
 
 
@@ -116,7 +116,7 @@ def _state(
 
 @pytest.fixture
 def crumpled():
-    """`crumpled(**features)`: a scene, a state without any symmetry, and a stable time step."""
+    """Return `crumpled(**features)`: a scene, an asymmetric state, and a stable time step."""
     return _state
 
 
@@ -143,7 +143,7 @@ class Oracle:
 
     @classmethod
     def solution(cls, scene, duration):
-        """x at the end, by an adaptive method of order 8 with a relative tolerance of 1e-12."""
+        """Return x at the end, by an adaptive method of order 8 at a tolerance of 1e-12."""
         from scipy.integrate import solve_ivp
 
         shape = (2, *scene.cloth.shape, 3)
@@ -164,7 +164,7 @@ def oracle():
 
 
 def _relative(result, expected, start):
-    """Largest difference over the largest displacement or speed, of the worse of x and v."""
+    """Return the largest difference over the largest displacement or speed, of x or v."""
     (x, v), (x_expected, v_expected) = result, expected
     return max(
         float(np.abs(x - x_expected).max() / np.abs(x_expected - start).max()),
@@ -184,7 +184,7 @@ def _same_bits(result, expected):
 
 @pytest.fixture
 def same_bits():
-    """Whether two tuples of arrays are equal to the last bit, signs of zero included."""
+    """Return whether two tuples of arrays have equal bits, signs of zero included."""
     return _same_bits
 
 
@@ -209,8 +209,9 @@ def overflowing():
 
 @pytest.fixture
 def leak():
-    """`leak(speed)`: a mass point on its way to a soft plane, through whose layer it goes at 1 m/s,
-    and another far away.
+    """Return `leak(speed)`: a mass point that at 1 m/s goes through a soft plane's layer.
+
+    Another mass point is far away.
     """
 
     def scene(speed=1.0):

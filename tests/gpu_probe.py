@@ -82,7 +82,7 @@ fn thread_ids(
 
 
 def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
-    """`thread_grid` as the adapter has it: each invocation of the shader writes its own."""
+    """Return `thread_grid` as the adapter has it: each invocation of the shader writes its own."""
     dtype = thread_grid(shape).dtype
     rows, columns = shape
     device = opened()

@@ -4,7 +4,7 @@ import itertools
 
 
 def pairwise(*columns):
-    """Rows, one value of each column, in which every pair of values of two columns occurs.
+    """Return rows, one value of each column, in which every pair of values of two columns occurs.
 
     Greedy: a row begins with a pair that no row has yet, and each further value is the one that
     adds most new pairs to the row (after Cohen et al. 1997, the automatic efficient test

@@ -14,8 +14,9 @@ def drifting(x, spheres, pins=(), gravity=(0, 0, 0)):
 
 
 def one_point(position, velocity, sphere, dt=1e-9, **options):
-    """Where a free point at `position` (from CENTER) is after a step, which by default is too short
-    to move it.
+    """Return the state of a free point at `position` (from CENTER) after a step.
+
+    By default the step is too short to move it.
     """
     x = np.full((2, 2, 3), 50.0)
     v = np.zeros((2, 2, 3))

@@ -48,7 +48,7 @@ def _parametrize(names, rows):
 
 
 def cases(precision=PRECISIONS, **parameters):
-    """Cases of `variant` and parameters: the full product natively, a pairwise array elsewhere.
+    """Return cases of `variant` and parameters: a full product natively, else a pairwise array.
 
     `precision`: the variants that count.
     """
@@ -63,5 +63,5 @@ def cases(precision=PRECISIONS, **parameters):
 
 
 def pairs(**parameters):
-    """Cases in which each value of a parameter meets each value of every other one."""
+    """Return cases in which each value of a parameter meets each value of every other one."""
     return _parametrize(list(parameters), pairwise(*map(list, parameters.values())))

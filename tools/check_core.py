@@ -29,7 +29,7 @@ BELOW["bindings"] = set(BELOW)
 
 
 def upward(core: Path) -> list[str]:
-    """Includes of `core` that lead to a folder which may not be included from there."""
+    """Return the includes of `core` that lead to a folder which may not be included from there."""
     problems = []
     for path in sorted(core.rglob("*.[ch]pp")):
         room = path.relative_to(core).parts[0]

@@ -43,7 +43,7 @@ def program(text: str) -> str:
 
 
 def mypy(folder: Path, *files: str) -> subprocess.CompletedProcess[str]:
-    """mypy as users run it, without --strict; only errors of the examples are shown."""
+    """Run mypy as users do, without --strict; show errors of the examples alone."""
     config = folder / "mypy.ini"
     config.write_text(
         f"[mypy]\nmypy_path = {SOURCES}\nfollow_imports = silent\ncheck_untyped_defs = True\n"
@@ -57,7 +57,7 @@ def mypy(folder: Path, *files: str) -> subprocess.CompletedProcess[str]:
 
 
 def pyright(folder: Path, *files: str) -> subprocess.CompletedProcess[str]:
-    """pyright in its basic mode."""
+    """Run pyright in its basic mode."""
     settings = {
         "extraPaths": [str(SOURCES)],
         "include": list(files),

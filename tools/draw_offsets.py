@@ -29,7 +29,7 @@ def _turn(x: np.ndarray, angle: float) -> np.ndarray:
 
 
 def _chain(offset: str) -> np.ndarray:
-    """Four points of the cloth; the middle link lies on top of the sphere."""
+    """Return four points of the cloth; the middle link lies on top of the sphere."""
     height = {"none": math.sqrt(1 - _HALF**2), "edge": math.sqrt(1 - _HALF**2 / 2)}.get(offset, 1.0)
     left, right = np.array([-_HALF, height]), np.array([_HALF, height])
     # The next link is the middle one seen in a mirror through the point between them.

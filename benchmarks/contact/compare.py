@@ -31,13 +31,13 @@ _MARKERS = {"penalty": "o", "ray": "^", "reflect": "v"}
 
 
 def distance(run: cs.Run, solution: cs.Run) -> float:
-    """Root mean square over the mass points of the distance at the end [m]."""
+    """Return the root mean square over the mass points of the distance at the end [m]."""
     offset = run.x[-1] - solution.x[-1]
     return float(np.sqrt((offset**2).sum(-1).mean()))
 
 
 def compare(scenes: int = len(SCENES), steps: int = len(_DTS)) -> list[dict[str, Any]]:
-    """Errors of every response, by rk4 and, for "penalty", by error control.
+    """Return errors of every response, by rk4 and, for "penalty", by error control.
 
     The laws differ, so each response is compared with its own finest run: "penalty" with one at a
     tolerance of 1e-8, the others with rk4 at a quarter of the last step.

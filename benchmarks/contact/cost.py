@@ -25,7 +25,7 @@ def _settle(obstacle: cs.Sphere | cs.Plane) -> cs.Stepper:
 
 
 def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str, Any]]:
-    """Least time of a step over many short windows, the variants in turn.
+    """Return the least time of a step over many short windows, the variants in turn.
 
     All 1,024 points of a sheet lie on a large sphere or on a plane, or nothing is near. The last
     rows are of whole runs: the paper's scene over 1 s at 2.5e-4 s, for a sixth of the windows. The
@@ -80,7 +80,7 @@ def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str,
 
 
 def _falls(scenes: list[cs.Scene], rounds: int, options: dict[str, Any]) -> list[float]:
-    """Seconds per step of whole runs: least times of short parts, as a run meets other work."""
+    """Return seconds per step of whole runs, from the least times of short parts."""
     parts, steps, dt = _FALL
     least = np.full((len(scenes), parts), np.inf)
     for _ in range(rounds):

@@ -159,7 +159,7 @@ def measure(
 
 
 def fastest(data: Any, errors: list[float]) -> Iterator[tuple[str, ...]]:
-    """For each error the fastest run of clothsim and of the others that reaches it, one row each.
+    """Yield for each error the fastest run that reaches it, clothsim's and the others'.
 
     The ratio is that of the others' time to clothsim's.
     """
@@ -246,7 +246,7 @@ def front(data: Any) -> np.ndarray:
 
 
 def draw(datasets: dict[str, Any], path: Path) -> None:
-    """Speed against error, legible at a width of 700 pixels."""
+    """Draw speed against error, legible at a width of 700 pixels."""
     from matplotlib import pyplot
 
     pyplot.rcParams.update({"font.size": 11})

@@ -204,7 +204,7 @@ def _update_of_rows(places):
 
 
 def _all_steps(places, row_force):
-    """RK4 steps of a cloth in bands of rows."""
+    """Make the kernel of RK4 steps of a cloth in bands of rows."""
     rows, row_update = places.rows, _update_of_rows(places)
 
     # A band of rows a call: passing arrays costs a hundred nanoseconds in reference counts.
@@ -253,7 +253,7 @@ def _batch_of(serial):
 
 
 def _right_side(places, row_force):
-    """dy/dt for a general solver: y and dy are six planes without borders, x and then v."""
+    """Make dy/dt for a general solver: y and dy are six planes without borders, x then v."""
     rows, columns, n, down, size, (_, p1, *_) = places
     two, size3 = _TWO, np.uintp(3 * size)
 

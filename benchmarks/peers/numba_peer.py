@@ -127,13 +127,13 @@ class NumbaSlopes:
         return slope
 
     def points(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities, shape (rows, columns, 3)."""
+        """Return positions and velocities, shape (rows, columns, 3)."""
         fields = np.moveaxis(y.reshape(self.shape), 0, -1)
         return fields[..., :3], fields[..., 3:]
 
 
 def _strided_springs(scene: cs.Scene, dtype: type[Any]) -> np.ndarray:
-    """Stiffness, stiffness x rest length and damping per mass of the six kinds; 0 if left out."""
+    """Return stiffness, stiffness x rest length and damping per mass of the six kinds."""
     mass = scene.cloth.mass_per_point[0, 0]
     present = {(r, c): (k, k * rest, damping) for r, c, k, rest, damping in spring_kinds(scene)}
     if unknown := sorted(set(present) - set(_KINDS)):

@@ -15,7 +15,7 @@ _CORNER = 8  # points along a side; a spring of any family is shorter
 
 
 def spring_kinds(scene: cs.Scene) -> list[tuple[int, int, float, float, float]]:
-    """(row offset, column offset, stiffness, rest length, damping) of each kind of spring.
+    """Return (row offset, column offset, stiffness, rest length, damping) of each kind.
 
     The spring table of a corner of the cloth has every kind; that of a large cloth needs 80 bytes a
     spring.
@@ -36,7 +36,7 @@ def spring_kinds(scene: cs.Scene) -> list[tuple[int, int, float, float, float]]:
 
 
 def spring_ends(r: int, c: int) -> tuple[Slices, Slices]:
-    """Slices of a (3, rows, columns) array that give the near and the far ends of a kind."""
+    """Return slices of a (3, rows, columns) array that give the near and the far ends of a kind."""
     rows = slice(None, -r or None), slice(r, None)
     columns = slice(None, -c or None), slice(c, None)
     if c < 0:

@@ -26,7 +26,7 @@ from .numpy_peer import spring_ends, spring_kinds
 
 
 def numba_rk4(precision: Precision = "double", threads: int = 1) -> Method:
-    """RK4 by the numba kernel."""
+    """Return RK4 by the numba kernel."""
 
     def solve(scene: cs.Scene, duration: float, dt: float) -> Any:
         steps = max(1, int(np.ceil(duration / dt - 1e-9)))
@@ -166,7 +166,7 @@ def installed_peers(scene: cs.Scene, threads: int | None = None) -> tuple[list[M
 
 
 def parallel_pays(scene: cs.Scene, threads: int) -> bool:
-    """Whether numba's parallel kernel steps this scene faster than its serial one, right now."""
+    """Return whether numba's parallel kernel is now faster than its serial one."""
     state = scene.initial_position, scene.initial_velocity
     dt = 0.5 * cs.max_stable_dt(scene)
     works = [NumbaPeer(scene, *state, dt, np.float64, n) for n in (1, threads)]

@@ -44,8 +44,9 @@ GALLERY = {
 
 
 def by_use() -> dict[str, list[str]]:
-    """Full names of the groups of `help(clothsim)`, the most used first; a module stands for its
-    further names.
+    """Return full names of the groups of `help(clothsim)`, the most used first.
+
+    A module stands for its further names.
     """
     groups = re.findall(r"^(\w[^\n]*)\n((?:    \w+ {2,}[^\n]+\n)+)", cs.__doc__, re.M)
     listed = {title: re.findall(r"^    (\w+)", names, re.M) for title, names in groups}
@@ -67,7 +68,7 @@ def full_names(name: str) -> list[str]:
 
 
 def is_called(full: str) -> bool:
-    """Whether a name is a function or a class: a constant has no first sentence."""
+    """Return whether a name is a function or a class: a constant has no first sentence."""
     module, _, name = full.rpartition(".")
     return callable(getattr(sys.modules[module], name))
 
@@ -112,14 +113,14 @@ def commands(path: Path) -> None:
         "the shell.\n"
     )
     for name in ("", *COMMANDS):
-        printed = io.StringIO()
-        with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
+        output = io.StringIO()
+        with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
             command([*name.split(), "--help"])
-        page += f"\n## clothsim {name}\n\n```text\n{printed.getvalue()}```\n"
+        page += f"\n## clothsim {name}\n\n```text\n{output.getvalue()}```\n"
     path.write_text(page)
 
 
-def add_titles(path: Path) -> str:
+def add_title(path: Path) -> str:
     """Return an example titled by its first sentence; the last picture stands in the gallery."""
     text = path.read_text(encoding="utf8")
     title, _, more = ast.get_docstring(ast.parse(text)).partition("\n\n")
@@ -133,11 +134,11 @@ def add_titles(path: Path) -> str:
 
 def gallery(folder: Path) -> None:
     """Copy the examples, a folder for each group."""
-    for number, (group, listed) in enumerate(GALLERY.items()):
+    for number, (group, names) in enumerate(GALLERY.items()):
         (folder / str(number)).mkdir(parents=True)
         (folder / str(number) / "GALLERY_HEADER.rst").write_text(f"{group}\n{'-' * len(group)}\n")
-        for name in listed.split():
-            example = add_titles(ROOT / "examples" / f"{name}.py")
+        for name in names.split():
+            example = add_title(ROOT / "examples" / f"{name}.py")
             (folder / str(number) / f"{name}.py").write_text(example, encoding="utf8")
     (folder / "GALLERY_HEADER.rst").write_text(
         "Gallery\n=======\n\nShort scripts, each with what it prints and draws.\n"
@@ -147,7 +148,7 @@ def gallery(folder: Path) -> None:
 def relink(page: Path) -> None:
     """Let links to scripts and folders of the repository lead to their pages."""
     group = {
-        name: number for number, listed in enumerate(GALLERY.values()) for name in listed.split()
+        name: number for number, names in enumerate(GALLERY.values()) for name in names.split()
     }
     text = page.read_text(encoding="utf8")
     script = re.compile(r"\]\((?:\.\./)*examples/(\w+)\.py\)")
@@ -157,7 +158,7 @@ def relink(page: Path) -> None:
 
 
 def menu(index: str) -> dict[str, list[str]]:
-    """Captions of the menu and their pages: headings of docs/index.md, and the links below each."""
+    """Return captions of the menu and their pages: headings of docs/index.md and their links."""
     groups: dict[str, list[str]] = {}
     listed_pages: set[str] = set()
     for part in index.split("\n## ")[1:]:

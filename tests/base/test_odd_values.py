@@ -207,7 +207,7 @@ RESULTS = {
 
 
 def number(rule):
-    """Numbers alone, and of these the finite ones that obey the rule."""
+    """Return a test for numbers, of which finite ones have to obey the rule."""
 
     def allowed(odd):
         real = odd[()] if isinstance(odd, np.ndarray) and odd.ndim == 0 else odd
@@ -330,7 +330,7 @@ def test_every_error_names_its_argument(function, given):
 
 
 def faults(function, argument, good):
-    """Odd values of the argument that are taken, changed, or refused without its name."""
+    """Yield odd values of the argument that are taken, changed, or refused without its name."""
     case = name_of(function), argument
     takes = None if case in TAKE_ARRAYS else OF_CASE.get(case, TAKEN.get(argument))
     for odd in ODD:

@@ -40,8 +40,9 @@ def test_peers_that_are_not_installed_are_named(monkeypatch, capsys, tmp_path):
 
 
 def runs():
-    """Two solvers of clothsim and two of others; the second of each pair has one run that counts,
-    or none.
+    """Return two solvers of clothsim and two of others.
+
+    The second of each pair has one run that counts, or none.
     """
     xarray = pytest.importorskip("xarray")
     names = ["a", "b", "c", "d"]

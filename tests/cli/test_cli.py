@@ -22,7 +22,7 @@ def test_every_command_has_help(capsys, command):
 
 
 def _strict(text):
-    """`text` as JSON for any reader, which knows no NaN."""
+    """Return `text` as JSON for any reader, which knows no NaN."""
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
 
 

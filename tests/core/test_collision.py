@@ -17,14 +17,14 @@ def ball(**arguments):
 
 
 def cloud(seed=1, shape=(11, 19), reach=1.0):
-    """Points all over a cube around the sphere, with velocities in all directions."""
+    """Return points all over a cube around the sphere, with velocities in all directions."""
     rng = np.random.default_rng(seed)
     x = CENTER + rng.uniform(-reach, reach, (*shape, 3)) * RADIUS
     return x, rng.normal(size=(*shape, 3))
 
 
 def respond(x, v, sphere, t, radius=RADIUS):
-    """Kim et al., eq 7-12 with errata corrected, restitution and Coulomb friction, per point."""
+    """Return the response of eq 7-12 of Kim et al. with errata corrected, per point."""
     center = sphere.center_at(t)
     velocity = sphere.velocity_at(t)
     if sphere.as_printed:

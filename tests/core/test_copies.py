@@ -14,7 +14,7 @@ LARGE = (17, 21_001)
 
 
 def state(shape, dtype):
-    """Every number another one, some of them zeros of either sign."""
+    """Return a state of unequal numbers, some of them zeros of either sign."""
     rng = np.random.default_rng(1)
     cloth = cs.Cloth(shape, (0.9, 1.3))
     x = cloth.rest_positions + 0.01 * rng.normal(size=(*shape, 3))

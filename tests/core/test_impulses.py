@@ -41,7 +41,7 @@ def scene_of(contact, count, cloth=CLOTH, **material):
 
 
 def momentum(cloth, v):
-    """Of the points that are not pinned [N s]."""
+    """Return the momentum [N s] of the points that are not pinned."""
     return (np.where(cloth.pinned, 0.0, cloth.mass_per_point)[..., None] * v).sum(axis=(-3, -2))
 
 
@@ -52,7 +52,7 @@ def lost(stepper, scene):
 
 
 def off(impulses, momentum_lost):
-    """Distance of the sum over spheres from the momentum, as part of the largest impulse."""
+    """Return the distance of the impulses' sum from the momentum, over the largest impulse."""
     assert np.abs(impulses).max() > 0.05
     return np.abs(impulses.sum(axis=-2) - momentum_lost).max() / np.abs(impulses).max()
 

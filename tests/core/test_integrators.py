@@ -27,7 +27,7 @@ COUNTS = {
 
 
 def oscillation(t, stiffness, mass, amplitude, damping):
-    """x and v of the damped oscillator."""
+    """Return x and v of the damped oscillator."""
     w = math.sqrt(stiffness / mass)
     g = damping / (2 * mass)
     u = math.sqrt(w * w - g * g)

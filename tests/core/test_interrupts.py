@@ -55,7 +55,7 @@ def interrupted_at(line, call):
 
 
 def agrees(stepper):
-    """Whether the core does what the stepper's scene says."""
+    """Return whether the core does what the stepper's scene says."""
     fresh = cs.Stepper(stepper.scene, stepper.x, stepper.v, t=stepper.t)
     for sheet in (stepper, fresh):
         sheet.advance(40, 5e-3)

@@ -9,8 +9,9 @@ from clothsim.gpu.shader import springs
 
 
 def written_springs(text, rows, columns, x, y):
-    """(index of the neighbour, family, kind) in the order in which the shader's text adds springs
-    at a mass point.
+    """Return (index of the neighbour, family, kind) of the springs of a mass point.
+
+    They are in the order in which the shader's text adds them.
     """
     names = {"rows": rows, "columns": columns, "id_x": x, "id_y": y, "at": y * columns + x}
 

@@ -11,7 +11,7 @@ G, R = 9.80665, 0.5
 
 
 def slider(spheres, x, v=(0.0, 0.0, 0.0)):
-    """One free point; the other of the chain is pinned far away and has no spring."""
+    """Return a free point; the other of the chain is pinned far away, without a spring."""
     cloth = cs.Cloth((1, 2), mass=2.0, stiffness=0.0, damping=0.0, pins=((0, 1),))
     far = (100.0, 100.0, 100.0)
     return cs.Scene(
@@ -20,7 +20,7 @@ def slider(spheres, x, v=(0.0, 0.0, 0.0)):
 
 
 def exact_angle(start, duration, steps=100_000):
-    """theta'' = g/R sin theta from rest, by second-order steps far finer than those under test."""
+    """Solve theta'' = g/R sin theta from rest, by far finer steps of second order."""
     h = duration / steps
     theta = start
     rate = 0.5 * h * G / R * np.sin(start)

@@ -54,7 +54,7 @@ def test_references_error_control_and_implicit_steps_flush_too():
 
 
 def flushes():
-    """Whether this thread takes subnormal numbers as zero."""
+    """Return whether this thread takes subnormal numbers as zero."""
     least = np.finfo(float).tiny
     return least * 0.5 == 0 or (np.full(16, least) * 0.5 == 0).any()
 

@@ -12,7 +12,7 @@ pytest.importorskip("xarray")
 
 
 def members():
-    """Public functions, classes and their methods, by the name that a user writes."""
+    """Return public functions, classes and their methods, by the name that a user writes."""
     for name in cs.__all__:
         value = getattr(cs, name)
         if name == "scenes":
@@ -55,7 +55,7 @@ def test_it_has_an_example(name):
 
 
 def documented_names(text):
-    """Names of the sections Parameters and Attributes."""
+    """Return names of the sections Parameters and Attributes."""
     names_of_entries = set()
     for section in re.findall(
         r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=^\w[^\n]*\n---|\Z)", text, re.M | re.S

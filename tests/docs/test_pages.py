@@ -16,7 +16,7 @@ def without_code(page):
 
 
 def anchors(page):
-    """Anchors of a page's headings, as GitHub makes them."""
+    """Return anchors of a page's headings, as GitHub makes them."""
     headings = re.findall(r"^#+ (.+)$", without_code(page), flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 

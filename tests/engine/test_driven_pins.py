@@ -35,7 +35,7 @@ def driven_sheet(crumpled, shape=(6, 7), motions=None, **features):
 
 
 def oracle_solution(scene, oracle, duration):
-    """Positions at the end by SciPy: driven pins follow their motions, written out here."""
+    """Return positions at the end by SciPy: driven pins follow their motions, written out here."""
     shape = (2, *scene.cloth.shape, 3)
 
     def place(x, v, t):

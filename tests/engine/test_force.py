@@ -9,7 +9,7 @@ from variants import FIXED, cases
 
 
 def forces(scene, seed=5):
-    """Newtons, as large as the springs' of a crumpled sheet."""
+    """Return forces in newtons, as large as the springs' of a crumpled sheet."""
     return 3.0 * np.random.default_rng(seed).normal(size=scene.initial_position.shape)
 
 

@@ -74,7 +74,7 @@ def references():
 
 
 def solution(*arguments):
-    """Positions at the end, of small steps where a sphere is met."""
+    """Return positions at the end, of small steps where a sphere is met."""
     scene = _scene(*arguments)
     if not scene.spheres:
         return cs.reference(scene, DURATION).x[-1]
@@ -163,7 +163,7 @@ PICTURES = {
 
 
 def picture(name):
-    """Pixels of a sheet upon two spheres; 3 mm lower, so that it is red in places."""
+    """Return pixels of a sheet upon two spheres; 3 mm lower, so that it is red in places."""
     scene = _scene("ray", "force", "linear", "16x20", ALWAYS)
     x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 2.0**-11, 150, 0.0)
     return cs.picture(

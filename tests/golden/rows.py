@@ -153,8 +153,9 @@ def arithmetic(kernel):
 
 
 def digest(row, threads=1, scene=None):
-    """Hash of the state after 300 steps, 100 of an implicit method, on the instruction set of
-    CLOTHSIM_ISA.
+    """Return the hash of the state after 300 steps, 100 of an implicit method.
+
+    CLOTHSIM_ISA names the instruction set.
     """
     kernel, precision, integrator = row.split()[:3]
     scene = scene or scene_of(row)

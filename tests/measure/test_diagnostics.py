@@ -41,7 +41,7 @@ def test_forces_are_the_slope_of_the_energy(double_variant, crumpled):
 
 
 def distance(corners):
-    """From the origin to triangles (n, 3 corners, 3)."""
+    """Return the distance from the origin to triangles (n, 3 corners, 3)."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(first, second)
     area2 = (normal * normal).sum(axis=1)

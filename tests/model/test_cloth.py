@@ -12,7 +12,7 @@ SHAPES = [(32, 32), (2, 2), (3, 5), (17, 4), (2, 1), (1, 7), (1, 2), (16, 33)]
 
 
 def springs_by_definition(rows, columns):
-    """{(i, j): (family, steps along the rows, along the columns)}, point by point."""
+    """Return {(i, j): (family, steps along the rows, along the columns)}."""
     steps = {"structural": [(0, 1), (1, 0)], "shear": [(1, 1), (1, -1)], "bend": [(0, 2), (2, 0)]}
     springs = {}
     for r in range(rows):

@@ -11,7 +11,7 @@ from clothsim.model.sphere import Sphere
 
 
 def eq_13(rest_length, radius):
-    """O = sqrt((D/2)^2 + R^2) - R of Kim et al., in 60 digits."""
+    """Return O = sqrt((D/2)^2 + R^2) - R of Kim et al., in 60 digits."""
     getcontext().prec = 60
     half = Decimal(rest_length) / 2
     radius = Decimal(radius)

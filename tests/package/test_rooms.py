@@ -72,7 +72,7 @@ def test_only_evidence_and_command_line_import_the_front_door():
 
 
 def public_names(module):
-    """Names of a public module; `dir(cs)` are those of the package."""
+    """Return names of a public module; `dir(cs)` are those of the package."""
     namespace = import_module(f"clothsim.{module}") if module else cs
     return {
         *getattr(

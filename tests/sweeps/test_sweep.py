@@ -113,7 +113,7 @@ LOOSE = cs.Scene(cs.Cloth((5, 5), mass=1.0, stiffness=200.0, damping=0.2))
 
 @pytest.fixture(scope="module")
 def solution():
-    """Of LOOSE at 0.15 s, by extrapolation, which shares no code with the sweep's reference."""
+    """Solve LOOSE to 0.15 s by extrapolation, which shares no code with the sweep."""
     return cs.reference(LOOSE, 0.15).x[-1]
 
 
