@@ -11,12 +11,12 @@
 
 namespace clothsim {
 
-// 1 / mass where it is uniform and so folded into the coefficients.
+// Returns 1 / mass where it is uniform and so folded into the coefficients.
 inline double coefficient_scale(const Plan& plan) {
     return plan.cloth.uniform_mass ? 1 / plan.cloth.mass[0] : 1;
 }
 
-// The stiffness rounded so that a spring at rest gives no force in the edge kernel (see
+// Returns the stiffness rounded so that a spring at rest gives no force in the edge kernel (see
 // exact_at_rest). It stays unrounded where the two differ by more than rounding, as with a rest
 // length of 0.
 template <class Real>
@@ -32,8 +32,8 @@ Real stiffness_at_rest(const Plan& plan, const Neighbour& neighbour, Real stiffn
         : stiffness;
 }
 
-// The damping constant that all families share as the edge kernel sees it. None if it is so small
-// or large that single might not hold what is divided by it.
+// Returns the damping constant that all families share as the edge kernel sees it. There is none if
+// it is so small or large that single might not hold what is divided by it.
 template <class Real>
 std::optional<double> shared_damping(const Plan& plan) {
     const Cloth& cloth = plan.cloth;
@@ -52,7 +52,7 @@ std::optional<double> shared_damping(const Plan& plan) {
     return held ? std::optional(shared) : std::nullopt;
 }
 
-// `unit`: of the accelerations that the kernel sums.
+// `unit` is that of the accelerations that the kernel sums.
 template <class Real>
 StepConstants<Real> step_constants(const Plan& plan, double dt, double unit) {
     const auto g = [&](int k) { return Real(plan.gravity[k] / unit); };

@@ -26,13 +26,13 @@
 namespace clothsim {
 namespace {
 
+using heuristics::rows_at_a_time;
+using heuristics::rows_before_use;
+
 // Rows between two stages that follow each other: a row needs the two after it, and a row is
 // finished by the next.
 constexpr int rows_between_stages = 3;
-// Rows of a stage before the next stage continues. Each stage has code of its own, too much to
-// change with every row.
-constexpr int rows_at_a_time = 4;
-// Of work, from the newest that the first stage makes to the oldest that the last one reads.
+// Rows of work, from the newest that the first stage makes to the oldest that the last one reads.
 constexpr int rows_under_way = 3 * rows_between_stages + 2 + rows_at_a_time;
 // The third row finishes the second one, and then the first two may be sent.
 constexpr int rows_to_hand = 3;
@@ -43,8 +43,8 @@ template <class Real>
 constexpr std::ptrdiff_t bytes_of_point =
     (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
 
-// Columns of a strip, 0: the cloth is not cut. A strip in progress holds rows of work, one more of
-// state and some of its compensation. The contact pass needs a whole cloth.
+// Returns the columns of a strip, 0 if the cloth is not cut. A strip in progress holds rows of
+// work, one more of state and some of its compensation. The contact pass needs a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
     constexpr std::ptrdiff_t rows_of_state =
@@ -52,17 +52,18 @@ int strip_columns(const Plan& plan) {
     constexpr std::ptrdiff_t of_column =
         (rows_of_state * StateRecord::count + rows_under_way * WorkRecord::count) * sizeof(Real);
     const int enough = int(bytes_under_way() / of_column);
-    const bool small = plan.cloth.points() * bytes_of_point<Real> <= bytes_in_shared_cache;
+    const bool small =
+        plan.cloth.points() * bytes_of_point<Real> <= heuristics::bytes_in_shared_cache;
     const bool narrow = plan.cloth.columns <= enough + enough / 16;
     return small || narrow || !plan.spheres.empty() ? 0 : enough;
 }
 
 // Halo rows received from the neighbouring band, one slot per stage of a step. A slot holds the row
 // at the border and, for bend springs, the row behind it. Without damping only positions are
-// exchanged. Two slots would be correct too.
+// exchanged.
 template <class Real>
 struct HaloSlot {
-    static constexpr int slots = 4;
+    static constexpr int slots = heuristics::halo_slots;
     AlignedVector<Real> rows;
     int vectors = 0, lanes = 0, row_count = 0, seen = 0;
 
@@ -118,7 +119,7 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     std::vector<std::uint64_t> near_rows[4];  // of each row, see PenaltyRows
     std::int64_t step = 0;  // to which the state belongs
     Clock clock;  // of the call
-    // The number of a step's stage, counted over all steps.
+    // Returns the number of a step's stage, counted over all steps.
     std::int64_t number_of(int stage) const { return 4 * step + stage; }
 
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
@@ -165,8 +166,8 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
         if (r + 1 < size()) engine->halos_.fetch(strip, row(r + 1), step);
         engine->halos_.take(strip, row(r), rows[std::size_t(r)].state, step);
     }
-    // The state with which a step begins, to the neighbours: with its halo, so the strips beside
-    // this one have to be there.
+    // Sends the state with which a step begins to the neighbours: with its halo, so the strips
+    // beside this one have to be there.
     void send_start() {
         const int n = size();
         const std::int64_t number = 4 * step;
@@ -366,7 +367,7 @@ void EdgeEngine<Real>::begin_stage(Band& band, int s) {
                         {band.from_near.row(number, 0), first, band.source(e.stage, 1)});
 }
 
-// Rows [begin, end) of a stage.
+// Takes rows [begin, end) through a stage.
 template <class Real>
 void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
     const int n = band.size(), end_inner = std::min(end, n - 2);
@@ -386,7 +387,7 @@ void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
     if (end > end_inner) run_last_rows(band, s, std::max(begin, end_inner), end);
 }
 
-// Some of the last two rows.
+// Takes some of the last two rows through a stage.
 template <class Real>
 void EdgeEngine<Real>::run_last_rows(Band& band, int s, int begin, int end) {
     EdgeArguments<Real>& e = band.stages[s];
@@ -470,7 +471,7 @@ void EdgeEngine<Real>::step_band(Band& band) {
     ++band.step;
 }
 
-// The part of a team's thread in some steps.
+// Takes some steps: the part of a team's thread.
 template <class Real>
 void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const Clock& clock) {
     const auto& all = bands(team);
@@ -568,7 +569,7 @@ FieldLayout EdgeEngine<Real>::field() const {
     f.compensation = Base::compensated ? layout_.compensation() : 0;
     f.acceleration_row = layout_.vectors * 3 * lanes;
     f.acceleration_run = 3 * lanes;
-    // A record more: equal places of slopes would share a set of the nearest cache.
+    // There is a record more: equal places of slopes would share a set of the nearest cache.
     f.acceleration_size = rows() * f.acceleration_row + f.acceleration_run;
     return f;
 }

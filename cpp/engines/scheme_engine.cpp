@@ -62,7 +62,7 @@ public:
         accelerations_.assign(std::size_t(count * field_.acceleration_size), Real(0));
         first_contacts_ = end_contacts_ = step_contacts_ = this->contacts;
         first_power_ = end_power_ = step_work_ = this->work_rows;
-        // Copies of the engine's memory, for its padding.
+        // These are copies of the engine's memory, for its padding.
         if (explicit_ || adaptive)
             for (auto& stage : stages_) stage = this->memory_;
         if (method_.stabilised) {
@@ -149,7 +149,8 @@ public:
             for (const RowSquares& row : row_squares_[e]) squares[e] += row.x + row.v;
         const double points = this->plan_.cloth.points();
         if (m.errors.size() == 1) return std::sqrt(squares[0] / points);
-        // dop853.f: the estimate of order 5, held down where that of order 3 is much larger.
+        // As in dop853.f, the estimate of order 5 is held down where that of order 3 is much
+        // larger.
         if (squares[0] == 0) return 0;
         return squares[0] / std::sqrt((squares[0] + 0.01 * squares[1]) * points);
     }
@@ -194,7 +195,7 @@ public:
                 }
         return allowed;
     }
-    std::vector<Depth> depths_tried(double t) const override { return this->depths_in(result_, t); }
+    std::vector<Depth> trial_depths(double t) const override { return this->depths_in(result_, t); }
 
     void dense(double t, double* x, double* v, int threads) override {
         const double part = (t - step_begin_) / step_;
@@ -244,7 +245,7 @@ private:
         }
         return {travel, most.norm()};
     }
-    // Conservative advancement: a point closes on the surface by its gap and half the layer at most.
+    // Advances conservatively: a point closes on the surface by its gap and half the layer at most.
     double penalty_step(const Sphere& sphere, double t, double h, bool tried) {
         const Travel travel = travel_of(sphere, t, h);
         const PenaltyContact contact(sphere, StageTime::of_stage(t, h, 0));
@@ -292,7 +293,7 @@ private:
         return allowed;
     }
 
-    // `work(band, barrier)` by at most `threads` threads.
+    // Calls `work(band, barrier)` on at most `threads` threads.
     template <class Work>
     void in_bands(int threads, Work work) {
         const int team = granted_threads(RowBand::team(this->rows(), threads));
@@ -306,20 +307,20 @@ private:
         });
     }
 
-    // The number of the acceleration at the end of a step.
+    // Returns the number of the acceleration at the end of a step.
     int stages() const {
         if (method_.stabilised) return chebyshev_->stages;
         return explicit_ ? explicit_->stages : 1;
     }
-    // Whether a step ends with the acceleration at its end, which is the first of the next.
+    // Returns whether a step ends with the acceleration at its end, which is the first of the next.
     bool knows_end() const { return method_.stabilised || explicit_->error_needs_end; }
     Real* acceleration(int index) {
         std::size_t place = std::size_t(index);
         if (method_.stabilised && index > 0) place = index == stages() ? 2 : 1;
         return accelerations_.data() + slot_[place] * field_.acceleration_size;
     }
-    // Accelerations at a version of the state into slot `index`; after some rows `then(begin, end)`
-    // makes the next version of them.
+    // Computes accelerations at a version of the state into slot `index`; after some rows
+    // `then(begin, end)` makes the next version of them.
     template <class Then>
     void sweep(FieldBand<Real>& band, Barrier& barrier, const AlignedVector<Real>& state, int index,
                const StageTime& time, Then then) {
@@ -338,8 +339,9 @@ private:
     void sweep(FieldBand<Real>& band, Barrier& barrier, const StageTime& time) {
         sweep(band, barrier, this->memory_, 0, time, [](int, int) {});
     }
-    // The obstacles for accelerations into slot `index`. What they do in the first stage and at the
-    // end of a step is kept, as the next step may begin with it; other stages add to the step's.
+    // Places the obstacles for accelerations into slot `index`. What they do in the first stage and
+    // at the end of a step is kept, as the next step may begin with it; other stages add to the
+    // step's.
     void begin_contacts(FieldBand<Real>& band, int index, const StageTime& time) {
         if (!this->has_penalty()) return;
         const bool first = index == 0, end = index == stages();
@@ -349,7 +351,7 @@ private:
         this->place_obstacles(time, this->force_unit(), weight, first || end, band.obstacles);
         band.contacts = this->penalty_rows(band.obstacles, sums);
     }
-    // The forces that the kernels do not compute. Their power is kept as contacts are.
+    // Adds the forces that the kernels do not compute. Their power is kept as contacts are.
     void let_forces_act(FieldBand<Real>& band, Barrier& barrier, const AlignedVector<Real>& state,
                         int index, const StageTime& time) {
         this->act(state, time, band.begin, band.end, barrier);
@@ -360,7 +362,8 @@ private:
             else step_work_[at] += weight_of(index) * power;
         });
     }
-    // Of a stage's acceleration in the velocity at the end of the planned step [s].
+    // Returns the weight of a stage's acceleration in the velocity at the end of the planned step
+    // [s].
     double weight_of(int stage) const {
         const auto& weights = explicit_ ? explicit_->result.v : chebyshev_->weights;
         return weights[std::size_t(stage)] * planned_;
@@ -369,7 +372,7 @@ private:
         if (this->has_penalty()) step_contacts_.clear_rows(band.begin, band.end);
         this->each_sum(band.begin, band.end, [&](std::size_t at) { step_work_[at] = 0; });
     }
-    // What obstacles and forces did in the step.
+    // Adds what obstacles and forces did in the step.
     void add_sums_of_step(int begin, int end) {
         this->each_sum(begin, end, [&](std::size_t at) {
             this->work_rows[at] += weight_of(0) * first_power_[at] + step_work_[at];
@@ -378,7 +381,8 @@ private:
         this->contacts.add_rows(first_contacts_, weight_of(0), true, begin, end);
         this->contacts.add_rows(step_contacts_, 1, false, begin, end);
     }
-    // A kick of h with the forces of the last sweep, or half of it, at the velocities in memory.
+    // Adds the work of a kick of h with the forces of the last sweep, or half of it, at the
+    // velocities in memory.
     void add_work_of_kick(const FieldBand<Real>& band, double h) {
         this->read_velocities(band.begin, band.end);
         this->measure_powers(band.begin, band.end);
@@ -402,7 +406,7 @@ private:
                                 this->memory_.data(), sum);
     }
 
-    // The sums of a step of h from `from`, for `run_stages`.
+    // Plans the sums of a step of h from `from`, for `run_stages`.
     void plan_stages(double h, const AlignedVector<Real>& from) {
         from_ = from.data();
         planned_ = h;
@@ -411,8 +415,8 @@ private:
             stage_sums_.push_back(combination(explicit_->stage[std::size_t(s)], h));
         result_sum_ = combination(explicit_->result, h);
     }
-    // The sweeps of a planned step from time t; `known`: the acceleration at its start is.
-    // `finish(begin, end)` of rows after the last of them.
+    // Runs the sweeps of a planned step from time t. `known`: the acceleration at its start is
+    // known. `finish(begin, end)` is called for rows after the last sweep.
     template <class Finish>
     void run_stages(FieldBand<Real>& band, Barrier& barrier, double t, bool known, Finish finish) {
         const auto time = [&](int s) {
@@ -446,8 +450,8 @@ private:
         sweep(band, barrier, stages_[last & 1], last, time(last), finish);
     }
 
-    // A step of RKC2 with as many stages as the damping asks for, at its start and, as layers may
-    // be deeper there, at its end.
+    // Tries a step of RKC2 with as many stages as the damping asks for, at its start and, as layers
+    // may be deeper there, at its end.
     double try_stabilised(double t, double h, const Tolerance& tolerance, int threads) {
         double rate = damping_rate(this->memory_, t);
         for (;;) {
@@ -526,7 +530,8 @@ private:
         sum.scale_v = Real(1 / tolerance.v);
         return sum;
     }
-    // The cubic polynomial through both ends of the step with their slopes, at a part of it.
+    // Returns the cubic polynomial through both ends of the step with their slopes, at a part of
+    // it.
     ChebyshevSum<Real> hermite_sum(double part) {
         const double left = 1 - part;
         planned_ = step_;
@@ -540,7 +545,8 @@ private:
             modes.damping += force->damping_bound(this->plan_.cloth, speed);
         return modes;
     }
-    // Above the damping rates of the modes at a state, and in a layer above its frequency [1/s].
+    // Returns a rate above the damping rates of the modes at a state, and in a layer above its
+    // frequency [1/s].
     double damping_rate(const AlignedVector<Real>& state, double t) const {
         ModeBounds modes = modes_with_forces();
         if (this->has_penalty()) {
@@ -570,7 +576,7 @@ private:
         });
         add_sums_of_step(band.begin, band.end);
     }
-    // `known`: the acceleration at the start is.
+    // `known`: the acceleration at the start is known.
     void advance_splitting(FieldBand<Real>& band, Barrier& barrier, double t, double h,
                            bool known) {
         const Splitting& s = *method_.splitting;
@@ -613,7 +619,7 @@ private:
             this->points_.set(this->memory_, i, {x.row(i).transpose() - this->origin_, v.row(i)});
     }
 
-    // The contacts of a step of the midpoint rule, whose stage is the mean of its ends.
+    // Notes the contacts of a step of the midpoint rule, whose stage is the mean of its ends.
     void note_implicit_contacts(double t, double h, const Points& x0, const Points& v0,
                                 const Points& x1, const Points& v1) {
         for (std::size_t s = 0; s < this->plan_.spheres.size(); ++s) {
@@ -623,18 +629,18 @@ private:
                 middle(sphere, StageTime::of_stage(t, h, 0.5));
             for (int i = 0; i < x0.rows(); ++i) {
                 if (this->plan_.cloth.pinned[std::size_t(i)]) continue;
-                double* const block = this->contacts.block(s, i / this->columns());
+                double* const record = this->contacts.record(s, i / this->columns());
                 const auto place = [&](const Vec3& x) { return Vec3(x - this->origin_); };
                 const Vec3 f = middle.force(place((x0.row(i) + x1.row(i)).transpose() / 2),
                                             (v0.row(i) + v1.row(i)).transpose() / 2);
                 const double depth = begin.at(place(x0.row(i).transpose())).depth;
-                this->contacts.add(block, h * f, middle.velocity);
-                if (depth > 0) this->contacts.note_depth(block, depth, t);
+                this->contacts.add(record, h * f, middle.velocity);
+                if (depth > 0) this->contacts.note_depth(record, depth, t);
             }
         }
     }
 
-    // Components from `first` on: 0, the position, or 3, the velocity.
+    // Returns three components from `first` on: 0 for the position, or 3 for the velocity.
     Vec3 vector_in(const AlignedVector<Real>& state, int i, int first) const {
         const auto at = [&](int k) {
             return double(state[std::size_t(this->points_.place(i, first + k))]);
@@ -642,9 +648,6 @@ private:
         return {at(0), at(1), at(2)};
     }
 
-    // Bytes: rows per block that fit in the first-level cache in some versions. A call for a short
-    // row costs as much as its combination. Half makes more calls, twice may leave the cache.
-    static constexpr std::ptrdiff_t bytes_at_once = 16 * 1024;
     // One of so many stages may be missing at the end of a step, as the bounds are not reached.
     static constexpr int spare_stages = 8;
 
@@ -652,7 +655,8 @@ private:
     const ExplicitMethod* explicit_;
     FieldLayout field_, stage_field_;  // of the state; of a stage, which has no compensation
     int rows_at_once_ = int(std::clamp<std::ptrdiff_t>(
-        bytes_at_once / (field_.row * std::ptrdiff_t(sizeof(Real))), 1, 16));
+        heuristics::bytes_at_once / (field_.row * std::ptrdiff_t(sizeof(Real))), 1,
+        heuristics::most_rows_at_once));
     std::unique_ptr<ImplicitMidpoint> implicit_;
     AlignedVector<Real> accelerations_;
     // Contacts of the first acceleration, of that at the end of a step, and of those between.

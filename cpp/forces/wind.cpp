@@ -31,7 +31,8 @@ constexpr double slow = 0.01;  // w [m/s]
 constexpr double tiny = 1e-300;  // of N.N [m^4]
 constexpr int components = 6;  // x, y, z, and those of the velocity
 
-// Of a row of mass points, or of a triangle of each of its cells: a plane for each component.
+// The values of a row of mass points, or of a triangle of each of its cells: a plane for each
+// component.
 struct Planes {
     double* first;
     std::ptrdiff_t stride;
@@ -63,7 +64,7 @@ inline __attribute__((always_inline)) void press(const double (&a)[6], const dou
     for (int k = 0; k < 3; ++k) force[k] = along_n * n[k] + shear * u[k];
 }
 
-// The forces on both triangles of each cell between two rows.
+// Computes the forces on both triangles of each cell between two rows.
 CLOTHSIM_VERSIONS
 void press_cells(const double* __restrict upper, const double* __restrict lower,
                  std::ptrdiff_t stride, int cells, const Air& of_row, double* __restrict first,
@@ -138,9 +139,9 @@ public:
         }
     }
 
-    // Of a triangle the derivative by u is at most twice density / 2 A max(normal, tangential)
-    // sqrt(u.u + w^2), and the square of the mean velocity at most the mean of squares: a point
-    // with six triangles has a third of each. So it is that of two triangles.
+    // The derivative by u of a triangle's force is at most twice density / 2 A max(normal,
+    // tangential) sqrt(u.u + w^2), and the square of the mean velocity at most the mean of squares:
+    // a point with six triangles has a third of each. So it is that of two triangles.
     double damping_bound(const Cloth& cloth, double speed) const override {
         speed += Vec3(values.data()).norm() + values[6];
         return values[3] * cloth.row_spacing * cloth.column_spacing *
@@ -148,7 +149,7 @@ public:
     }
 
     void each_damping(const Cloth& cloth, const ForceState& state,
-                      const AddBlock& add) const override {
+                      const AddDerivative& add) const override {
         const Air air = at(state.time);
         const auto point = [&](const double* of, int i) {
             return Vec3(of + 3 * std::ptrdiff_t(i));
@@ -165,13 +166,13 @@ public:
             const Vec3 ut = u - un * n;
             const double pressed = std::hypot(un, slow), sheared = std::hypot(ut.norm(), slow);
             const Eigen::Matrix3d along = n * n.transpose();
-            const Eigen::Matrix3d block = N.norm() / 9 *
+            const Eigen::Matrix3d derivative = N.norm() / 9 *
                 (air.normal * (pressed + un * un / pressed) * along +
                  air.tangential *
                      (sheared * (Eigen::Matrix3d::Identity() - along) +
                       ut * ut.transpose() / sheared));
             for (const int i : corners)
-                for (const int j : corners) add(i, j, block);
+                for (const int j : corners) add(i, j, derivative);
         };
         for (int row = 0; row + 1 < cloth.rows; ++row)
             for (int column = 0; column + 1 < cloth.columns; ++column) {

@@ -106,8 +106,8 @@ Matrix square(int size) {
     return Matrix(std::size_t(size), std::vector<double>(std::size_t(size), 0.0));
 }
 
-// A sum of products as in twice the precision (Ogita, Rump, Oishi, SIAM J. Sci. Comput. 26 (2005)
-// 1955).
+// A sum of products, as exact as in twice the precision (Ogita, Rump, Oishi, SIAM J. Sci. Comput.
+// 26 (2005) 1955).
 struct Sum {
     double high = 0, low = 0, size = 0;
     void add(double a, double b) {
@@ -119,8 +119,8 @@ struct Sum {
     double value() const { return high + low; }
 };
 
-// A row of weights of slopes as factors of accelerations. The slopes of x are the stage velocities.
-// They are expressed by v and the earlier accelerations.
+// Returns a row of weights of slopes as factors of accelerations. The slopes of x are the stage
+// velocities. They are expressed by v and the earlier accelerations.
 Weights nystroem(const std::vector<double>& row, const Matrix& a) {
     const std::size_t n = row.size();
     Weights w;
@@ -138,7 +138,7 @@ Weights nystroem(const std::vector<double>& row, const Matrix& a) {
     return w;
 }
 
-// `a`: the tableau with the row of the result.
+// `a` is the tableau with the row of the result.
 ExplicitMethod make_explicit(int stages, int order, Matrix a,
                              const std::vector<std::vector<double>>& errors) {
     ExplicitMethod m;

@@ -7,7 +7,7 @@
 namespace clothsim {
 namespace {
 
-constexpr double epsilon = 2.0 / 13;  // damps the polynomial: a customary choice
+constexpr double epsilon = 2.0 / 13;  // damping of the polynomial: a customary choice
 constexpr double real_limit = 0.65;   // of the stable part of the real axis, over s^2 - 1
 // Rounding of the increments grows with the square of the stages.
 constexpr int most_stages = 200;

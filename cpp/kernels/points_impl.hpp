@@ -1,4 +1,4 @@
-// Rows of a state to arrays of points, and of forces from such arrays. Nothing is fused.
+// Copies rows of a state to arrays of points, and forces from such arrays. Nothing is fused.
 #pragma once
 
 #include "kernels/row_arguments.hpp"
@@ -10,7 +10,7 @@ namespace {
 // Four lanes are read or written at once.
 inline constexpr int group = 4;
 using Four = double __attribute__((vector_size(group * sizeof(double))));
-// In memory, at any place.
+// The vector lies in memory, at any place.
 template <class Real>
 struct FourOf;
 template <>
@@ -39,8 +39,8 @@ CLOTHSIM_INLINE void store_point(double* to, const Four& point, bool alone) {
     to[2] = point[2];
 }
 
-// Points of four lanes. A point is stored with a number more, which lies in the next one: that is
-// written later, but for the last vector.
+// Stores points of four lanes. A point is stored with a number more, which lies in the next one:
+// that is written later, but for the last vector.
 template <class Real>
 CLOTHSIM_INLINE void put_points(const Real* from, std::ptrdiff_t component, const double* origin,
                                 std::ptrdiff_t lane, bool last, double* to) {

@@ -15,14 +15,14 @@ Vec3 closest_point_on_segment(const Vec3& p, const Vec3& a, const Vec3& b) {
     return length2 > 0 ? Vec3(a + std::clamp(ab.dot(p - a) / length2, 0.0, 1.0) * ab) : a;
 }
 
-// Of the bound in `penetration`, far more than its few operations lose.
+// The bound in `penetration` is wider by this part, far more than its few operations lose.
 constexpr double rounding = 1e-12;
 
 }  // namespace
 
-// The nearest of the sides, or the foot of the perpendicular if it lies inside. Every candidate is
-// a point of the triangle, so that a thin or collapsed one gives its nearest side and nothing
-// worse.
+// The point is the nearest of the sides, or the foot of the perpendicular if it lies inside. Every
+// candidate is a point of the triangle, so that a thin or collapsed one gives its nearest side and
+// nothing worse.
 Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
     Vec3 best = closest_point_on_segment(p, a, b);
     const auto consider = [&](const Vec3& q) {

@@ -13,22 +13,22 @@
 namespace clothsim {
 namespace {
 
-// x, y and z of `count` points, a plane after the other.
+// Takes x, y and z of `count` points apart, a plane after the other.
 CLOTHSIM_VERSIONS
 void take_apart(const double* __restrict points, std::ptrdiff_t count, double* __restrict planes) {
     for (std::ptrdiff_t i = 0; i < count; ++i)
         for (int k = 0; k < 3; ++k) planes[k * count + i] = points[3 * i + k];
 }
 
-// Springs of one kind: `count` in each of `rows` rows, from points of a row to those `offset`
-// further on.
+// Springs of one kind: there are `count` in each of `rows` rows, from points of a row to those
+// `offset` further on.
 struct Springs {
     std::ptrdiff_t plane, row, offset;
     int rows, count;
     double rest_length;
 };
 
-// Of the springs of a column: sum[c] += (length - rest length)^2, largest[c] = max(largest[c],
+// Adds the springs of a column: sum[c] += (length - rest length)^2, largest[c] = max(largest[c],
 // length^2).
 CLOTHSIM_VERSIONS
 void add_stretches(const double* first, const Springs& s, double* __restrict sum,
@@ -48,8 +48,8 @@ void add_stretches(const double* first, const Springs& s, double* __restrict sum
     }
 }
 
-// `visit(kind, rest length, sum of (length - rest length)^2, largest length)` for each kind of
-// spring that the cloth has.
+// Calls `visit(kind, rest length, sum of (length - rest length)^2, largest length)` for each kind
+// of spring that the cloth has.
 template <class Visit>
 void each_kind(const Cloth& cloth, const PointsView& x, Visit visit) {
     std::vector<double> planes(std::size_t(3 * x.rows())), sum, largest;

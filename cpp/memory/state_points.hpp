@@ -1,4 +1,5 @@
-// Mass points of a state that lies in an engine's layout, with what compensation adds to single.
+// The mass points of a state that lies in an engine's layout, with what compensation adds to
+// single.
 #pragma once
 
 #include <cstddef>

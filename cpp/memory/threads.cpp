@@ -1,7 +1,6 @@
 #include "memory/threads.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <exception>
 #include <stdexcept>
 #include <string>
@@ -33,8 +32,8 @@ void run_team(int team, const std::function<void(int)>& work) {
 #pragma omp parallel num_threads(team)
     try {
         // Bands would wait for ever for one that no thread has.
-        if (const int given = omp_get_num_threads(); given < team)
-            throw std::runtime_error("OpenMP gave " + std::to_string(given) + " of " +
+        if (const int size = omp_get_num_threads(); size < team)
+            throw std::runtime_error("OpenMP gave " + std::to_string(size) + " of " +
                                      std::to_string(team) + " threads; threads=1 needs no other");
         const FlushSubnormals flushed;
         work(omp_get_thread_num());
@@ -59,9 +58,7 @@ void pause_threads() {}
 #endif
 
 void wait_long(const std::atomic<int>& reached, int wanted) {
-    // A yield would give a busy neighbour its whole time slice, at each halo.
-    while (!has_reached(reached, wanted))
-        std::this_thread::sleep_for(std::chrono::microseconds(20));
+    while (!has_reached(reached, wanted)) std::this_thread::sleep_for(heuristics::sleep_of_waiting);
 }
 
 }  // namespace clothsim

@@ -5,18 +5,22 @@
 #include <cstddef>
 #include <functional>
 
+#include "memory/heuristics.hpp"
+
 namespace clothsim {
 
 inline constexpr int most_threads = 256;
 
-// Processors of this process, and how many of them OMP_NUM_THREADS leaves.
+// The first counts the processors of this process; the second how many of them OMP_NUM_THREADS
+// leaves.
 int processors();
 int available_threads();
 
-// How many threads a team has, at most `wanted`: OMP_THREAD_LIMIT is kept, and a team starts none.
+// Returns how many threads a team has, at most `wanted`: OMP_THREAD_LIMIT is kept, and a team
+// starts none.
 int granted_threads(int wanted);
 
-// Before a fork: the child would wait for threads that it does not have.
+// Ends the idle threads before a fork, whose child would wait for threads that it does not have.
 void pause_threads();
 
 inline void pause_briefly() {
@@ -33,10 +37,9 @@ inline bool has_reached(const std::atomic<int>& reached, int wanted) {
 }
 // Sleeps until a counter is there.
 void wait_long(const std::atomic<int>& reached, int wanted);
-// Spins first: 2,000 times take 20 to 80 us, as long as a sleep does. 500 times cost a tenth to a
-// half of a step of 128 x 128 points by two threads.
+// Looks often before it sleeps.
 inline void wait_for(const std::atomic<int>& reached, int wanted) {
-    for (int turn = 0; turn < 2000; ++turn, pause_briefly())
+    for (int look = 0; look < heuristics::looks_before_sleep; ++look, pause_briefly())
         if (has_reached(reached, wanted)) return;
     wait_long(reached, wanted);
 }
@@ -44,7 +47,7 @@ inline void signal(std::atomic<int>& reached, int now) {
     reached.store(now, std::memory_order_release);
 }
 
-// Where all threads of a team wait for the last of them.
+// All threads of a team wait here for the last of them.
 class Barrier {
 public:
     explicit Barrier(int team) : team_(team) {}
@@ -64,18 +67,19 @@ private:
     alignas(64) std::atomic<int> opened_{0};
 };
 
-// `work(thread)` by each of `team` granted threads, of which this one is 0. An exception of one is
-// thrown when all have ended.
+// Calls `work(thread)` on each of `team` granted threads, of which this one is 0. An exception on
+// any of them is thrown again when all have ended.
 void run_team(int team, const std::function<void(int)>& work);
 
-// `work(thread, team)` by at most `wanted` threads.
+// Calls `work(thread, team)` on at most `wanted` threads.
 template <class Work>
 void in_team(int wanted, Work work) {
     const int team = granted_threads(wanted);
     run_team(team, [&](int thread) { work(thread, team); });
 }
 
-// `work(begin, end)` for parts of [0, count) of about equal size, by at most `wanted` threads.
+// Calls `work(begin, end)` for parts of [0, count) of about equal size, on at most `wanted`
+// threads.
 template <class Work>
 void in_parts(std::ptrdiff_t count, int wanted, Work work) {
     in_team(wanted, [&](int thread, int team) {

@@ -20,7 +20,7 @@ inline DoubleDouble operator+(const DoubleDouble& a, const DoubleDouble& b) {
 }
 inline DoubleDouble operator-(const DoubleDouble& a, const DoubleDouble& b) { return a + -b; }
 inline DoubleDouble operator*(const DoubleDouble& a, const DoubleDouble& b) {
-    // 26 bits of 53.
+    // Returns the upper 26 bits of 53.
     const auto upper = [](double x) { return 134217729 * x - (134217729 * x - x); };
     const double product = a.high * b.high, p = upper(a.high), q = upper(b.high);
     const double rest =

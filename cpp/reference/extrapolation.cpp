@@ -71,7 +71,7 @@ void drive(const System& system, State& state, const Real& t, double inside) {
     place_pins(system.scene.driven_pins, system.scene.pin_motions, t, inside, state.x, state.v);
 }
 
-// z = y + h (dx/dt, dv/dt)
+// Sets z = y + h (dx/dt, dv/dt).
 void move(State& z, const State& y, const Values& velocity, const Values& a, const Real& h) {
     for (std::size_t k = 0; k < a.size(); ++k) {
         z.x[k] = y.x[k] + h * velocity[k];
@@ -86,8 +86,8 @@ struct Workspace {
     explicit Workspace(std::size_t size) : before(size), here(size), after(size), a(size) {}
 };
 
-// Modified midpoint rule with n (even) substeps over H: its error has an expansion in (H/n)^2.
-// Gragg's smoothing at the end damps the rule's weak instability.
+// Takes the modified midpoint rule with n (even) substeps over H: its error has an expansion in
+// (H/n)^2. Gragg's smoothing at the end damps the rule's weak instability.
 void midpoint(const System& system, const State& y, const Values& a0, const Real& t, const Real& H,
               int n, Workspace& w, State& result) {
     const Real h = H / n;
@@ -176,11 +176,11 @@ Extrapolation extrapolate(const Scene& scene, const std::vector<double>& times,
         while (double(target - t) > 0) {
             result.interrupted = interrupted();
             if (result.interrupted) return result;
-            // The remaining way in equal parts, so that no sliver is left for the end.
+            // The remaining way is taken in equal parts, so that no sliver is left for the end.
             const Real step = (target - t) / std::ceil(double(target - t) / H);
             drive(system, y, t, double(t + step / 2));
             accelerations(system, y, t, double(t + step / 2), a0);
-            // The longest first: what is left at the end is short.
+            // The longest come first: what is left at the end is short.
             std::atomic<int> next{columns};
             in_team(settings.threads, [&](int, int) {
                 for (int k; (k = --next) >= 0;)

@@ -19,7 +19,7 @@ Real dot(const Vector<Real>& a, const Vector<Real>& b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-// The force of moving air on a triangle with corners of these places and velocities.
+// Returns the force of moving air on a triangle with corners of these places and velocities.
 template <class Real>
 Vector<Real> wind_on(const std::array<Vector<Real>, 3>& x, const std::array<Vector<Real>, 3>& v,
                      const Vector<Real>& air, const std::vector<double>& values) {

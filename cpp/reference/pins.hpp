@@ -15,7 +15,8 @@ struct PinState {
     Real x[3], v[3];  // m, m/s
 };
 
-// The state of a motion at time t from a start. Where its velocity jumps, `inside` selects the piece that counts.
+// Returns the state of a motion at time t from a start. Where its velocity jumps, `inside` selects
+// the piece that counts.
 template <class Real>
 PinState<Real> motion_state(const Motion& motion, const Vec3& start, Real t, double inside) {
     using std::cos, std::exp, std::expm1, std::sin;

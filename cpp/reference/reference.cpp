@@ -77,11 +77,12 @@ Vec3 direction(const Vec3& p) {
     return length > 0 ? Vec3(p / length) : Vec3(Vec3::UnitY());
 }
 
-// |v|, also where v.v would overflow or vanish.
+// Returns |v|, also where v.v would overflow or vanish.
 double speed_of(const Vec3& v) { return std::hypot(v[0], v[1], v[2]); }
 
-// What turns round the velocity along n, relative to a surface of velocity `moved`, with the
-// restitution; and Coulomb's friction. Nothing where the point moves away, unless `always`.
+// Turns round the velocity along n, relative to a surface of velocity `moved`, with the
+// restitution, and adds Coulomb's friction. Nothing changes where the point moves away, unless
+// `always`.
 void bounce(Vec3& v, const Vec3& moved, const Vec3& n, double restitution, double friction,
             bool always = false) {
     const Vec3 relative = v - moved;
@@ -93,8 +94,8 @@ void bounce(Vec3& v, const Vec3& moved, const Vec3& n, double restitution, doubl
     if (slip > 0) v -= std::min(1.0, friction * std::abs(impulse) / slip) * tangential;
 }
 
-// Section 5 of Kim et al.: the response "reflect" or "ray" of a point that lies inside the sphere
-// at time t; others stay.
+// Returns the response "reflect" or "ray" (section 5 of Kim et al.) of a point that lies inside the
+// sphere at time t; others stay.
 State respond(const Sphere& sphere, double t, double dt, const State& point) {
     const Vec3 center = sphere.center_at(t), m = point.x - center;
     const double radius = sphere.contact_radius();
@@ -146,7 +147,8 @@ void collide(const Scene& scene, Points& x, Points& v, double t, double dt) {
     }
 }
 
-// Where a velocity jumps at an end of the step, the piece within the step counts.
+// Returns a time in the piece that counts: where a velocity jumps at an end of the step, the one
+// within the step.
 double inside(double t0, double dt, double part) {
     return t0 + std::clamp(part, 1e-6, 1 - 1e-6) * dt;
 }
@@ -157,7 +159,7 @@ void drive(const Scene& scene, Points& x, Points& v, double t0, double dt, doubl
                v.data());
 }
 
-// One step of RK4.
+// Takes a step of RK4.
 void advance(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v, double t0,
              double dt) {
     const auto slope = [&](const Points& at, const Points& velocity, double part) {
@@ -178,8 +180,8 @@ void advance(const Scene& scene, const std::vector<Spring>& list, Points& x, Poi
     v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
 }
 
-// One step of eq 2-6 as printed: "a" of eq 2-5 already carries the time step; eq 3-6 multiply by it
-// once more.
+// Takes a step of eq 2-6 as printed: "a" of eq 2-5 already carries the time step; eq 3-6 multiply
+// by it once more.
 void advance_as_printed(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v,
                         double t, double dt) {
     const auto slope = [&](const Points& at, const Points& velocity) {

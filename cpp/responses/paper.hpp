@@ -30,21 +30,21 @@ struct Contact {
           top(surface.level_at(s.offset)),
           dt(step) {}
 
-    // Velocity on which the response acts: relative to the sphere, or absolute in the as_printed
-    // reading.
+    // Returns the velocity on which the response acts: relative to the sphere, or absolute in the
+    // as_printed reading.
     Vec3 relative(const Vec3& v) const { return sphere.as_printed ? v : Vec3(v - velocity); }
 };
 
-// Unit normal at d; a point at the exact centre leaves along that of the place.
+// Returns the unit normal at d; a point at the exact centre leaves along that of the place.
 inline Vec3 outward_normal(const Surface& surface, const Vec3& d) {
     const Vec3 m = surface.gradient(d);
     const double length = m.norm();
     return length > 0 ? Vec3(m / length) : surface.normal;
 }
 
-// Reflection about the tangent plane (eq 7), scaled by restitution, with Coulomb friction: the
-// tangential impulse is at most friction times the normal impulse. As printed: reflected in any
-// case.
+// Reflects about the tangent plane (eq 7), scaled by restitution, with Coulomb friction: the
+// tangential impulse is at most friction times the normal impulse. As printed, the velocity is
+// reflected in any case.
 inline Vec3 reflection(const Contact& contact, const Vec3& velocity, const Vec3& normal) {
     const double normal_speed = contact.relative(velocity).dot(normal);
     if (normal_speed >= 0 && !contact.sphere.as_printed) return velocity;
@@ -59,14 +59,15 @@ inline Vec3 reflection(const Contact& contact, const Vec3& velocity, const Vec3&
     return result;
 }
 
-// Method 1: reflect the velocity, leave the position alone.
+// Method 1 reflects the velocity, and leaves the position alone.
 inline PointState respond_reflect(const Contact& contact, const PointState& point) {
     const Vec3 normal = outward_normal(contact.surface, point.position - contact.surface.place);
     return {point.position, reflection(contact, point.velocity, normal)};
 }
 
-// |v| of velocities so small or so large that their squares would vanish or overflow. Written out,
-// because the summation order of Eigen's stableNorm depends on where its operand lies in memory.
+// Returns |v|, also of velocities so small or so large that their squares would vanish or overflow.
+// It is written out, because the summation order of Eigen's stableNorm depends on where its operand
+// lies in memory.
 inline double length_of(const Vec3& v) {
     const double largest = v.cwiseAbs().maxCoeff();
     return largest > 0 ? largest * (v / largest).norm() : 0;
@@ -167,7 +168,7 @@ public:
           geometry_(layout.geometry(kernels_.lanes)) {}
     PaperResponses(const PaperResponses&) = delete;
 
-    // After the step of dt that ends at the time t.
+    // Respond after the step of dt that ends at the time t.
     Responses respond(AlignedVector<Real>& memory, double t, double dt, int threads) {
         std::vector<int> found;
         std::vector<std::vector<int>> of_parts;
@@ -177,8 +178,9 @@ public:
             if (sphere.penalty()) continue;
             const Contact contact(sphere, t, 2 * double(Real(dt / 2)));  // as the shader has it
             const SurfaceLevel<Real> level = level_of(contact);
-            const int parts =
-                std::max(1, std::min(threads, plan_.cloth.points() / least_points_per_thread));
+            const std::int64_t most =
+                plan_.cloth.points() / heuristics::points_per_thread_of_response;
+            const int parts = int(std::clamp<std::int64_t>(most, 1, threads));
             std::atomic<std::int64_t> count{0};
             std::atomic<bool> changed{false};
             of_parts.assign(std::size_t(parts), {});
@@ -204,7 +206,7 @@ public:
             for (const std::vector<int>& near : of_parts)
                 found.insert(found.end(), near.begin(), near.end());
         }
-        // Pinned points too; no other point can be inside.
+        // Depths count pinned points too; no other point can be inside.
         for (const Sphere& sphere : plan_.spheres) {
             if (sphere.penalty()) continue;
             const Surface surface = sphere.surface_at(t);
@@ -217,9 +219,6 @@ public:
     }
 
 private:
-    // Below this number of points a second thread costs more than it saves.
-    static constexpr int least_points_per_thread = 8192;
-
     SurfaceLevel<Real> level_of(const Contact& contact) const {
         const NearLevel near(contact, plan_.cloth, std::numeric_limits<Real>::epsilon());
         SurfaceLevel<Real> level{};
@@ -231,7 +230,7 @@ private:
         level.below = Real(near.level);
         return level;
     }
-    // `visit(i)` for the points of a row that may be below a level.
+    // Calls `visit(i)` for the points of a row that may be below a level.
     template <class Visit>
     void each_near(const AlignedVector<Real>& memory, int row, const SurfaceLevel<Real>& level,
                    const Visit& visit) const {

@@ -10,7 +10,7 @@
 namespace clothsim {
 namespace {
 
-// sum[l] += weight a[l], in double.
+// Adds weight a[l] to sum[l], in double.
 template <class V>
 CLOTHSIM_INLINE void add_lanes(double* sum, double weight, V a) {
     const auto add = [weight](double* to, auto lanes) __attribute__((always_inline)) {
@@ -26,29 +26,29 @@ CLOTHSIM_INLINE void add_lanes(double* sum, double weight, V a) {
     }
 }
 
-// The impulse and the work of forces on points, and how deep they are, scaled, into a block.
+// Adds the impulse and the work of forces on points, and how deep they are, scaled, to a record.
 template <class V, class Real>
-CLOTHSIM_INLINE void add_to_block(double* block, int lanes, const PenaltyArguments<Real>& p,
-                                  const Vector3<V>& force, V depth) {
+CLOTHSIM_INLINE void add_to_record(double* record, int lanes, const PenaltyArguments<Real>& p,
+                                   const Vector3<V>& force, V depth) {
     constexpr int W = int(V::size);
-    double* const tail = block + ContactBlock::tail * lanes;
-    tail[ContactBlock::touched] = 1;
-    add_lanes(block, p.weight, force.x);
-    add_lanes(block + lanes, p.weight, force.y);
-    add_lanes(block + 2 * lanes, p.weight, force.z);
+    double* const tail = record + ContactRecord::tail * lanes;
+    tail[ContactRecord::touched] = 1;
+    add_lanes(record, p.weight, force.x);
+    add_lanes(record + lanes, p.weight, force.y);
+    add_lanes(record + 2 * lanes, p.weight, force.z);
     if (p.moves) {
         const Vector3<V> velocity{V(p.velocity[0]), V(p.velocity[1]), V(p.velocity[2])};
-        add_lanes(block + ContactBlock::work * lanes, p.weight,
+        add_lanes(record + ContactRecord::work * lanes, p.weight,
                   dot<Arithmetic::fused>(force, velocity));
     }
     if (!p.noted) return;
     alignas(64) Real depths[W];
     (depth * V(1 / p.scale)).store_aligned(depths);
-    double* const deepest = block + ContactBlock::depth * lanes;
+    double* const deepest = record + ContactRecord::depth * lanes;
     for (int l = 0; l < W; ++l) deepest[l] = std::max(deepest[l], double(depths[l]));
-    if (tail[ContactBlock::met] != 0 && tail[ContactBlock::first] <= p.time) return;
-    tail[ContactBlock::first] = p.time;
-    tail[ContactBlock::met] = 1;
+    if (tail[ContactRecord::met] != 0 && tail[ContactRecord::first] <= p.time) return;
+    tail[ContactRecord::first] = p.time;
+    tail[ContactRecord::met] = 1;
 }
 
 // How the edge kernel finds the depth of a point in the layer. `direct`: from the distance to the
@@ -66,7 +66,7 @@ CLOTHSIM_INLINE Vector3<V> added(const Vector3<V>& a, V scale, const Vector3<V>&
 template <class V, class Real, Surface surface, bool plain>
 __attribute__((noinline)) void penalty_on_row(const EdgeArguments<Real>& e, const Real* source,
                                               const Real* free, const PenaltyArguments<Real>& p,
-                                              double* block) {
+                                              double* record) {
     constexpr int W = int(V::size);
     const std::ptrdiff_t stride = source_stride<V>(e.stage);
     const V zero(Real(0)), one(Real(1));
@@ -153,11 +153,11 @@ __attribute__((noinline)) void penalty_on_row(const EdgeArguments<Real>& e, cons
     if (!touched) return;
     if constexpr (plain && surface == Surface::flat)
         all = {all.x * normal.x, all.x * normal.y, all.x * normal.z};
-    add_to_block(block, e.contacts.lanes, p, all, deepest);
+    add_to_record(record, e.contacts.lanes, p, all, deepest);
 }
 
-// The obstacles that rows [begin, end) of a stage may touch, a bit each, in `near`; whether there
-// are any. Beyond 64 obstacles a bit stands for several.
+// Sets in `near` a bit for each obstacle that rows [begin, end) of a stage may touch, and returns
+// whether there are any. Beyond 64 obstacles a bit stands for several.
 template <class Arch, class Real>
 bool edge_near(const EdgeArguments<Real>& e, int begin, int end) {
     using V = Lanes<Real, Arch>;
@@ -194,7 +194,7 @@ CLOTHSIM_INLINE auto kernel_of(const PenaltyArguments<Real>& p) {
     return &penalty_on_row<V, Real, Surface::curved, plain>;
 }
 
-// The obstacles on the row that is pending.
+// Adds the forces of the obstacles on the row that is pending.
 template <class Arch, class Real>
 void edge_forces(const EdgeArguments<Real>& e) {
     using V = Lanes<Real, Arch>;
@@ -203,11 +203,11 @@ void edge_forces(const EdgeArguments<Real>& e) {
         if (!(near >> (i % 64) & 1)) continue;
         const PenaltyArguments<Real>& p = e.contacts.obstacles[i];
         const EdgeRowPointers<Real>& row = e.rows[e.pending];
-        double* const block =
+        double* const record =
             e.contacts.sums + row.row * e.contacts.row + p.number * e.contacts.obstacle;
         const bool plain = !p.moves && p.friction == 0;
         const auto act = plain ? kernel_of<V, Real, true>(p) : kernel_of<V, Real, false>(p);
-        act(e, e.pending_source, row.free, p, block);
+        act(e, e.pending_source, row.free, p, record);
     }
 }
 

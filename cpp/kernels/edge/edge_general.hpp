@@ -10,7 +10,7 @@
 namespace clothsim {
 namespace {
 
-// The springs that start in a row: its own, or only what they hand down to rows below.
+// Sums the springs that start in a row: its own, or only what they hand down to rows below.
 template <class Real>
 CLOTHSIM_INLINE Legs legs_of_row(const Features& features, const EdgeSources<Real>& source,
                                  bool own) {
@@ -111,8 +111,8 @@ CLOTHSIM_INLINE void sum_row(EdgeArguments<Real>& e, const EdgeSources<Real>& so
     std::swap(e.received[0], e.received[1]);
 }
 
-// One stage of rows [begin, end), with two more behind them in `e.rows`: null past the last of the
-// cloth.
+// Takes rows [begin, end), with two more behind them in `e.rows`, through one stage: rows past the
+// last of the cloth are null.
 template <class Arch, class Real>
 void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
     using V = Lanes<Real, Arch>;
@@ -129,8 +129,8 @@ void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
     }
 }
 
-// Forces of the two rows before a band on its first two. Of the first of them springs two rows on
-// count alone: it comes without the row below.
+// Adds forces of the two rows before a band on its first two. Of the first of them only springs two
+// rows on count: it comes without the row below.
 template <class Arch, class Real>
 void edge_halo_of_any(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2,
                       const EdgeSources<Real>& before) {

@@ -108,7 +108,8 @@ struct Turns {
     }();
     static constexpr int first_of_point = order[0] == rising ? 1 : 0;
     static constexpr int finishing = std::min(all.finishing_turn, count - 1);
-    // The turn in which the last of these becomes a force; the first turn if there are none.
+    // Returns the turn in which the last of these becomes a force; the first turn if there are
+    // none.
     static constexpr int after(Legs wanted) {
         int turn = 0;
         for (int i = 0; i < legs; ++i)
@@ -117,7 +118,8 @@ struct Turns {
     }
 };
 
-// Beside structural and shear springs, for which the loop over rows is compiled in versions.
+// Features beside structural and shear springs, for which the loop over rows is compiled in
+// versions.
 struct EdgeSet {
     bool bend, damped;
 };
@@ -149,7 +151,7 @@ class RowPass {
     const int m_;
     const SpringConstants<V> constants_{};
 
-    // Passed on from vector to vector within the row.
+    // Forces that pass from vector to vector within the row.
     Vector3<V> to_next_ = none(), to_next_2_ = none();
     Vector3<V> fell_ = none(), rose_ = none();  // the diagonal forces of the vector before
     // Forces to which the row's end adds, where `fixed` keeps them in registers.
@@ -172,15 +174,15 @@ class RowPass {
         if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
         else return {load3<V>(p, W), {}};
     }
-    // How many vectors follow in the row, as far as is known.
+    // Returns how many vectors follow in the row, as far as is known.
     static constexpr int following(Place place) {
         return place == Place::inner ? 2 : place == Place::second_last ? 1 : 0;
     }
-    // The place of vector k. Behind the last vector stands the first, a lane on.
+    // Returns the place of vector k. Behind the last vector stands the first, a lane on.
     CLOTHSIM_INLINE std::ptrdiff_t place_of(int k) const {
         return k < m_ ? k * stride_ : (k - m_) * stride_ + 1;
     }
-    // The place of the vector so many behind vector k, which is at `at`.
+    // Returns the place of the vector so many behind vector k, which is at `at`.
     template <Place place, int count>
     CLOTHSIM_INLINE std::ptrdiff_t place_behind(int k, std::ptrdiff_t at) const {
         constexpr int past = count - following(place);  // the first vector is one past the last
@@ -215,7 +217,7 @@ class RowPass {
             c.springs[leg], e_.coefficients + kind * (EdgeCoefficientIndex::count * W), lanes);
     }
 
-    // Sums for the rows below that a turn completes.
+    // Adds up sums for the rows below that a turn completes.
     template <int turn, bool first>
     CLOTHSIM_INLINE void send_down(Column& c) {
         constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
@@ -235,7 +237,7 @@ class RowPass {
         if constexpr (set.bend && complete(downs)) store3(received_2_ + c.vector, W, c.f[down_2]);
     }
 
-    // Sums for the points of the row that a turn completes.
+    // Adds up sums for the points of the row that a turn completes.
     template <int turn, bool first>
     CLOTHSIM_INLINE void sum_own(Column& c) {
         constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
@@ -267,7 +269,7 @@ class RowPass {
         sum_own<turn, first>(c);
     }
 
-    // `first`: the row's first vector, which is passed nothing.
+    // `first`: the vector is the row's first, to which nothing is passed.
     template <Place place, bool first>
     CLOTHSIM_INLINE void column(int k) {
         if constexpr (!fixed)
@@ -332,7 +334,7 @@ public:
     }
 };
 
-// Rows [begin, end) in one stage, with one number of vectors; 0: that of `e`.
+// Takes rows [begin, end) through one stage, with one number of vectors; 0: that of `e`.
 template <class Arch, class Real, EdgeSet set, Stage stage, int fixed>
 __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, int end) {
     const auto source = [&](int row) -> const Real* {
@@ -371,8 +373,8 @@ CLOTHSIM_INLINE void edge_rows_in(EdgeArguments<Real>& e, int begin, int end) {
     edge_rows_of<Arch, Real, set, stage, 0>(e, begin, end);
 }
 
-// One stage of rows [begin, end), of which all have two more behind them in `e.rows`. Code that
-// knows its stage takes nine tenths of the time of code that asks.
+// Takes rows [begin, end), of which all have two more behind them in `e.rows`, through one stage.
+// Code that knows its stage takes nine tenths of the time of code that asks.
 template <class Arch, class Real, EdgeSet set>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     switch (e.stage) {

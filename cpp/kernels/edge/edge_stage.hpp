@@ -60,7 +60,7 @@ struct Spring {
     V root;  // squared length, then root_scale / length
 };
 
-// From points in registers to points in memory at `b`.
+// Stretches springs from points in registers to points in memory at `b`.
 template <bool damped, class V, class Real>
 CLOTHSIM_INLINE Spring<V> stretch(const Points<V>& a, const Real* b,
                                   const SpringConstants<V>& constants) {
@@ -89,7 +89,7 @@ CLOTHSIM_INLINE void root(Spring<V>& s, const SpringConstants<V>& constants) {
 // acceleration.
 enum class Springs { all, some, by_coefficient };
 
-// On the points at b; an acceleration where all points have one mass.
+// Returns the force on the points at b, an acceleration where all points have one mass.
 template <bool damped, Springs springs, class V, class Real>
 CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients,
                                  SomeLanes<V> lanes = {}) {
@@ -131,13 +131,13 @@ private:
     SomeLanes<V> known_[fixed ? 2 * fixed : 1];
 };
 
-// Whether a stage reads x_n and v_n in state records, or the result of the stage before in work
-// records.
+// Returns whether a stage reads x_n and v_n in state records, or the result of the stage before in
+// work records.
 constexpr bool source_is_state(Stage stage) {
     return stage == Stage::first || stage == Stage::evaluate;
 }
 
-// Elements from vector to vector of the rows that a stage reads.
+// Returns the elements from vector to vector of the rows that a stage reads.
 template <class V>
 CLOTHSIM_INLINE std::ptrdiff_t source_stride(Stage stage) {
     return (source_is_state(stage) ? StateRecord::count : WorkRecord::count) * int(V::size);
@@ -237,7 +237,7 @@ CLOTHSIM_INLINE void finish_vector(const EdgeArguments<Real>& e, const PendingRo
     finish_stage<V, Real, stage, fixed>(e, row, k,
                                         load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
 }
-// In the stage of `e`.
+// Finishes a vector in the stage of `e`.
 template <class V, class Real>
 __attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const PendingRow<Real>& row,
                                           int k) {
@@ -265,7 +265,7 @@ CLOTHSIM_INLINE const Real* row_ahead(const EdgeArguments<Real>& e, int row) {
     return e.ahead > 0 && row + e.ahead < e.row_count ? e.rows[row + e.ahead].state : nullptr;
 }
 
-// The end of the stage of the row that is pending.
+// Finishes the stage of the row that is pending.
 template <class Arch, class Real>
 void edge_finish(EdgeArguments<Real>& e) {
     using V = Lanes<Real, Arch>;

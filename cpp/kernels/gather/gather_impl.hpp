@@ -51,13 +51,14 @@ CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const Planes& planes) {
             V::load_unaligned(p + planes.five)};
 }
 
-// `all`: every point has this neighbour; otherwise those of the lanes whose bit is set in `there`.
+// Adds the force of a spring. `all`: every point has this neighbour; otherwise those of the lanes
+// whose bit is set in `there`.
 template <bool damped, bool all, class V, class Real>
 CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
                                 const Real* other, const Planes& planes,
                                 const SpringLanes<V>& spring, std::uint64_t there) {
     const Vector3<V> d = position<V>(other, planes) - x;
-    // First what the most operations wait for.
+    // What the most operations wait for comes first.
     // Coincident points: a spring without direction gives no force instead of a NaN.
     const V l = xsimd::sqrt(xsimd::max(dot(d, d), V(smallest_squared_length<Real>)));
     const V r = V(Real(1)) / l;
@@ -70,7 +71,7 @@ CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Ve
     force = {scale * d.x + force.x, scale * d.y + force.y, scale * d.z + force.z};
 }
 
-// A bit for each of `neighbours` that the points of a row may have.
+// Returns a bit for each of `neighbours` that the points of a row may have.
 CLOTHSIM_INLINE unsigned neighbours_of_row(const Features& features, int row, int rows) {
     unsigned present = 0;
     each<neighbour_count>([&](auto n) __attribute__((always_inline)) {
@@ -143,8 +144,8 @@ __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int 
     const V zero(Real(0));
     for (int i = 0; i < g.contacts.count; ++i) {
         const PenaltyArguments<Real>& p = g.contacts.obstacles[i];
-        double* const block = g.contacts.sums + row * g.contacts.row +
-            column / group_size * ContactBlock::size(group_size) + p.number * g.contacts.obstacle;
+        double* const record = g.contacts.sums + row * g.contacts.row +
+            column / group_size * ContactRecord::size(group_size) + p.number * g.contacts.obstacle;
         if (p.axis >= 0) {
             const V along = p.axis == 0 ? x.x : p.axis == 1 ? x.y : x.z;
             if (xsimd::none(V(p.side) * along < V(p.bound))) continue;
@@ -159,7 +160,7 @@ __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int 
         const Vector3<V> f = flat ? push_of<true>(at, depth, v, constants, p.friction > 0)
                                   : push_of<false>(at, depth, v, constants, p.friction > 0);
         force = force + f;
-        double* const sums = block + column % group_size;
+        double* const sums = record + column % group_size;
         alignas(64) Real values[4][W];
         f.x.store_aligned(values[0]);
         f.y.store_aligned(values[1]);
@@ -172,16 +173,16 @@ __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int 
                 sums[j * lanes + l] += impulse;
                 work += impulse * double(p.velocity[j]);
             }
-            sums[ContactBlock::work * lanes + l] += work;
-            double& deepest = sums[ContactBlock::depth * lanes + l];
+            sums[ContactRecord::work * lanes + l] += work;
+            double& deepest = sums[ContactRecord::depth * lanes + l];
             if (p.noted && double(values[3][l]) > deepest) deepest = double(values[3][l]);
         }
-        double* const tail = block + ContactBlock::tail * lanes;
-        tail[ContactBlock::touched] = 1;
-        if (!p.noted || (tail[ContactBlock::met] != 0 && tail[ContactBlock::first] <= p.time))
+        double* const tail = record + ContactRecord::tail * lanes;
+        tail[ContactRecord::touched] = 1;
+        if (!p.noted || (tail[ContactRecord::met] != 0 && tail[ContactRecord::first] <= p.time))
             continue;
-        tail[ContactBlock::first] = p.time;
-        tail[ContactBlock::met] = 1;
+        tail[ContactRecord::first] = p.time;
+        tail[ContactRecord::met] = 1;
     }
 }
 

@@ -23,7 +23,7 @@ from .device import Device
 FIRST_SPRING = 5
 FIRST_WEIGHT = FIRST_SPRING + 3 * len(_core.spring_kinds)
 CONTACT_SIZE = 28
-# What the shader notes of each member, in the order of `results` (layout.wgsl): the first mass
+# The shader notes these of each member, in the order of `results` (layout.wgsl): the first mass
 # point that is not finite or too fast, the first pinned one in an obstacle, the first through a
 # layer (counted over obstacle after obstacle), and the steps before the first contact with a layer.
 FINDINGS = ("bad", "pinned_inside", "passed", "first_contact")
@@ -141,7 +141,7 @@ class Features:
 
 @cache
 def shader_text(name: str) -> str:
-    """The text of shaders/`name`.wgsl."""
+    """Return the text of shaders/`name`.wgsl."""
     return files(__package__).joinpath("shaders", f"{name}.wgsl").read_text(encoding="utf-8")
 
 
@@ -166,7 +166,9 @@ def keep(word: str, name: str = "keep", zero: str = "constants.zero") -> str:
 
 
 def source(features: Features, precision: str, float64: bool) -> str:
-    """The whole WGSL of a step: `real` is the type of its arithmetic, `wide` that of a response."""
+    """Return the whole WGSL of a step: `real` is the type of its arithmetic, `wide` that of a
+    response.
+    """
     real, wide = "f64" if precision == "double" else "f32", "f64" if float64 else "f32"
     bits, exponent = _EXPONENT[real]
     lines = [
@@ -279,7 +281,7 @@ def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> 
     numbers = [*scene.gravity, cloth.drag * scale, min(speed_limit, float(np.finfo(dtype).max))]
     for (family, *_), rest_length in zip(_core.spring_kinds, rest_lengths(scene), strict=True):
         stiffness, damping = (
-            found.get(family, 0.0) for found in (cloth.family_stiffness, cloth.family_damping)
+            values.get(family, 0.0) for values in (cloth.family_stiffness, cloth.family_damping)
         )
         numbers += [stiffness * scale, rest_length, damping * scale]
     weights = np.where(cloth.pinned, 0.0, 1 / cloth.mass_per_point)

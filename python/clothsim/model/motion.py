@@ -33,8 +33,8 @@ from .record import Record
 
 Vectors = npt.NDArray[np.float64]
 
-# As MotionPiece in cpp/model/motion.hpp, with polynomial = (p0, ..., p5). Units: s (or parts of the
-# period), m, rad, 1.
+# The fields are those of MotionPiece in cpp/model/motion.hpp, with polynomial = (p0, ..., p5).
+# Units: s (or parts of the period), m, rad, 1.
 PIECE = np.dtype(
     [
         ("begin", "f8"),
@@ -125,7 +125,7 @@ class BaseMotion(Record):
         return self._velocity(_times(t))
 
     def _stops(self, begin: float, end: float) -> list[float]:
-        """Times between `begin` and `end` at which a piece ends."""
+        """Return the times between `begin` and `end` at which a piece ends."""
         begins, period, phase = self.pieces["begin"].tolist(), self._period, self._phase
         times = begins[1:]
         if period:
@@ -309,7 +309,7 @@ class Sinusoid(BaseMotion):
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:
-        # Half a period each: the velocity is monotone on a piece.
+        # A piece is half a period: the velocity is monotone on it.
         return _pieces(
             [0.0, 0.5], 0.5, [], amplitude=np.outer((1, -1), self.amplitude), angle=math.pi
         )
@@ -377,17 +377,17 @@ class Keyframes(BaseMotion):
         times = check.array("times", times, (count,))
         check.check_all("times", times, np.diff(times, prepend=-np.inf) > 0, "strictly increasing")
         places = {"centers": centers, "offsets": offsets}
-        given = {
+        tables = {
             name: check.array(name, value, (count, 3))
             for name, value in places.items()
             if value is not None
         }
-        if len(given) != 1:
+        if len(tables) != 1:
             raise ValueError(
                 "one of centers and offsets must be given, got "
-                f"{' and '.join(given) or 'none of them'}"
+                f"{' and '.join(tables) or 'none of them'}"
             )
-        ((name, table),) = given.items()
+        ((name, table),) = tables.items()
         if isinstance(smooth, str):
             check.choice("smooth", smooth, ("rest",))
         else:
@@ -402,11 +402,11 @@ class Keyframes(BaseMotion):
         polynomial = self.pieces["polynomial"][1:-1]
         curve = np.tensordot(u ** np.arange(6), polynomial, ([1], [1]))
         low, high = keys.min(axis=0), keys.max(axis=0)
-        beyond = np.maximum(low - curve, curve - high)
-        largest = float(beyond.max())
+        excess = np.maximum(low - curve, curve - high)
+        largest = float(excess.max())
         span = float((high - low).max())
         if largest > _OVERSHOOT * span:
-            at = np.unravel_index(beyond.argmax(), beyond.shape)
+            at = np.unravel_index(excess.argmax(), excess.shape)
             warn_caller(
                 f"the smooth curve leaves the range of its keys by {largest:.3g} m, "
                 f"{largest / span:.2g} of it, after t = {self.times[at[1]]:g} s; "
@@ -421,8 +421,8 @@ class Keyframes(BaseMotion):
         lengths, ways = np.diff(times)[:, None], np.diff(places, axis=0)
         curve = [places[:-1], ways]
         if self.smooth == "rest":
-            still = np.zeros_like(ways)
-            curve = [places[:-1], still, still, 10 * ways, -15 * ways, 6 * ways]
+            zero = np.zeros_like(ways)
+            curve = [places[:-1], zero, zero, 10 * ways, -15 * ways, 6 * ways]
         elif self.smooth:
             speeds = _spline_velocities(lengths, ways / lengths)
             begins, ends = lengths * speeds[:-1], lengths * speeds[1:]
@@ -499,7 +499,7 @@ def checked_motion(name: str, value: Any) -> Motion | None:
 
 
 def motion_from_dict(data: Mapping[str, Any]) -> Motion:
-    """The motion of `data`: its "kind", a key of `MOTIONS`, and the arguments of that class."""
+    """Return the motion of `data`: a "kind" of `MOTIONS`, and the arguments of that class."""
     if not isinstance(data, Mapping):
         raise TypeError(f"motion must be a mapping with a 'kind', got {check.shown(data)}")
     kind = check.choice("motion kind", data.get("kind", ""), MOTIONS)

@@ -16,7 +16,7 @@ Self = TypeVar("Self", bound="Record")
 
 
 def _key(value: Any) -> Any:
-    """A hashable form of a value, equal for equal values."""
+    """Return a hashable form of a value, equal for equal values."""
     if isinstance(value, np.ndarray):
         return value.shape, (value + 0.0).tobytes()  # -0.0 is 0.0
     if isinstance(value, Mapping):
@@ -65,7 +65,7 @@ class Record:
         return tuple(_key(value) for value in self._values().values())
 
     def _values(self) -> dict[str, Any]:
-        """The arguments by name."""
+        """Return the arguments by name."""
         names = self.__match_args__  # type: ignore[attr-defined]
         return {name: getattr(self, name) for name in names}
 
@@ -84,7 +84,8 @@ class Record:
             object.__setattr__(self, name, value)
 
     def replace(self: Self, **changes: Any) -> Self:
-        """A copy with the named arguments of the constructor changed; the original stays as it is.
+        """Return a copy with the named arguments of the constructor changed; the original stays as
+        it is.
 
         Parameters
         ----------
@@ -98,18 +99,18 @@ class Record:
         return type(self)(**{**self._values(), **changes})
 
     def _copy(self: Self, forget: Collection[str], **values: Any) -> Self:
-        """A copy with other values, already checked, that shares what this record has cached,
-        except `forget`.
+        """Return a copy with other values, already checked, that shares what this record has
+        cached, except `forget`.
         """
-        made = object.__new__(type(self))
-        made.__dict__.update(self.__dict__, **values)
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__, **values)
         for name in forget:
-            made.__dict__.pop(name, None)
-        return made
+            copy.__dict__.pop(name, None)
+        return copy
 
     def to_dict(self) -> dict[str, Any]:
-        """The arguments as numbers, strings, lists and dicts, as JSON and TOML can hold them; None
-        is left out.
+        """Return the arguments as numbers, strings, lists and dicts, as JSON and TOML can hold
+        them; None is left out.
 
         Examples
         --------
@@ -120,7 +121,7 @@ class Record:
 
     @classmethod
     def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
-        """The object that `data`, as from ``to_dict``, describes.
+        """Return the object that `data`, as from ``to_dict``, describes.
 
         Parameters
         ----------
@@ -138,7 +139,9 @@ class Record:
 
     @classmethod
     def _arguments(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
-        """`data` as a dict, its keys checked; `more` are keys beside the arguments."""
+        """Return `data` as a dict, its keys checked; `more` are keys beside the arguments."""
         arguments = inspect.signature(cls).parameters
-        required = [name for name, one in arguments.items() if one.default is one.empty]
+        required = [
+            name for name, argument in arguments.items() if argument.default is argument.empty
+        ]
         return check.keys(cls.__name__, data, [*more, *arguments], [*more, *required])

@@ -114,12 +114,12 @@ class Scene(Record):
         self._set(cloth=cloth, spheres=_spheres(spheres), gravity=check.vector("gravity", gravity))
         for name, value in (("position", position), ("velocity", velocity), ("force", force)):
             self._set(**{name: None if value is None else frozen(check.array(name, value, shape))})
-        if (given := self.velocity) is not None:
-            for r, c in np.argwhere(cloth.pinned & given.any(axis=-1)).tolist():
+        if (velocities := self.velocity) is not None:
+            for r, c in np.argwhere(cloth.pinned & velocities.any(axis=-1)).tolist():
                 motion = cloth.driven.get((r, c))
-                if motion is None or not np.allclose(given[r, c], motion.velocity_at(0.0)):
+                if motion is None or not np.allclose(velocities[r, c], motion.velocity_at(0.0)):
                     raise ValueError(
-                        f"velocity must be 0 at pinned points, got {given[r, c].tolist()} at "
+                        f"velocity must be 0 at pinned points, got {velocities[r, c].tolist()} at "
                         f"point {(r, c)}; "
                         "Cloth(pins={(row, column): cs.Linear(velocity)}) drives a pin"
                     )
@@ -329,7 +329,8 @@ class Scene(Record):
         if not isinstance(spheres, (list, tuple)):
             raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
         arguments["spheres"] = tuple(
-            (Plane if {"normal", "point"} & set(one) else Sphere).from_dict(one) for one in spheres
+            (Plane if {"normal", "point"} & set(values) else Sphere).from_dict(values)
+            for values in spheres
         )
         return cls(**arguments)
 
@@ -361,13 +362,14 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
 
 
 def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
-    """Times between `begin` and `end` at which motions of pins, spheres and wind turn, or pass a
-    time of their table [s].
+    """Return times between `begin` and `end` at which motions of pins, spheres and wind turn, or
+    pass a time of their table [s].
 
     Between two of them every motion is smooth: error control ends its steps there.
     """
     motions = {pins.motion for pins in scene.driven_pins}
-    motions |= {one.motion for one in (*scene.spheres, scene.wind) if one and one.motion}
+    things = (*scene.spheres, scene.wind)
+    motions |= {thing.motion for thing in things if thing and thing.motion}
     return sorted({t for motion in motions for t in motion._stops(begin, end)})
 
 

@@ -31,7 +31,7 @@ OFFSETS: tuple[Offset, ...] = get_args(Offset)
 
 
 def lengths_of_offsets(cloth: Cloth) -> dict[str, float]:
-    """The length of the cloth in eq 13 [m] by the name of an offset."""
+    """Return the length of the cloth in eq 13 [m] by the name of an offset."""
     return {"edge": max(cloth.spacing), "cell": math.hypot(*cloth.spacing)}
 
 
