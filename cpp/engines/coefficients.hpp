@@ -38,7 +38,8 @@ template <class Real>
 std::optional<double> shared_damping(const Plan& plan) {
     const Cloth& cloth = plan.cloth;
     const double root_scale = double(kernels_of<Real>(*plan.kernels).root_scale);
-    double damping = 0, stiffness = 0;
+    double damping = 0;
+    double stiffness = 0;
     for (int f = 0; f < family_count; ++f)
         if (cloth.present[f]) {
             damping = std::max(damping, cloth.spring_damping[f]);
@@ -47,9 +48,9 @@ std::optional<double> shared_damping(const Plan& plan) {
     for (int f = 0; f < family_count; ++f)
         if (cloth.present[f] && cloth.spring_damping[f] != damping) return {};
     const double shared = damping * coefficient_scale(plan) / (root_scale * root_scale);
-    const bool held =
+    const bool fits =
         stiffness * coefficient_scale(plan) <= 1e15 * shared && shared > 1e-15 && shared < 1e15;
-    return held ? std::optional(shared) : std::nullopt;
+    return fits ? std::optional(shared) : std::nullopt;
 }
 
 // `unit` is that of the accelerations that the kernel sums.

@@ -51,11 +51,11 @@ int strip_columns(const Plan& plan) {
         rows_under_way + 1 + (compensated<Real> ? 3 + rows_at_a_time : 0);
     constexpr std::ptrdiff_t of_column =
         (rows_of_state * StateRecord::count + rows_under_way * WorkRecord::count) * sizeof(Real);
-    const int enough = int(bytes_under_way() / of_column);
+    const int width = int(bytes_under_way() / of_column);
     const bool small =
         plan.cloth.points() * bytes_of_point<Real> <= heuristics::bytes_in_shared_cache;
-    const bool narrow = plan.cloth.columns <= enough + enough / 16;
-    return small || narrow || !plan.spheres.empty() ? 0 : enough;
+    const bool narrow = plan.cloth.columns <= width + width / 16;
+    return small || narrow || !plan.spheres.empty() ? 0 : width;
 }
 
 // Halo rows received from the neighbouring band, one slot per stage of a step. A slot holds the row
@@ -65,7 +65,10 @@ template <class Real>
 struct HaloSlot {
     static constexpr int slots = heuristics::halo_slots;
     AlignedVector<Real> rows;
-    int vectors = 0, lanes = 0, row_count = 0, seen = 0;
+    int vectors = 0;
+    int lanes = 0;
+    int row_count = 0;
+    int seen = 0;
 
     void prepare(const TransposedLayout& layout, const Features& features) {
         vectors = layout.vectors;
@@ -233,7 +236,7 @@ void EdgeEngine<Real>::build_coefficients() {
         for (const Neighbour& neighbour : spring_kinds)
             for (const int what : {0, 1, 2})
                 for (const int follow : reach) {
-                    const bool there = follow >= neighbour.column;
+                    const bool exists = follow >= neighbour.column;
                     const double stiffness = cloth.stiffness[neighbour.family] * scale / unit_;
                     const Real tension =
                         Real(stiffness * cloth.rest_length(neighbour) / root_scale);
@@ -243,7 +246,7 @@ void EdgeEngine<Real>::build_coefficients() {
                         ? stiffness_at_rest<Real>(plan_, neighbour, Real(stiffness), tension)
                         : what == EdgeCoefficientIndex::tension ? tension
                                                                 : Real(damping);
-                    coefficients_.push_back(there ? value : Real(0));
+                    coefficients_.push_back(exists ? value : Real(0));
                 }
         return found->second;
     };
@@ -370,7 +373,8 @@ void EdgeEngine<Real>::begin_stage(Band& band, int s) {
 // Takes rows [begin, end) through a stage.
 template <class Real>
 void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
-    const int n = band.size(), end_inner = std::min(end, n - 2);
+    const int n = band.size();
+    const int end_inner = std::min(end, n - 2);
     const std::int64_t number = band.number_of(s);
     const auto run_to = [&](int row) {
         if (begin >= row) return;
@@ -412,13 +416,15 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
         ? StageTime::of_end(band.clock.at(before + 1), dt)
         : StageTime::of_stage(band.clock.at(before), dt, s == 2 ? 1 : 0.5);
     const auto [first, last] = band.RowBand::rows(begin, end);
-    const int start = layout_.start(band.strip), own = layout_.own(band.strip),
-              own_end = layout_.own(band.strip + 1);
+    const int start = layout_.start(band.strip);
+    const int own = layout_.own(band.strip);
+    const int own_end = layout_.own(band.strip + 1);
     plan_.each_driven_pin(
         time, first * columns(), last * columns(),
         [&](int point, const Vec3& place, const Vec3& velocity) {
-            const int row = point / columns(), column = point % columns(),
-                      in_window = column - start;
+            const int row = point / columns();
+            const int column = point % columns();
+            const int in_window = column - start;
             if (s == 3) {
                 if (column >= own && column < own_end)
                     this->points_.set(memory_, point, {place - this->origin_, velocity});
@@ -437,7 +443,8 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
 template <class Real>
 void EdgeEngine<Real>::place_contacts(Band& band) {
     constexpr double part[] = {0, 0.5, 0.5, 1}, weight[] = {1. / 6, 1. / 3, 1. / 3, 1. / 6};
-    const double t = band.clock.at(band.step - step_), dt = band.clock.dt;
+    const double t = band.clock.at(band.step - step_);
+    const double dt = band.clock.dt;
     if (band.step > step_ && !this->obstacles_move()) return this->note_time(t, band.obstacles[0]);
     for (int s = 0; s < 4; ++s) {
         this->place_obstacles(StageTime::of_stage(t, dt, part[s]), force_unit(), weight[s] * dt,
@@ -459,12 +466,13 @@ void EdgeEngine<Real>::step_band(Band& band) {
         for (int row = front + 2; strips && row < std::min(front + 2 + band.several, n - 2); ++row)
             band.take_border(row);
         for (int s = 0; s < 4; ++s) {
-            const int begin = front - s * band.lag, end = std::min(begin + band.several, n);
+            const int begin = front - s * band.lag;
+            const int end = std::min(begin + band.several, n);
             if (begin < n && end > 0) run_rows(band, s, std::max(begin, 0), end);
         }
         // A row is finished with the next one, the last by itself.
-        const int made = std::min(front - 3 * band.lag + band.several, n),
-                  finished = made == n ? n : std::max(made - 1, 0);
+        const int front_row = std::min(front - 3 * band.lag + band.several, n);
+        const int finished = front_row == n ? n : std::max(front_row - 1, 0);
         for (int row = done; strips && row < finished; ++row) band.give_border(row, band.step + 1);
         done = finished;
     }
@@ -543,7 +551,8 @@ void EdgeEngine<Real>::accelerations(double t, double* a) {
         for (int r = 0; strips && r < rows(); ++r) bands(1)[std::size_t(strip)]->take_border(r);
         begin_sweep(memory_.data() + strip * layout_.strip_size(), found.data(), all, strip);
         sweep_rows(0, rows(), all);
-        const int own = layout_.own(strip), own_end = layout_.own(strip + 1);
+        const int own = layout_.own(strip);
+        const int own_end = layout_.own(strip + 1);
         std::vector<std::ptrdiff_t> places;  // of columns in a row of accelerations
         for (int c = own - layout_.start(strip); c < own_end - layout_.start(strip); ++c)
             places.push_back(c % layout_.vectors * f.acceleration_run + c / layout_.vectors);
@@ -580,10 +589,10 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldB
     band.values.resize(std::size_t(scratch_size()));
     // The band and the two rows after it, which its last rows read. The stage only reads their
     // state.
-    const auto there = [&](int i) { return band.row(i) >= 0 && band.row(i) < rows(); };
+    const auto exists = [&](int i) { return band.row(i) >= 0 && band.row(i) < rows(); };
     const int n = band.size();
     band.pointers.assign(std::size_t(n + 2), {});
-    for (int i = 0; i < n + 2 && there(i); ++i)
+    for (int i = 0; i < n + 2 && exists(i); ++i)
         band.pointers[std::size_t(i)] = row_pointers(
             const_cast<Real*>(state) + band.row(i) * layout_.row_size(),
             acceleration + band.row(i) * layout_.vectors * 3 * layout_.lanes, band.row(i), strip);
@@ -599,7 +608,7 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldB
     }
 
     const auto source = [&](int i) { return state + band.row(i) * layout_.row_size(); };
-    if (!there(-1)) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
+    if (!exists(-1)) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
     else
         kernels().edge_halo(e, {source(-2), nullptr, source(0)},
                             {source(-1), source(0), source(1)});
@@ -607,8 +616,9 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldB
 
 template <class Real>
 int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldBand<Real>& band) {
-    const int n = band.size(), whole = band.pointers[std::size_t(n)].state ? n : n - 2,
-              inner = std::clamp(whole, begin, end);
+    const int n = band.size();
+    const int whole = band.pointers[std::size_t(n)].state ? n : n - 2;
+    const int inner = std::clamp(whole, begin, end);
     sum_rows(edge_rows_, band.edge, begin, inner);
     sum_rows(kernels().edge_of_any, band.edge, inner, end);
     if (end < n) return end - 1;  // the kernel finishes a row with the next one

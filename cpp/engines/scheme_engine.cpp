@@ -87,26 +87,26 @@ public:
             }
             return;
         }
-        bool known_after = false;
+        bool has_next_start = false;
         if (explicit_) plan_stages(clock.dt, this->memory_);
         in_bands(threads, [&](FieldBand<Real>& band, Barrier& barrier) {
-            bool known = this->state_known_;
+            bool has_start = this->state_known_;
             for (std::int64_t k = 1; k <= steps; ++k) {
                 const double t = clock.at(k - 1);
                 if (explicit_) {
                     advance_explicit(band, barrier, t, clock.at(k));
                     continue;
                 }
-                advance_splitting(band, barrier, t, clock.dt, known);
+                advance_splitting(band, barrier, t, clock.dt, has_start);
                 this->place_pins(StageTime::of_end(clock.at(k), clock.dt), band.begin, band.end,
                                  this->memory_);
-                known = method_.splitting->first_same_as_last() &&
+                has_start = method_.splitting->first_same_as_last() &&
                     !this->kink_at(t, clock.at(k), clock.dt);
                 barrier.wait();
             }
-            if (band.begin == 0) known_after = known;
+            if (band.begin == 0) has_next_start = has_start;
         });
-        this->state_known_ = known_after;
+        this->state_known_ = has_next_start;
     }
 
     AdaptiveEngine* adaptive() override {
@@ -172,26 +172,26 @@ public:
         this->state_known_ = knows_end() && !kink;
     }
 
-    double contact_step(double t, double h, double near, bool tried) override {
+    double contact_step(double t, double h, double near, bool after_trial) override {
         double allowed = h;
-        if (method_.stabilised && !tried) {
+        if (method_.stabilised && !after_trial) {
             const ModeBounds modes = modes_with_forces();
             allowed = std::min(allowed, longest_chebyshev_step(modes.stiffness, modes.damping));
         }
         for (const Sphere& sphere : this->plan_.spheres) {
             if (sphere.penalty()) continue;
             // The sphere's own speed depends on the step.
-            for (double before = 2 * h; allowed < 0.9 * before;) {
-                before = allowed;
-                allowed = contact_step(sphere, t, before, near, tried);
+            for (double previous = 2 * h; allowed < 0.9 * previous;) {
+                previous = allowed;
+                allowed = contact_step(sphere, t, previous, near, after_trial);
             }
         }
-        allowed = tried && h > near ? std::max(allowed, near) : allowed;
+        allowed = after_trial && h > near ? std::max(allowed, near) : allowed;
         for (const Sphere& sphere : this->plan_.spheres)
             if (sphere.penalty())
-                for (double before = 2 * allowed; allowed < 0.9 * before;) {
-                    before = allowed;
-                    allowed = penalty_step(sphere, t, before, tried);
+                for (double previous = 2 * allowed; allowed < 0.9 * previous;) {
+                    previous = allowed;
+                    allowed = penalty_step(sphere, t, previous, after_trial);
                 }
         return allowed;
     }
@@ -246,7 +246,7 @@ private:
         return {travel, most.norm()};
     }
     // Advances conservatively: a point closes on the surface by its gap and half the layer at most.
-    double penalty_step(const Sphere& sphere, double t, double h, bool tried) {
+    double penalty_step(const Sphere& sphere, double t, double h, bool after_trial) {
         const Travel travel = travel_of(sphere, t, h);
         const PenaltyContact contact(sphere, StageTime::of_stage(t, h, 0));
         const auto speed_of = [&](const Vec3& velocity) {
@@ -257,7 +257,7 @@ private:
         double allowed = h;
         this->each_free([&](int, std::ptrdiff_t at) {
             double speed = speed_of(this->vector_at(this->memory_, at + to_velocity));
-            if (tried)
+            if (after_trial)
                 speed = std::max(speed, speed_of(this->vector_at(result_, at + to_velocity)));
             speed += travel.deviation;
             if (speed * allowed <= sphere.thickness / 2) return;
@@ -267,13 +267,13 @@ private:
         });
         return allowed;
     }
-    double contact_step(const Sphere& sphere, double t, double h, double near, bool tried) {
+    double contact_step(const Sphere& sphere, double t, double h, double near, bool after_trial) {
         const Surface surface = sphere.surface_at(t);
         const Travel moved = travel_of(sphere, t, h);
         const Vec3& travel = moved.velocity;
         const Cloth& cloth = this->plan_.cloth;
-        const double sphere_speed = moved.deviation,
-                     least_gap = contact_fraction *
+        const double sphere_speed = moved.deviation;
+        const double least_gap = contact_fraction *
             std::min(sphere.contact_radius(),
                      std::hypot((cloth.rows - 1) * cloth.row_spacing,
                                 (cloth.columns - 1) * cloth.column_spacing));
@@ -282,7 +282,7 @@ private:
             if (this->plan_.cloth.pinned[std::size_t(i)]) continue;
             const PointState point = this->points_.get(this->memory_, i);
             double speed = (point.velocity - travel).norm();
-            if (tried) speed = std::max(speed, (vector_in(result_, i, 3) - travel).norm());
+            if (after_trial) speed = std::max(speed, (vector_in(result_, i, 3) - travel).norm());
             speed += sphere_speed;
             const double level = surface.level(point.position - surface.place);
             const double gap = std::max(surface.height(level) - sphere.offset, 0.0);
@@ -327,11 +327,12 @@ private:
         begin_contacts(band, index, time);
         let_forces_act(band, barrier, state, index, time);
         this->begin_sweep(state.data(), acceleration(index), band);
-        for (int begin = 0, made = 0; begin < band.size(); begin += rows_at_once_) {
-            const int known =
+        int first = 0;
+        for (int begin = 0; begin < band.size(); begin += rows_at_once_) {
+            const int end =
                 this->sweep_rows(begin, std::min(begin + rows_at_once_, band.size()), band);
-            then(band.row(made), band.row(known));
-            made = known;
+            then(band.row(first), band.row(end));
+            first = end;
         }
         if (band.begin == 0) ++this->evaluations;
         barrier.wait();
@@ -344,7 +345,8 @@ private:
     // step's.
     void begin_contacts(FieldBand<Real>& band, int index, const StageTime& time) {
         if (!this->has_penalty()) return;
-        const bool first = index == 0, end = index == stages();
+        const bool first = index == 0;
+        const bool end = index == stages();
         const double weight = first || end ? 1 : weight_of(index);
         ContactTally& sums = first ? first_contacts_ : end ? end_contacts_ : step_contacts_;
         if (first || end) sums.clear_rows(band.begin, band.end);
@@ -366,7 +368,7 @@ private:
     // [s].
     double weight_of(int stage) const {
         const auto& weights = explicit_ ? explicit_->result.v : chebyshev_->weights;
-        return weights[std::size_t(stage)] * planned_;
+        return weights[std::size_t(stage)] * planned_step_;
     }
     void begin_sums_of_step(const FieldBand<Real>& band) {
         if (this->has_penalty()) step_contacts_.clear_rows(band.begin, band.end);
@@ -409,19 +411,20 @@ private:
     // Plans the sums of a step of h from `from`, for `run_stages`.
     void plan_stages(double h, const AlignedVector<Real>& from) {
         from_ = from.data();
-        planned_ = h;
+        planned_step_ = h;
         stage_sums_.clear();
         for (int s = 1; s < explicit_->stages; ++s)
             stage_sums_.push_back(combination(explicit_->stage[std::size_t(s)], h));
         result_sum_ = combination(explicit_->result, h);
     }
-    // Runs the sweeps of a planned step from time t. `known`: the acceleration at its start is
+    // Runs the sweeps of a planned step from time t. `has_start`: the acceleration at its start is
     // known. `finish(begin, end)` is called for rows after the last sweep.
     template <class Finish>
-    void run_stages(FieldBand<Real>& band, Barrier& barrier, double t, bool known, Finish finish) {
+    void run_stages(FieldBand<Real>& band, Barrier& barrier, double t, bool has_start,
+                    Finish finish) {
         const auto time = [&](int s) {
             const double part = s == 0 ? 0 : explicit_->stage[std::size_t(s)].drift;
-            return StageTime::of_stage(t, planned_, part);
+            return StageTime::of_stage(t, planned_step_, part);
         };
         begin_sums_of_step(band);
         if (explicit_->stages == 1) {  // the result takes the place of the state
@@ -435,10 +438,10 @@ private:
                 this->kernels().advance(stage_field_, begin, end, from_, stage.data(),
                                         stage_sums_[std::size_t(s)]);
                 const double part = explicit_->stage[std::size_t(s + 1)].drift;
-                this->place_pins(StageTime::of_stage(t, planned_, part), begin, end, stage);
+                this->place_pins(StageTime::of_stage(t, planned_step_, part), begin, end, stage);
             };
         };
-        if (known) {
+        if (has_start) {
             next_stage(0)(band.begin, band.end);
             barrier.wait();
         } else {
@@ -465,7 +468,7 @@ private:
         }
     }
     double try_stages(double t, double h, const Tolerance& tolerance, int threads) {
-        planned_ = h;
+        planned_step_ = h;
         const int stages = chebyshev_->stages;
         const auto time = [&](int j) {
             return StageTime::of_stage(t, h, chebyshev_->stage[std::size_t(j)].part);
@@ -509,17 +512,17 @@ private:
     const AlignedVector<Real>& increment_of_step() const {
         return increments_[chebyshev_->stages & 1];
     }
-    ChebyshevSum<Real> sum_of(double last, double before, double slope, double first_slope,
+    ChebyshevSum<Real> sum_of(double last, double previous, double slope, double first_slope,
                               int a_last) {
         return {Real(last),
-                Real(before),
-                Real(slope * planned_),
-                Real(first_slope * planned_),
+                Real(previous),
+                Real(slope * planned_step_),
+                Real(first_slope * planned_step_),
                 acceleration(a_last),
                 acceleration(0)};
     }
     ChebyshevSum<Real> stage_sum(int j) {
-        const ChebyshevMethod::Stage& stage = chebyshev_->stage[std::size_t(j)];
+        const ChebyshevMethod::StageWeights& stage = chebyshev_->stage[std::size_t(j)];
         return sum_of(stage.mu, stage.nu, stage.slope, stage.first_slope, j - 1);
     }
     ChebyshevSum<Real> error_sum(const Tolerance& tolerance) {
@@ -534,7 +537,7 @@ private:
     // it.
     ChebyshevSum<Real> hermite_sum(double part) {
         const double left = 1 - part;
-        planned_ = step_;
+        planned_step_ = step_;
         return sum_of(part * part * (3 - 2 * part), 0, -part * part * left, part * left * left,
                       stages());
     }
@@ -551,7 +554,8 @@ private:
         ModeBounds modes = modes_with_forces();
         if (this->has_penalty()) {
             const std::vector<Depth> depths = this->depths_in(state, t);
-            double stiffness = 0, damping = 0;
+            double stiffness = 0;
+            double damping = 0;
             for (std::size_t k = 0; k < depths.size(); ++k) {
                 if (!(depths[k].depth > 0)) continue;
                 const Sphere& obstacle = this->plan_.spheres[k];
@@ -572,13 +576,13 @@ private:
         run_stages(band, barrier, t0, false, [&](int begin, int end) {
             this->kernels().advance(field_, begin, end, this->memory_.data(), this->memory_.data(),
                                     result_sum_);
-            this->place_pins(StageTime::of_end(t, planned_), begin, end, this->memory_);
+            this->place_pins(StageTime::of_end(t, planned_step_), begin, end, this->memory_);
         });
         add_sums_of_step(band.begin, band.end);
     }
-    // `known`: the acceleration at the start is known.
+    // `has_start`: the acceleration at the start is known.
     void advance_splitting(FieldBand<Real>& band, Barrier& barrier, double t, double h,
-                           bool known) {
+                           bool has_start) {
         const Splitting& s = *method_.splitting;
         double part = s.drifts[0];  // of the step: time passes in drifts
         if (part != 0) {
@@ -588,7 +592,7 @@ private:
         }
         for (std::size_t i = 0; i < s.kicks.size(); ++i) {
             if (i > 0) barrier.wait();
-            if (i > 0 || !known) sweep(band, barrier, StageTime::of_stage(t, h, part));
+            if (i > 0 || !has_start) sweep(band, barrier, StageTime::of_stage(t, h, part));
             if (this->has_penalty())
                 this->contacts.add_rows(first_contacts_, s.kicks[i] * h, true, band.begin,
                                         band.end);
@@ -604,9 +608,11 @@ private:
         this->place_pins(StageTime::of_stage(t, h, part), band.begin, band.end, this->memory_);
     }
     void advance_implicit(double t, double h) {
-        Points x(this->plan_.cloth.points(), 3), v(this->plan_.cloth.points(), 3);
+        Points x(this->plan_.cloth.points(), 3);
+        Points v(this->plan_.cloth.points(), 3);
         this->store(x.data(), v.data());
-        const Points x0 = x, v0 = v;
+        const Points x0 = x;
+        const Points v0 = v;
         this->evaluations += implicit_->step(x, v, t, h, this->force_failure);
         auto work = this->work_rows.begin();
         for (std::size_t k = 0; k < this->plan_.forces.size(); ++k) {
@@ -625,8 +631,8 @@ private:
         for (std::size_t s = 0; s < this->plan_.spheres.size(); ++s) {
             const Sphere& sphere = this->plan_.spheres[s];
             if (!sphere.penalty()) continue;
-            const PenaltyContact begin(sphere, StageTime::of_stage(t, h, 0)),
-                middle(sphere, StageTime::of_stage(t, h, 0.5));
+            const PenaltyContact begin(sphere, StageTime::of_stage(t, h, 0));
+            const PenaltyContact middle(sphere, StageTime::of_stage(t, h, 0.5));
             for (int i = 0; i < x0.rows(); ++i) {
                 if (this->plan_.cloth.pinned[std::size_t(i)]) continue;
                 double* const record = this->contacts.record(s, i / this->columns());
@@ -674,7 +680,7 @@ private:
 
     AlignedVector<Real> result_, previous_;  // of the step tried, and before the step accepted
     std::vector<std::vector<RowSquares>> row_squares_;
-    double planned_ = 0;  // step of the sums [s]
+    double planned_step_ = 0;  // step of the sums [s]
     double step_ = 0, step_begin_ = 0;  // of the step tried [s]
 };
 

@@ -215,14 +215,14 @@ protected:
         for (Acting& acting : acting_) part(acting.on_points).setZero();
         barrier.wait();
         const ForceState all{time, acting_x_.data(), acting_v_.data()};
-        bool whole = false;
+        bool has_whole = false;
         for (Acting& acting : acting_) {
-            whole |= acting.force->whole();
+            has_whole |= acting.force->whole();
             if (!acting.force->whole())
                 acting.force->act(plan_.cloth, all, begin, end, acting.on_points.data());
             else if (begin == 0) act_at_once(acting, all);
         }
-        if (whole) barrier.wait();
+        if (has_whole) barrier.wait();
         apply_forces(begin, end);
         measure_powers(begin, end);
     }
@@ -269,13 +269,13 @@ protected:
         }
     }
     // Places the obstacles at a time. `unit` is what a force of 1 N is in the sums of the kernel,
-    // `factor` that of forces in the impulse [s]; `noted`: the state is that of a step.
-    void place_obstacles(const StageTime& time, double unit, double factor, bool noted,
+    // `factor` that of forces in the impulse [s]; `between_steps`: the state is that of a step.
+    void place_obstacles(const StageTime& time, double unit, double factor, bool between_steps,
                          std::vector<PenaltyArguments<Real>>& obstacles) const {
         obstacles.resize(penalty_.size());
         for (std::size_t i = 0; i < penalty_.size(); ++i)
             obstacles[i] = penalty_arguments(plan_.spheres[penalty_[i]], penalty_[i], time, unit,
-                                             factor, noted);
+                                             factor, between_steps);
     }
     static PenaltyRows<Real> penalty_rows(const std::vector<PenaltyArguments<Real>>& obstacles,
                                           ContactTally& sums) {
@@ -295,7 +295,8 @@ protected:
     // Returns whether accelerations jump where a step from t0 to t1 of length h ends: the velocity
     // of a pin, an obstacle or the air does.
     bool kink_at(double t0, double t1, double h) const {
-        const StageTime before = StageTime::of_stage(t0, h, 1), after = StageTime::of_end(t1, h);
+        const StageTime before = StageTime::of_stage(t0, h, 1);
+        const StageTime after = StageTime::of_end(t1, h);
         const auto jumps = [&](const Motion& motion) {
             return motion.at(t1, before.inside).velocity != motion.at(t1, after.inside).velocity;
         };
@@ -409,7 +410,7 @@ private:
     }
     PenaltyArguments<Real> penalty_arguments(const Sphere& sphere, std::size_t number,
                                              const StageTime& time, double unit, double factor,
-                                             bool noted) const {
+                                             bool between_steps) const {
         const Surface surface = sphere.surface_at(time);
         const Vec3 velocity = sphere.velocity_at(time);
         PenaltyArguments<Real> p{};
@@ -447,7 +448,7 @@ private:
         p.number = int(number);
         p.weight = factor / unit;
         p.time = time.t;
-        p.noted = noted;
+        p.between_steps = between_steps;
         p.moves = !sphere.motion.pieces.empty();
         return p;
     }
@@ -566,7 +567,8 @@ private:
     // the sign of a zero.
     template <class In>
     void put_row(const In* from, int r, int first, const Vec3& origin) {
-        const std::ptrdiff_t size = layout_.component(), low = layout_.compensation();
+        const std::ptrdiff_t size = layout_.component();
+        const std::ptrdiff_t low = layout_.compensation();
         Real* const row = memory_.data() + layout_.at(r, 0, first);
         for (int c = 0; c < columns(); ++c, from += 3) {
             Real* const to = row + layout_.in_row(c);
@@ -583,7 +585,8 @@ private:
     }
     template <class Out>
     void take_row(int r, int first, const Vec3& origin, Out* to) const {
-        const std::ptrdiff_t size = layout_.component(), low = layout_.compensation();
+        const std::ptrdiff_t size = layout_.component();
+        const std::ptrdiff_t low = layout_.compensation();
         const Real* const row = memory_.data() + layout_.at(r, 0, first);
         const Vec3 back = Vec3::Zero() - origin;
         for (int c = 0; c < columns(); ++c, to += 3) {
@@ -606,11 +609,13 @@ private:
         const auto point = [&](std::ptrdiff_t i) {
             return Vec3(double(x[3 * i]), double(x[3 * i + 1]), double(x[3 * i + 2]));
         };
-        const Vec3 first = point(0), last = point(plan_.cloth.points() - 1);
+        const Vec3 first = point(0);
+        const Vec3 last = point(plan_.cloth.points() - 1);
         if (heuristics::extents_that_are_far * (last - first).norm() >= 2 * first.norm())
             return Vec3::Zero();
         // What is no number does not count.
-        Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
+        Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity());
+        Vec3 high = -low;
         for (int i = 0; i < plan_.cloth.points(); ++i)
             for (int k = 0; k < 3; ++k) {
                 const double value = double(x[3 * std::ptrdiff_t(i) + k]);

@@ -38,8 +38,9 @@ public:
             if (record[tail() + ContactRecord::touched] != 0) std::fill_n(record, size(), 0.0);
         });
     }
-    // Add the sums of other records in some rows, `weight` times. `noted`: their extremes count.
-    void add_rows(const ContactTally& other, double weight, bool noted, int begin, int end) {
+    // Add the sums of other records in some rows, `weight` times. `with_extremes`: their extremes count.
+    void add_rows(const ContactTally& other, double weight, bool with_extremes, int begin,
+                  int end) {
         each_record(begin, end, [&](double* record) {
             const double* const from = other.values_.data() + (record - values_.data());
             const double* const from_tail = from + tail();
@@ -47,7 +48,7 @@ public:
             for (int i = 0; i < ContactRecord::depth * lanes_; ++i) record[i] += weight * from[i];
             double* const to_tail = record + tail();
             to_tail[ContactRecord::touched] = 1;
-            if (!noted) return;
+            if (!with_extremes) return;
             for (int i = ContactRecord::depth * lanes_; i < tail(); ++i)
                 record[i] = std::max(record[i], from[i]);
             if (from_tail[ContactRecord::met] != 0)
@@ -140,7 +141,9 @@ private:
                 visit(values_.data() + at + b);
     }
 
-    int rows_ = 0, groups_ = 0, lanes_ = 0;
+    int rows_ = 0;
+    int groups_ = 0;
+    int lanes_ = 0;
     AlignedVector<double> values_;
 };
 

@@ -33,8 +33,8 @@ namespace clothsim {
 inline Vec3 normal_towards(const Sphere& sphere, const Vec3& place, double t) {
     const Vec3 away = place - sphere.center_at(t);
     const double distance = away.norm();
-    const bool known = !sphere.flat() && std::isfinite(distance) && distance > 0;
-    return known ? Vec3(away / distance) : sphere.normal;
+    const bool has_direction = !sphere.flat() && std::isfinite(distance) && distance > 0;
+    return has_direction ? Vec3(away / distance) : sphere.normal;
 }
 
 // The law in scalar double, for energies, bounds and derivatives.
@@ -77,7 +77,8 @@ struct PenaltyContact {
         const Gap gap = at(x);
         if (!(gap.depth > 0)) return Vec3::Zero();
         const Vec3 u = v - velocity;
-        const double closing = u.dot(gap.normal), w = obstacle.dissipation * closing;
+        const double closing = u.dot(gap.normal);
+        const double w = obstacle.dissipation * closing;
         const Vec3 slip = u - closing * gap.normal;
         const double push = elastic(gap.depth) * (1 - w / std::sqrt(1 + w * w));
         const double speed =
@@ -95,9 +96,12 @@ struct PenaltyContact {
         Derivatives d{Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero()};
         if (!(gap.depth > 0)) return d;
         const Vec3 &n = gap.normal, u = v - velocity;
-        const double closing = u.dot(n), w = obstacle.dissipation * closing;
-        const double root = std::sqrt(1 + w * w), damped = 1 - w / root;
-        const double elastic_push = elastic(gap.depth), push = elastic_push * damped;
+        const double closing = u.dot(n);
+        const double w = obstacle.dissipation * closing;
+        const double root = std::sqrt(1 + w * w);
+        const double damped = 1 - w / root;
+        const double elastic_push = elastic(gap.depth);
+        const double push = elastic_push * damped;
         const Eigen::Matrix3d along = n * n.transpose();
         const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - along;
         const double slope = obstacle.dissipation * elastic_push / (root * root * root);

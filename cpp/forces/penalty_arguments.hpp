@@ -24,13 +24,14 @@ struct PenaltyArguments {
     // scale times N.
     Real scale, scaled_reach, scaled_radius;
     bool direct;
-    // No point is in contact whose coordinate x[axis] has side * x[axis] >= bound; axis -1: unknown.
+    // No point is in contact whose coordinate x[axis] has side * x[axis] >= bound; axis -1:
+    // unknown.
     int axis;
     Real side, bound;
     int number;  // of the obstacle in the scene
     double weight;  // of the force in the impulse [N s]
     double time;  // of the state that is evaluated [s]
-    bool noted;  // that state is one between steps: its depths and its time count
+    bool between_steps;  // that state is one between steps: its depths and its time count
     bool moves;  // the obstacle does
 };
 

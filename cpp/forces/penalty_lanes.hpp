@@ -68,7 +68,8 @@ CLOTHSIM_INLINE Vector3<V> penalty_force(const PenaltyPlace<V>& at, V depth, con
     using Real = typename V::value_type;
     constexpr Arithmetic strict = Arithmetic::strict;
     Vector3<V> across = at.across;
-    V square = at.square, reciprocal = at.reciprocal;
+    V square = at.square;
+    V reciprocal = at.reciprocal;
     if constexpr (!flat) {  // in the centre the normal is that of the surface point
         const auto centre = square <= V(smallest_squared_length<Real>);
         const V one(Real(1));

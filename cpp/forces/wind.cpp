@@ -55,7 +55,8 @@ inline __attribute__((always_inline)) void press(const double (&a)[6], const dou
     for (int k = 0; k < 3; ++k)
         u[k] = air.velocity[k] - (a[3 + k] + b[3 + k] + c[3 + k]) * (1.0 / 3);
     const double n2 = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
-    const double q = u[0] * n[0] + u[1] * n[1] + u[2] * n[2], q2 = q * q;
+    const double q = u[0] * n[0] + u[1] * n[1] + u[2] * n[2];
+    const double q2 = q * q;
     const double u2 = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
     const double across = (u2 + slow * slow) * n2 - q2;
     const double pressure = air.normal * std::sqrt(q2 + slow * slow * n2);
@@ -126,7 +127,8 @@ public:
             const std::ptrdiff_t point = 3 * std::ptrdiff_t(row) * columns;
             take_apart(state.x + point, state.v + point, columns, stride, to);
         };
-        const int above = std::max(begin - 1, 0), below = std::min(end, cloth.rows - 1);
+        const int above = std::max(begin - 1, 0);
+        const int below = std::min(end, cloth.rows - 1);
         load(above, upper);
         for (int row = above; row < below; ++row) {
             load(row + 1, lower);
@@ -161,10 +163,12 @@ public:
             const Vec3 mean =
                 (point(state.v, a) + point(state.v, b) + point(state.v, c)) * (1.0 / 3);
             if (N.norm() == 0) return;
-            const Vec3 u = Vec3(air.velocity) - mean, n = N.normalized();
+            const Vec3 u = Vec3(air.velocity) - mean;
+            const Vec3 n = N.normalized();
             const double un = u.dot(n);
             const Vec3 ut = u - un * n;
-            const double pressed = std::hypot(un, slow), sheared = std::hypot(ut.norm(), slow);
+            const double pressed = std::hypot(un, slow);
+            const double sheared = std::hypot(ut.norm(), slow);
             const Eigen::Matrix3d along = n * n.transpose();
             const Eigen::Matrix3d derivative = N.norm() / 9 *
                 (air.normal * (pressed + un * un / pressed) * along +
@@ -185,8 +189,8 @@ public:
 private:
     Air at(const StageTime& time) const {
         Air air{};
-        const Vec3 moved = motion.at(time.t, time.inside).velocity;
-        for (int k = 0; k < 3; ++k) air.velocity[k] = values[std::size_t(k)] + moved[k];
+        const Vec3 gust = motion.at(time.t, time.inside).velocity;
+        for (int k = 0; k < 3; ++k) air.velocity[k] = values[std::size_t(k)] + gust[k];
         air.normal = values[3] / 4 * values[4];
         air.tangential = values[3] / 4 * values[5];
         return air;

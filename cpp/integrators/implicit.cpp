@@ -92,11 +92,11 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) -> Vector {
     for (int i = 0; i < cloth_.points(); ++i) {
         const int k = unknown_[std::size_t(i)];
         if (k < 0) continue;
-        const Vec3 here = u.segment<3>(3 * k);
+        const Vec3 velocity = u.segment<3>(3 * k);
         const double m = cloth_.mass[std::size_t(i)];
         Vec3 force = m * scene_.field_at(i);
         for (const Points& of_points : forces_) force += of_points.row(i).transpose();
-        r.segment<3>(3 * k) = m * (here - v_.row(i).transpose()) - h / 2 * force;
+        r.segment<3>(3 * k) = m * (velocity - v_.row(i).transpose()) - h / 2 * force;
     }
     cloth_.each_spring([&](int from, int to, const Neighbour& kind) {
         const Vec3 w = place(u, to) - place(u, from);
@@ -106,7 +106,8 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) -> Vector {
         const Vec3 n = d / l;
         const double tension = cloth_.stiffness[kind.family] * (l - cloth_.rest_length(kind));
         const Vec3 force = h / 2 * (tension + cloth_.spring_damping[kind.family] * w.dot(n)) * n;
-        const int i = unknown_[std::size_t(from)], j = unknown_[std::size_t(to)];
+        const int i = unknown_[std::size_t(from)];
+        const int j = unknown_[std::size_t(to)];
         if (i >= 0) r.segment<3>(3 * i) -= force;
         if (j >= 0) r.segment<3>(3 * j) += force;
     });
@@ -123,7 +124,8 @@ void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
     for (const auto& force : scene_.forces)
         force->each_damping(
             cloth_, state, [&](int from, int to, const Eigen::Matrix3d& derivative) {
-                const int i = unknown_[std::size_t(from)], j = unknown_[std::size_t(to)];
+                const int i = unknown_[std::size_t(from)];
+                const int j = unknown_[std::size_t(to)];
                 if (i < j || j < 0) return;
                 for (int a = 0; a < 3; ++a)
                     for (int b = 0; b < (i == j ? a + 1 : 3); ++b)
@@ -144,7 +146,8 @@ void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
                 (h / 2 * cloth_.spring_damping[kind.family] + h * h / 4 * stiffness) * along +
                 h * h / 4 * stiffness * across * (Eigen::Matrix3d::Identity() - along);
         }
-        const int i = unknown_[std::size_t(from)], j = unknown_[std::size_t(to)];
+        const int i = unknown_[std::size_t(from)];
+        const int j = unknown_[std::size_t(to)];
         for (int a = 0; a < 3; ++a)
             for (int b = 0; b < 3; ++b) {
                 if (i >= 0 && a >= b) entries_.emplace_back(3 * i + a, 3 * i + b, derivative(a, b));
@@ -214,7 +217,8 @@ int ImplicitMidpoint::solve(Points& x, Points& v, double t, double h) {
     for (int iteration = 0; iteration < most_iterations && norm > 0; ++iteration) {
         if (!factorise(h, u)) break;
         const Vector change = solver_.solve(r);
-        double part = 1, best = norm;
+        double part = 1;
+        double best = norm;
         Vector next, next_r;
         for (int halving = 0; halving <= most_halvings; ++halving, part /= 2) {
             next = u - part * change;

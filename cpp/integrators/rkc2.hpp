@@ -17,7 +17,7 @@
 namespace clothsim {
 
 struct ChebyshevMethod {
-    struct Stage {
+    struct StageWeights {
         double mu = 0, nu = 0;  // of the increments of the last stage and of the one before
         double slope = 0,
                first_slope = 0;  // mu~ and gamma~: times h f of the last stage, of the start
@@ -26,7 +26,7 @@ struct ChebyshevMethod {
     explicit ChebyshevMethod(int stages);
 
     int stages;  // s, at least 2
-    std::vector<Stage> stage;  // [j] of stage j, from 1 on; [stages] is the result
+    std::vector<StageWeights> stage;  // [j] of stage j, from 1 on; [stages] is the result
     // Weights of the accelerations at stages j = 0 to s - 1 in the velocity at the end, times h.
     std::vector<double> weights;
 

@@ -32,8 +32,8 @@ CLOTHSIM_INLINE void store(Real* to, const Four& values) {
     using There = typename FourOf<Real>::type;
     *reinterpret_cast<There*>(to) = __builtin_convertvector(values, There);
 }
-CLOTHSIM_INLINE void store_point(double* to, const Four& point, bool alone) {
-    if (!alone) return store(to, point);
+CLOTHSIM_INLINE void store_point(double* to, const Four& point, bool last) {
+    if (!last) return store(to, point);
     to[0] = point[0];
     to[1] = point[1];
     to[2] = point[2];
@@ -64,7 +64,8 @@ CLOTHSIM_INLINE void put_points(const Real* from, std::ptrdiff_t component, cons
 template <class Real>
 void read_points(const Real* row, const RowShape& shape, const double* origin, double* x,
                  double* v) {
-    const std::ptrdiff_t component = shape.component, lane = 3 * std::ptrdiff_t(shape.vectors);
+    const std::ptrdiff_t component = shape.component;
+    const std::ptrdiff_t lane = 3 * std::ptrdiff_t(shape.vectors);
     for (int l = 0; l < shape.lanes; l += group)
         for (int k = 0; k < shape.vectors; ++k) {
             const Real* from = row + k * shape.vector + l;
@@ -88,7 +89,8 @@ void read_points(const Real* row, const RowShape& shape, const double* origin, d
 template <class Real>
 void write_points(const double* values, const double* scale, const double* plus,
                   const RowShape& shape, Real* row) {
-    const std::ptrdiff_t component = shape.component, lane = 3 * std::ptrdiff_t(shape.vectors);
+    const std::ptrdiff_t component = shape.component;
+    const std::ptrdiff_t lane = 3 * std::ptrdiff_t(shape.vectors);
     for (int l = 0; l < shape.lanes; l += group)
         for (int k = 0; k < shape.vectors; ++k) {
             Real* to = row + k * shape.vector + l;

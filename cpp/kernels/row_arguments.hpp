@@ -74,15 +74,18 @@ struct Combination {
 //     last d_last + before d_before + slope (v + dv_last, a_last) + first_slope (v, a_first)
 template <class Real>
 struct ChebyshevSum {
-    Real last = 0, before = 0;
+    Real last = 0;
+    Real before = 0;
     Real slope = 0, first_slope = 0;  // s
     const Real *a_last = nullptr, *a_first = nullptr;
-    Real scale_x = 1, scale_v = 1;
+    Real scale_x = 1;
+    Real scale_v = 1;
 };
 
 // Sums of squares of dx and of dv over a row.
 struct RowSquares {
-    double x = 0, v = 0;
+    double x = 0;
+    double v = 0;
 };
 
 // How a row lies in an engine's layout: column l `vectors` + k is lane l of vector k.

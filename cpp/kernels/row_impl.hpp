@@ -34,7 +34,8 @@ std::uint64_t points_below(const Real* points, std::ptrdiff_t component,
 template <class Arch, class Real>
 Extent<Real> component_extent(const ComponentRows<Real>& points) {
     using V = Lanes<Real, Arch>;
-    V low(std::numeric_limits<Real>::max()), high(std::numeric_limits<Real>::lowest());
+    V low(std::numeric_limits<Real>::max());
+    V high(std::numeric_limits<Real>::lowest());
     each_vector<V>(points, [&](const V& x) __attribute__((always_inline)) {
         low = xsimd::select(x < low, x, low);
         high = xsimd::select(x > high, x, high);
@@ -83,7 +84,8 @@ CLOTHSIM_INLINE auto combination(const FieldLayout& f, const Real* from,
                        dv[i] = V(Real(0)) * dx[i];
                    }
                    for (int l = 0; l < sum.count; ++l) {
-                       const V x(sum.x[std::size_t(l)]), v(sum.v[std::size_t(l)]);
+                       const V x(sum.x[std::size_t(l)]);
+                       const V v(sum.v[std::size_t(l)]);
                        for (int i = 0; i < count; ++i) {
                            const V a = V::load_unaligned(sum.a[std::size_t(l)] + at + i * W);
                            dx[i] = dx[i] + x * a;
@@ -101,7 +103,9 @@ CLOTHSIM_INLINE auto increment_sum(const FieldLayout& f, const Real* from, const
                __attribute__((always_inline)) {
                    constexpr int W = int(V::size);
                    for (int i = 0; i < count; ++i) {
-                       const std::ptrdiff_t x = state + i * W, v = x + f.velocity, a = at + i * W;
+                       const std::ptrdiff_t x = state + i * W;
+                       const std::ptrdiff_t v = x + f.velocity;
+                       const std::ptrdiff_t a = at + i * W;
                        const V velocity = V::load_unaligned(from + v);
                        dx[i] = V(sum.first_slope) * velocity;
                        dv[i] = V(sum.first_slope) * V::load_unaligned(sum.a_first + a);
@@ -137,7 +141,8 @@ CLOTHSIM_INLINE void add_increment(const FieldLayout& f, const Real* from, Real*
                                    std::ptrdiff_t at, const V& increment) {
     const V old = V::load_unaligned(from + at);
     if (f.compensation == 0) return (old + increment).store_unaligned(to + at);
-    const V all = increment + V::load_unaligned(from + at + f.compensation), next = old + all;
+    const V all = increment + V::load_unaligned(from + at + f.compensation);
+    const V next = old + all;
     (all - (next - old)).store_unaligned(to + at + f.compensation);
     next.store_unaligned(to + at);
 }
@@ -169,7 +174,8 @@ void chebyshev_rows(const FieldLayout& f, int begin, int end, const Real* from, 
             f, begin, end, increment_sum<V, count, Real>(f, from, last, before, sum),
             [&](int, std::ptrdiff_t at, const V* dx, const V* dv) __attribute__((always_inline)) {
                 for (int i = 0; i < count; ++i) {
-                    const std::ptrdiff_t x = at + i * W, v = x + f.velocity;
+                    const std::ptrdiff_t x = at + i * W;
+                    const std::ptrdiff_t v = x + f.velocity;
                     dx[i].store_unaligned(before + x);
                     dv[i].store_unaligned(before + v);
                     add_increment(f, from, to, x, dx[i]);

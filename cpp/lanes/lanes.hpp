@@ -112,7 +112,8 @@ CLOTHSIM_INLINE V scaled_reciprocal_root(
     if constexpr (sizeof(Real) == 8) return V(Real(1)) / xsimd::sqrt(a);
     // This step of third order omits less than 2^-27, less than rounding. Few bits of y are set, so
     // its square is all but exact; the product a y is not.
-    const V y = reciprocal_root_estimate(a), square = y * y;
+    const V y = reciprocal_root_estimate(a);
+    const V square = y * y;
 #if defined(__AVX2__)
     // The square of the series 1 + e/2 + 3/8 e^2, e = 1 - a y^2, is completed, which saves an
     // operation and a constant. The last coefficient lacks 1/33, so that the others are exact.

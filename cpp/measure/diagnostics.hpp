@@ -14,8 +14,8 @@ struct Energy {
 // Returns the energy at the time t, where obstacles move.
 Energy energy(const Scene& scene, const PointsView& x, const PointsView& v, double t);
 
-// How fast the modes of the springs of a cloth can be at most: what a guaranteed time step is derived
-// from.
+// How fast the modes of the springs of a cloth can be at most: the stable time step is derived from
+// it.
 struct ModeBounds {
     double stiffness;  // 1/s^2, above every squared frequency
     double damping;    // 1/s, above every damping rate

@@ -22,7 +22,7 @@ void take_apart(const double* __restrict points, std::ptrdiff_t count, double* _
 
 // Springs of one kind: there are `count` in each of `rows` rows, from points of a row to those
 // `offset` further on.
-struct Springs {
+struct SpringRows {
     std::ptrdiff_t plane, row, offset;
     int rows, count;
     double rest_length;
@@ -31,7 +31,7 @@ struct Springs {
 // Adds the springs of a column: sum[c] += (length - rest length)^2, largest[c] = max(largest[c],
 // length^2).
 CLOTHSIM_VERSIONS
-void add_stretches(const double* first, const Springs& s, double* __restrict sum,
+void add_stretches(const double* first, const SpringRows& s, double* __restrict sum,
                    double* __restrict largest) {
     for (int r = 0; r < s.rows; ++r) {
         const double* const ax = first + r * s.row;
@@ -39,9 +39,11 @@ void add_stretches(const double* first, const Springs& s, double* __restrict sum
         const double *const bx = ax + s.offset, *const by = ay + s.offset,
                             *const bz = az + s.offset;
         for (int c = 0; c < s.count; ++c) {
-            const double dx = bx[c] - ax[c], dy = by[c] - ay[c], dz = bz[c] - az[c];
-            const double square = dx * dx + dy * dy + dz * dz,
-                         stretch = std::sqrt(square) - s.rest_length;
+            const double dx = bx[c] - ax[c];
+            const double dy = by[c] - ay[c];
+            const double dz = bz[c] - az[c];
+            const double square = dx * dx + dy * dy + dz * dz;
+            const double stretch = std::sqrt(square) - s.rest_length;
             sum[c] += stretch * stretch;
             largest[c] = square > largest[c] ? square : largest[c];
         }
@@ -55,12 +57,12 @@ void each_kind(const Cloth& cloth, const PointsView& x, Visit visit) {
     std::vector<double> planes(std::size_t(3 * x.rows())), sum, largest;
     take_apart(x.data(), x.rows(), planes.data());
     for (const Neighbour& n : neighbours) {
-        const Springs springs{cloth.points(),
-                              cloth.columns,
-                              std::ptrdiff_t(n.row) * cloth.columns + n.column,
-                              cloth.rows - n.row,
-                              cloth.columns - std::abs(n.column),
-                              cloth.rest_length(n)};
+        const SpringRows springs{cloth.points(),
+                                 cloth.columns,
+                                 std::ptrdiff_t(n.row) * cloth.columns + n.column,
+                                 cloth.rows - n.row,
+                                 cloth.columns - std::abs(n.column),
+                                 cloth.rest_length(n)};
         if (!cloth.present[n.family] || !leads_on(n) || springs.count <= 0 || springs.rows <= 0)
             continue;
         sum.assign(std::size_t(springs.count), 0.0);

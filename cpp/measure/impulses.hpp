@@ -53,7 +53,8 @@ public:
 private:
     std::size_t size_of_sphere() const { return rows_ * size_of_row(); }
 
-    std::size_t rows_ = 0, groups_ = 0;
+    std::size_t rows_ = 0;
+    std::size_t groups_ = 0;
     std::vector<double> sums_;
 };
 

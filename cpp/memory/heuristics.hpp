@@ -1,6 +1,6 @@
 // The tuned numbers of the core, with their units and how they were found. A number that belongs to
-// a method, such as the safety factor of the step controller, stands with the method. Python and the
-// tests read them from `_core.heuristics`. `make bench` measures what a change costs.
+// a method, such as the safety factor of the step controller, stands with the method. Python and
+// the tests read them from `_core.heuristics`. `make bench` measures what a change costs.
 #pragma once
 
 #include <chrono>
@@ -34,16 +34,16 @@ inline constexpr std::chrono::microseconds sleep_of_waiting{20};
 // Most steps between a copy of the state and its inspection. Half copies and inspects twice as
 // often; twice repeats more steps of an unstable run.
 inline constexpr std::int64_t steps_of_block = 128;
-// The same above the guaranteed time step, where growth is likely, and with error control, whose
-// steps cost several of others.
+// The same above the stable time step, where growth is likely, and with error control, whose steps
+// cost several of others.
 inline constexpr std::int64_t steps_of_short_block = 16;
 // Most steps times mass points of a block: Ctrl-C waits while they are repeated, which is 0.1 s of
 // RK4 on one slow core.
 inline constexpr std::int64_t point_steps_of_block = 1 << 22;
 // Steps between two looks at Ctrl-C take half of the 0.1 s within which it ends a call [s].
 inline constexpr double seconds_between_polls = 0.05;
-// A question takes 0.1 us, or 5 ms where another thread of Python holds the lock. At half, a picture
-// would take twice its time there; at twice, Ctrl-C would be late by 10 ms more.
+// A question takes 0.1 us, or 5 ms where another thread of Python holds the lock. At half, a
+// picture would take twice its time there; at twice, Ctrl-C would be late by 10 ms more.
 inline constexpr std::chrono::milliseconds time_between_questions{10};
 
 // Caches

@@ -12,7 +12,8 @@ namespace clothsim {
 
 // Rows [begin, end) of a cloth in the order in which a thread goes through them.
 struct RowBand {
-    int begin = 0, end = 0;
+    int begin = 0;
+    int end = 0;
     bool upwards = false;
 
     // Returns one of `count` bands of a cloth; those of even number go up.

@@ -13,7 +13,8 @@ class StripHalos {
 public:
     explicit StripHalos(const TransposedLayout& layout) : lanes_(layout.lanes) {
         for (int s = 1; s < layout.strips; ++s) {
-            const int begin = layout.start(s), end = layout.start(s - 1) + layout.window;
+            const int begin = layout.start(s);
+            const int end = layout.start(s - 1) + layout.window;
             Border border{layout.own(s) - begin, {}, {}};
             for (int c = begin; c < end; ++c) {
                 border.places[0].push_back(layout.in_record(c - layout.start(s - 1)));
@@ -78,8 +79,8 @@ private:
             const auto& places = border.places[1 - side];
             const int count = int(places.size());
             const bool first_half = (side == 1) == own;
-            const int begin = first_half ? 0 : border.middle,
-                      end = first_half ? border.middle : count;
+            const int begin = first_half ? 0 : border.middle;
+            const int end = first_half ? border.middle : count;
             visit({places.data() + begin,
                    border.values[step & 1].data() + 6 * (std::ptrdiff_t(row) * count + begin),
                    end - begin});

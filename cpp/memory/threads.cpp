@@ -20,8 +20,8 @@ int processors() { return omp_get_num_procs(); }
 
 int available_threads() { return std::min(processors(), omp_get_max_threads()); }
 
-int granted_threads(int wanted) {
-    return omp_in_parallel() ? 1 : std::min(wanted, omp_get_thread_limit());
+int granted_threads(int most) {
+    return omp_in_parallel() ? 1 : std::min(most, omp_get_thread_limit());
 }
 
 void run_team(int team, const std::function<void(int)>& work) {
@@ -57,8 +57,8 @@ void pause_threads() {}
 
 #endif
 
-void wait_long(const std::atomic<int>& reached, int wanted) {
-    while (!has_reached(reached, wanted)) std::this_thread::sleep_for(heuristics::sleep_of_waiting);
+void wait_long(const std::atomic<int>& counter, int value) {
+    while (!has_reached(counter, value)) std::this_thread::sleep_for(heuristics::sleep_of_waiting);
 }
 
 }  // namespace clothsim

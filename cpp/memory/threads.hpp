@@ -16,9 +16,9 @@ inline constexpr int most_threads = 256;
 int processors();
 int available_threads();
 
-// Returns how many threads a team has, at most `wanted`: OMP_THREAD_LIMIT is kept, and a team
+// Returns how many threads a team has, at most `most`: OMP_THREAD_LIMIT is kept, and a team
 // starts none.
-int granted_threads(int wanted);
+int granted_threads(int most);
 
 // Ends the idle threads before a fork, whose child would wait for threads that it does not have.
 void pause_threads();
@@ -32,19 +32,19 @@ inline void pause_briefly() {
 }
 
 // Counters may wrap around.
-inline bool has_reached(const std::atomic<int>& reached, int wanted) {
-    return int(unsigned(wanted) - unsigned(reached.load(std::memory_order_acquire))) <= 0;
+inline bool has_reached(const std::atomic<int>& counter, int value) {
+    return int(unsigned(value) - unsigned(counter.load(std::memory_order_acquire))) <= 0;
 }
 // Sleeps until a counter is there.
-void wait_long(const std::atomic<int>& reached, int wanted);
+void wait_long(const std::atomic<int>& counter, int value);
 // Looks often before it sleeps.
-inline void wait_for(const std::atomic<int>& reached, int wanted) {
+inline void wait_for(const std::atomic<int>& counter, int value) {
     for (int look = 0; look < heuristics::looks_before_sleep; ++look, pause_briefly())
-        if (has_reached(reached, wanted)) return;
-    wait_long(reached, wanted);
+        if (has_reached(counter, value)) return;
+    wait_long(counter, value);
 }
-inline void signal(std::atomic<int>& reached, int now) {
-    reached.store(now, std::memory_order_release);
+inline void signal(std::atomic<int>& counter, int value) {
+    counter.store(value, std::memory_order_release);
 }
 
 // All threads of a team wait here for the last of them.
@@ -54,11 +54,11 @@ public:
     void wait() {
         if (team_ == 1) return;
         // The last one is still to come.
-        const int before = opened_.load(std::memory_order_relaxed);
+        const int previous = opened_.load(std::memory_order_relaxed);
         if (arrived_.fetch_add(1, std::memory_order_acq_rel) + 1 < team_)
-            return wait_for(opened_, before + 1);
+            return wait_for(opened_, previous + 1);
         arrived_.store(0, std::memory_order_relaxed);
-        signal(opened_, before + 1);
+        signal(opened_, previous + 1);
     }
 
 private:
@@ -71,18 +71,18 @@ private:
 // any of them is thrown again when all have ended.
 void run_team(int team, const std::function<void(int)>& work);
 
-// Calls `work(thread, team)` on at most `wanted` threads.
+// Calls `work(thread, team)` on at most `most` threads.
 template <class Work>
-void in_team(int wanted, Work work) {
-    const int team = granted_threads(wanted);
+void in_team(int most, Work work) {
+    const int team = granted_threads(most);
     run_team(team, [&](int thread) { work(thread, team); });
 }
 
-// Calls `work(begin, end)` for parts of [0, count) of about equal size, on at most `wanted`
+// Calls `work(begin, end)` for parts of [0, count) of about equal size, on at most `most`
 // threads.
 template <class Work>
-void in_parts(std::ptrdiff_t count, int wanted, Work work) {
-    in_team(wanted, [&](int thread, int team) {
+void in_parts(std::ptrdiff_t count, int most, Work work) {
+    in_team(most, [&](int thread, int team) {
         work(count * thread / team, count * (thread + 1) / team);
     });
 }

@@ -94,10 +94,10 @@ private:
         constexpr int overlap = 2 * halo_columns;
         strips = (columns - overlap + strip_columns - 1) / strip_columns;
         // A window has whole vectors, so that no row has padding.
-        const auto enough = [&] {
+        const auto is_wide_enough = [&] {
             return (columns - window + strips - 2) / (strips - 1) <= window - overlap;
         };
-        for (window = lanes; !enough();) window += lanes;
+        for (window = lanes; !is_wide_enough();) window += lanes;
     }
 };
 

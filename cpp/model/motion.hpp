@@ -28,8 +28,8 @@ struct MotionState {
     Vec3 velocity = Vec3::Zero();  // m/s
 };
 
-// A time of a step at which pins and obstacles are placed. Where the velocity of a motion jumps at an end
-// of the step, `inside` selects the piece that counts.
+// A time of a step at which pins and obstacles are placed. Where the velocity of a motion jumps at
+// an end of the step, `inside` selects the piece that counts.
 struct StageTime {
     double t, inside;
 

@@ -9,7 +9,8 @@
 
 namespace clothsim {
 
-// "penalty" is a force (forces/penalty.hpp); the paper's two act after a step (responses/paper.hpp).
+// "penalty" is a force (forces/penalty.hpp); the paper's two act after a step
+// (responses/paper.hpp).
 enum class Response { reflect, ray, penalty };
 inline constexpr std::array<const char*, 3> response_names{"reflect", "ray", "penalty"};
 

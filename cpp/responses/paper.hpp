@@ -1,6 +1,6 @@
-// The responses of Kim et al., section 5, after a step: obstacle after obstacle, the state of a mass
-// point inside at the end of the step, and what becomes of it. Points do not depend on each other,
-// so any number of threads gives the same bits.
+// The responses of Kim et al., section 5, after a step: obstacle after obstacle, the state of a
+// mass point inside at the end of the step, and what becomes of it. Points do not depend on each
+// other, so any number of threads gives the same bits.
 #pragma once
 
 #include <algorithm>
@@ -76,7 +76,7 @@ inline double length_of(const Vec3& v) {
 // Method 2: cast a ray from the point back along its velocity. The point moves to the intersection
 // of ray and surface, and its velocity is reflected there.
 //
-// With b = -v/|v| the level (Surface in model/sphere.hpp) along the ray is f + 2 s m.b + k s^2: eq 9
+// With b = -v/|v| the level (model/sphere.hpp) along the ray is f + 2 s m.b + k s^2: eq 9
 // with its errata corrected, over the radius. Division by v.v makes no speed too small. The point
 // lies inside, C = f - top < 0, so exactly one distance along the ray is positive:
 //
@@ -132,8 +132,8 @@ inline PointState respond(const Contact& contact, const PointState& point) {
                                                     : respond_reflect(contact, point);
 }
 
-// The level, with a curvature, below which a point may be in contact: rounding by epsilon hides none.
-// It grows with the distance, which the smaller curvature covers.
+// The level, with a curvature, below which a point may be in contact: rounding by epsilon hides
+// none. It grows with the distance, which the smaller curvature covers.
 struct NearLevel {
     double level, curvature;
 
@@ -156,8 +156,6 @@ struct Responses {
 
 template <class Real, class Layout>
 class PaperResponses {
-    using Points = StatePoints<Real, Layout>;
-
 public:
     PaperResponses(const Plan& plan, const Layout& layout, Impulses& impulses)
         : plan_(plan),
@@ -170,7 +168,7 @@ public:
 
     // Respond after the step of dt that ends at the time t.
     Responses respond(AlignedVector<Real>& memory, double t, double dt, int threads) {
-        std::vector<int> found;
+        std::vector<int> near_points;
         std::vector<std::vector<int>> of_parts;
         Responses all;
         for (std::size_t number = 0; number < plan_.spheres.size(); ++number) {
@@ -187,7 +185,7 @@ public:
             in_team(parts, [&](int thread, int team) {
                 std::vector<int>& near = of_parts[std::size_t(thread)];
                 std::int64_t responses = 0;
-                bool moved = false;
+                bool has_changed = false;
                 for (int r = geometry_.rows * thread / team;
                      r < geometry_.rows * (thread + 1) / team; ++r)
                     each_near(memory, r, level, [&](int i) {
@@ -196,21 +194,21 @@ public:
                             !touches(contact, points_.position(memory, i)))
                             return;
                         ++responses;
-                        moved |= respond(memory, number, contact, i);
+                        has_changed |= respond(memory, number, contact, i);
                     });
                 count += responses;
-                if (moved) changed = true;
+                if (has_changed) changed = true;
             });
             all.count += count;
             all.changed |= changed;
             for (const std::vector<int>& near : of_parts)
-                found.insert(found.end(), near.begin(), near.end());
+                near_points.insert(near_points.end(), near.begin(), near.end());
         }
         // Depths count pinned points too; no other point can be inside.
         for (const Sphere& sphere : plan_.spheres) {
             if (sphere.penalty()) continue;
             const Surface surface = sphere.surface_at(t);
-            for (const int i : found) {
+            for (const int i : near_points) {
                 const double level = surface.level(points_.position(memory, i) - surface.place);
                 all.depth = std::max(all.depth, -surface.height(level));
             }
@@ -246,17 +244,17 @@ private:
     }
     bool respond(AlignedVector<Real>& memory, std::size_t number, const Contact& contact, int i) {
         const int columns = plan_.cloth.columns;
-        const PointState before = points_.get(memory, i);
-        const PointState after = clothsim::respond(contact, before);
+        const PointState start = points_.get(memory, i);
+        const PointState result = clothsim::respond(contact, start);
         impulses_.give(number, i / columns, i % columns,
-                       plan_.cloth.mass[std::size_t(i)] * (after.velocity - before.velocity));
-        points_.set(memory, i, after);
-        return after != before;
+                       plan_.cloth.mass[std::size_t(i)] * (result.velocity - start.velocity));
+        points_.set(memory, i, result);
+        return result != start;
     }
 
     const Plan& plan_;
     const Layout& layout_;
-    Points points_;
+    StatePoints<Real, Layout> points_;
     Impulses& impulses_;
     const RealKernels<Real>& kernels_;
     VectorGeometry geometry_;

@@ -152,7 +152,8 @@ class RowPass {
     const SpringConstants<V> constants_{};
 
     // Forces that pass from vector to vector within the row.
-    Vector3<V> to_next_ = none(), to_next_2_ = none();
+    Vector3<V> to_next_ = none();
+    Vector3<V> to_next_2_ = none();
     Vector3<V> fell_ = none(), rose_ = none();  // the diagonal forces of the vector before
     // Forces to which the row's end adds, where `fixed` keeps them in registers.
     Vector3<V> kept_[2];
@@ -162,7 +163,7 @@ class RowPass {
         int k;
         std::ptrdiff_t at, next, next_2;  // places of the vector and of the two behind it
         std::ptrdiff_t vector;  // place of its forces
-        Points<V> point;
+        PointLanes<V> point;
         Spring<V> springs[leg_count];
         Vector3<V> f[leg_count];  // forces
         // `within` is the force of the row on the vector; for the first vector, the received force.
@@ -170,7 +171,7 @@ class RowPass {
     };
 
     static CLOTHSIM_INLINE Vector3<V> none() { return {V(Real(0)), V(Real(0)), V(Real(0))}; }
-    static CLOTHSIM_INLINE Points<V> points(const Real* p) {
+    static CLOTHSIM_INLINE PointLanes<V> points(const Real* p) {
         if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
         else return {load3<V>(p, W), {}};
     }
@@ -213,7 +214,7 @@ class RowPass {
         constexpr bool all = columns <= following(place);
         SomeLanes<V> lanes;
         if constexpr (!all) lanes = reach_(c.k, columns);
-        c.f[leg] = force<damped, all ? Springs::all : Springs::some>(
+        c.f[leg] = force<damped, all ? SpringChoice::all : SpringChoice::some>(
             c.springs[leg], e_.coefficients + kind * (EdgeCoefficientIndex::count * W), lanes);
     }
 
@@ -260,7 +261,7 @@ class RowPass {
         if constexpr (turn < Order::legs)
             begin<Order::order[turn]>(c, turn == Order::first_of_point);
         if constexpr (turn == Order::finishing)
-            if (__builtin_expect(pending_.there, 1))
+            if (__builtin_expect(pending_.exists, 1))
                 finish_vector<V, Real, stage, fixed>(e_, pending_, c.k);
         if constexpr (of_root >= 0 && of_root < Order::legs)
             root(c.springs[Order::order[of_root]], constants_);

@@ -29,9 +29,9 @@ struct SpringLanes {
 };
 
 // Elements from a component to the ones after it.
-struct Planes {
+struct PlaneOffsets {
     std::ptrdiff_t one, three, five;
-    explicit CLOTHSIM_INLINE Planes(std::ptrdiff_t plane)
+    explicit CLOTHSIM_INLINE PlaneOffsets(std::ptrdiff_t plane)
         : one(plane), three(3 * plane), five(5 * plane) {
         // The compiler would make a pointer of each row and component, which are more than there
         // are registers.
@@ -40,13 +40,13 @@ struct Planes {
 };
 
 template <class V, class Real>
-CLOTHSIM_INLINE Vector3<V> position(const Real* p, const Planes& planes) {
+CLOTHSIM_INLINE Vector3<V> position(const Real* p, const PlaneOffsets& planes) {
     return {V::load_unaligned(p), V::load_unaligned(p + planes.one),
             V::load_unaligned(p + 2 * planes.one)};
 }
 
 template <class V, class Real>
-CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const Planes& planes) {
+CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const PlaneOffsets& planes) {
     return {V::load_unaligned(p + planes.three), V::load_unaligned(p + 4 * planes.one),
             V::load_unaligned(p + planes.five)};
 }
@@ -55,7 +55,7 @@ CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const Planes& planes) {
 // whose bit is set in `there`.
 template <bool damped, bool all, class V, class Real>
 CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
-                                const Real* other, const Planes& planes,
+                                const Real* other, const PlaneOffsets& planes,
                                 const SpringLanes<V>& spring, std::uint64_t there) {
     const Vector3<V> d = position<V>(other, planes) - x;
     // What the most operations wait for comes first.
@@ -85,7 +85,7 @@ CLOTHSIM_INLINE unsigned neighbours_of_row(const Features& features, int row, in
 
 template <bool damped, class V, class Real>
 CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
-                                 const Real* point, const Planes& planes,
+                                 const Real* point, const PlaneOffsets& planes,
                                  const SpringLanes<V> (&springs)[spring_kind_count],
                                  const LanesWithNeighbour& lanes, unsigned present,
                                  std::ptrdiff_t stride) {
@@ -102,7 +102,8 @@ CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const V
 
 template <class V, class Real>
 CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t point,
-                                  const Planes& planes, const V (&v_here)[3], const V (&a)[3]) {
+                                  const PlaneOffsets& planes, const V (&v_here)[3],
+                                  const V (&a)[3]) {
     each<3>([&](auto k) __attribute__((always_inline)) {
         const std::ptrdiff_t at = point + k * planes.one;
         Real *const x = g.state + at, *const v = x + planes.three;
@@ -110,7 +111,8 @@ CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t
         if (g.stage == Stage::evaluate) return a[k].store_unaligned(first);
         if (g.stage == Stage::fourth) {
             constexpr bool compensated = sizeof(Real) == 4;
-            const V one = V::load_unaligned(first), middle = V::load_unaligned(sum);
+            const V one = V::load_unaligned(first);
+            const V middle = V::load_unaligned(sum);
             const V dx = V(g.h) * V::load_unaligned(v) + V(g.h2_6) * (one + middle);
             const V dv = V(g.h_6) * ((one + a[k]) + (middle + middle));
             Real* const low = compensated ? g.compensation + at : nullptr;
@@ -119,7 +121,8 @@ CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t
             return;
         }
         const bool whole = g.stage == Stage::third;
-        const V step(whole ? g.h : g.half_h), step_a(whole ? g.h_a : g.half_h_a);
+        const V step(whole ? g.h : g.half_h);
+        const V step_a(whole ? g.h_a : g.half_h_a);
         (step * v_here[k] + V::load_unaligned(x)).store_unaligned(g.target + at);
         (step_a * a[k] + V::load_unaligned(v)).store_unaligned(g.target + at + planes.three);
         if (g.stage == Stage::first) a[k].store_unaligned(first);
@@ -175,11 +178,12 @@ __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int 
             }
             sums[ContactRecord::work * lanes + l] += work;
             double& deepest = sums[ContactRecord::depth * lanes + l];
-            if (p.noted && double(values[3][l]) > deepest) deepest = double(values[3][l]);
+            if (p.between_steps && double(values[3][l]) > deepest) deepest = double(values[3][l]);
         }
         double* const tail = record + ContactRecord::tail * lanes;
         tail[ContactRecord::touched] = 1;
-        if (!p.noted || (tail[ContactRecord::met] != 0 && tail[ContactRecord::first] <= p.time))
+        if (!p.between_steps ||
+            (tail[ContactRecord::met] != 0 && tail[ContactRecord::first] <= p.time))
             continue;
         tail[ContactRecord::first] = p.time;
         tail[ContactRecord::met] = 1;
@@ -189,7 +193,7 @@ __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int 
 template <class V, class Real, bool damped>
 __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const Tile& tile) {
     const V zero(Real(0));
-    const Planes planes(g.plane);
+    const PlaneOffsets planes(g.plane);
     const std::ptrdiff_t stride = g.stride;
     SpringLanes<V> springs[spring_kind_count];
     each<spring_kind_count>([&](auto kind) __attribute__((always_inline)) {
@@ -204,7 +208,8 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const
             // than there are registers.
             asm("" : "+r"(at));
             const Real* const point = g.source + at;
-            const Vector3<V> x = position<V>(point, planes), v = velocity<V>(point, planes);
+            const Vector3<V> x = position<V>(point, planes);
+            const Vector3<V> v = velocity<V>(point, planes);
             Vector3<V> a{zero, zero, zero};
             add_springs<damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)],
                                 present, stride);

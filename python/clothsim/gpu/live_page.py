@@ -80,7 +80,7 @@ CHANGED = (
 def live_page(
     scene: Scene, path: str | Path, dt: float | None = None, title: str | None = None
 ) -> Path:
-    """`Scene.to_live_html`."""
+    """Write the page of `Scene.to_live_html`."""
     path = file_path("path", path)
     return write_bytes(path, _page(scene, dt, title).encode())
 
@@ -189,10 +189,8 @@ def _packed(content: bytes) -> str:
 
 def _state(scene: Scene) -> np.ndarray:
     """Return the planes of the initial state, shape (1, 6, points)."""
-    x, v = (
-        scene.initial_position,
-        np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity),
-    )
+    x = scene.initial_position
+    v = np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity)
     return planes_of(x, v, [scene])
 
 
@@ -200,7 +198,8 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
     """Return names of the page's collision methods, the WGSL and the responses of each, and the
     index of the scene's own.
     """
-    features, layered = Features.of(scene), _in_layers(scene)
+    features = Features.of(scene)
+    layered = _in_layers(scene)
 
     def method(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
         return {
@@ -209,7 +208,8 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
             "printed": [sphere.as_printed for sphere in spheres],
         }
 
-    names, methods = [], []
+    names = []
+    methods = []
     for name, response, as_printed in METHODS:
         if response == "penalty" and not (scene.spheres and layered):
             continue
@@ -233,12 +233,14 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
 
 def _data(scene: Scene, dt: float) -> dict[str, Any]:
     """Return everything that solver.js and live.js know of the scene."""
-    cloth, eps = scene.cloth, float(np.finfo(np.float32).eps)
+    cloth = scene.cloth
+    eps = float(np.finfo(np.float32).eps)
     names, methods, own = _methods(scene)
     features = replace(Features.of(scene), moving=True, spheres=())
     lengths = rest_lengths(scene)
     masses = cloth.mass_per_point.ravel()
-    lightest, stiffest = float(masses.min()), max(cloth.family_stiffness.values())
+    lightest = float(masses.min())
+    stiffest = max(cloth.family_stiffness.values())
     return {
         "shape": list(cloth.shape),
         "size": list(cloth.size),

@@ -72,7 +72,8 @@ class Simulation:
             )
         check_scenes(scenes)
         self._scenes = list(scenes)
-        self._precision, self._single = precision, precision == "single"
+        self._precision = precision
+        self._single = precision == "single"
         self._shape = (len(scenes), *scenes[0].cloth.shape, 3)
         self._clock = Clock(time)
         self._stable_dt = [math.inf] * len(scenes)
@@ -94,7 +95,8 @@ class Simulation:
     def _make_adapter_state(self, scenes: Sequence[Scene]) -> None:
         """Make the state of the members that are not frozen; None: all are."""
         members = [member for member, frozen in enumerate(self.frozen) if not frozen]
-        chosen, origins = [scenes[member] for member in members], self._origins[members]
+        chosen = [scenes[member] for member in members]
+        origins = self._origins[members]
         normals = [self._normals[member] for member in members]
         self._adapter_state = (
             AdapterState(self.device, members, chosen, origins, normals, self._precision)
@@ -157,7 +159,7 @@ class Simulation:
         return self.advance(steps, dt, threads)
 
     def set_scene(self, scenes: Sequence[Scene], stable_dt: Sequence[float]) -> None:
-        """Replace the scenes and guaranteed steps [s]; the state stays, and pinned points stop."""
+        """Replace the scenes and stable time steps [s]; the state stays, and pinned points stop."""
         with self._exclusive():
             check_scenes(scenes)
             parts = self._state()
@@ -252,8 +254,9 @@ class Simulation:
         raise ValueError("set_force needs backend 'cpu': the compute shader has no force on points")
 
     def set_stable_dt(self, stable_dt: Sequence[float]) -> None:
-        """Set each member's guaranteed step [s]. The core checks speeds only above this step."""
-        self._stable_dt, self._step_set = list(stable_dt), 0.0
+        """Set each member's stable time step [s]. The core checks speeds only above this step."""
+        self._stable_dt = list(stable_dt)
+        self._step_set = 0.0
 
     def set_frozen(self, member: int, frozen: bool) -> None:
         """Exclude a member from further steps, or include it again."""
@@ -280,7 +283,8 @@ class Simulation:
         for member, (scene, extremes) in enumerate(zip(self._scenes, self._extremes, strict=True)):
             if self.frozen[member]:
                 continue
-            plan, time = kept_plan(scene, Options()), self._clock.at(0)
+            plan = kept_plan(scene, Options())
+            time = self._clock.at(0)
             penetrations = [penetration(x[member], s, time) for s in scene.spheres]
             for name in ("points", "triangles"):
                 depth = max((float(depths[name]) for depths in penetrations), default=0.0)
@@ -437,14 +441,16 @@ class AdapterState:
         normals: Sequence[np.ndarray],
         precision: str,
     ) -> None:
-        self.device, self.members = device, list(members)
+        self.device = device
+        self.members = list(members)
         self.single = precision == "single"
         self.real = np.float32 if self.single else np.float64
         self.wide = np.float64 if device.float64 else np.float32
         shared = all(scene is scenes[0] for scene in scenes) and (origins == origins[0]).all()
         shared &= all((rows == normals[0]).all() for rows in normals)
         self.scenes = [scenes[0]] if shared else list(scenes)
-        self.origins, self.normals = origins[: len(self.scenes)], normals
+        self.origins = origins[: len(self.scenes)]
+        self.normals = normals
         self.plans = [kept_plan(scene, Options()) for scene in self.scenes]
         self.features = Features.of(scenes[0])
         self.pipelines = pipelines(device, self.features, precision)
@@ -524,7 +530,7 @@ class AdapterState:
         self.device.handle.queue.write_buffer(buffer, 0, np.ascontiguousarray(values))
 
     def set_step(self, dt: float, stable_dt: Sequence[float]) -> None:
-        """Set the time step `dt` [s]; `stable_dt` has the guaranteed step of each member."""
+        """Set the time step `dt` [s]; `stable_dt` has the stable time step of each member."""
         numbers = np.array([dt / 2, dt, dt * dt / 6, dt / 6]).astype(self.real)
         self._write(
             self.constants, np.frombuffer(numbers.tobytes() + self._integers.tobytes(), np.uint8)
@@ -569,7 +575,8 @@ class AdapterState:
         """
         if self.features.moving:
             self._write_contacts(times)
-        handle, steps = self.device.handle, len(times) - 1
+        handle = self.device.handle
+        steps = len(times) - 1
         self._write(self.results, self._results)
         encoder = handle.create_command_encoder()
         for buffer, copy in zip(self.saved_buffers, self.checkpoint, strict=True):
@@ -653,7 +660,8 @@ def far_origins(positions: np.ndarray) -> np.ndarray:
 
     An origin is 0, except for a cloth that is far away for its size.
     """
-    low, high = positions.min(axis=2), positions.max(axis=2)
+    low = positions.min(axis=2)
+    high = positions.max(axis=2)
     middle = low / 2 + high / 2
     distance = np.linalg.norm(middle, axis=1)
     far = distance > _core.heuristics["extents_that_are_far"] * np.linalg.norm(high - low, axis=1)

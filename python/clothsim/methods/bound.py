@@ -1,4 +1,4 @@
-"""The guaranteed stable time step of a cloth, for all but extreme states (see `max_stable_dt`), and
+"""The stable time step of a cloth, guaranteed for all but extreme states (see `max_stable_dt`), and
 what limits it.
 """
 
@@ -20,8 +20,8 @@ _limit = lru_cache(maxsize=4096)(box_limit)
 
 
 def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
-    """Return the guarantee that `clothsim.max_stable_dt` gives without a state [s]; that of rk4 for
-    a method without steps of a given length.
+    """Return the stable time step that `clothsim.max_stable_dt` gives without a state [s]; that of
+    rk4 for a method without steps of a given length.
     """
     if METHODS[integrator].family == "stabilised":
         integrator = "rk4"
@@ -70,7 +70,7 @@ def usable_dt(scene: Scene, integrator: str) -> float:
 
 
 def limit_in_layer(scene: Scene, integrator: str, k: int, depth: float) -> float:
-    """Return the guaranteed time step with mass points so deep [m] in the layer of an obstacle [s].
+    """Return the stable time step with mass points so deep [m] in the layer of an obstacle [s].
 
     Bounds at depth d: stiffness 6 k (d/h)^2, damping c F0 + 2 mu F0 / v_s, F0 = k d^3 / h^2, over
     the mass of the lightest free point, beside those of the springs.
@@ -104,10 +104,12 @@ class _LayerBounds(NamedTuple):
 
 def _layer_bounds(scene: Scene, k: int) -> tuple[float, _LayerBounds]:
     """Return the thickness of the layer of an obstacle [m], and the bounds in it."""
-    obstacle, cloth = scene.spheres[k], scene.cloth
+    obstacle = scene.spheres[k]
+    cloth = scene.cloth
     layer = obstacle.layer(cloth)
     mass = float(cloth.mass_per_point.min(initial=math.inf, where=~cloth.pinned))
-    thickness, stiffness = layer["thickness"], layer["stiffness"]
+    thickness = layer["thickness"]
+    stiffness = layer["stiffness"]
     damping = layer["dissipation"] + 2 * obstacle.friction / layer["slip_speed"]
     bounds = _LayerBounds(
         *_core.mode_bounds(cloth.core, scene.core_forces),
@@ -118,7 +120,7 @@ def _layer_bounds(scene: Scene, k: int) -> tuple[float, _LayerBounds]:
 
 
 def _limit_at(integrator: str, bounds: _LayerBounds, part: float) -> float:
-    """Return the guaranteed time step at `part` of the thickness of a layer [s]."""
+    """Return the stable time step at `part` of the thickness of a layer [s]."""
     stiffness = bounds.stiffness + bounds.square * part**2
     return box_limit(integrator, math.sqrt(stiffness), bounds.damping + bounds.cube * part**3)
 
@@ -129,7 +131,8 @@ _BISECTIONS = 12  # of a depth, to 5e-4 of the thickness
 @lru_cache(maxsize=4096)
 def _stable_part(integrator: str, bounds: _LayerBounds, dt: float) -> float:
     """Return the part of the thickness of a layer up to which a time step is stable."""
-    low, high = 0.0, 2.0
+    low = 0.0
+    high = 2.0
     if _limit_at(integrator, bounds, high) >= dt:
         return math.inf
     for _ in range(_BISECTIONS):
@@ -146,7 +149,7 @@ _TIE = 0.95  # families whose removal lowers the bound by this part of the most 
 
 @dataclass(frozen=True)
 class LimitingTerm:
-    """The term that limits the guaranteed time step."""
+    """The term that limits the stable time step."""
 
     # The kind is "stiffness", "damping", "nothing", or "method" where the integrator has no stable
     # time step for this cloth.
@@ -157,7 +160,7 @@ class LimitingTerm:
     # Below these values the other kind limits the step, all families reduced in proportion; 0 if
     # there is none.
     below: tuple[float, ...]
-    max_stable_dt: float  # the guaranteed time step [s]
+    max_stable_dt: float  # the stable time step [s]
     integrator: str
 
     def __str__(self) -> str:
@@ -200,7 +203,8 @@ def _term_of(cloth: Cloth, wind: float, integrator: str) -> LimitingTerm:
         omega2, delta = _core.mode_bounds(scene.cloth.core, scene.core_forces)
         return math.sqrt(omega2), delta + wind
 
-    k, c = cloth.family_stiffness, cloth.family_damping
+    k = cloth.family_stiffness
+    c = cloth.family_damping
     omega, delta = bounds()
     limit = box_limit(integrator, omega, delta)
     limit_undamped = box_limit(integrator, omega, 0.0)

@@ -140,7 +140,8 @@ def _terms(tableau: list[list[float]], order: int, stages: int) -> tuple[float, 
     weights = np.array(tableau, np.longdouble)
     a = weights[:stages, :stages]
     row = weights[stages, :stages]
-    terms, factorial = [1.0], 1
+    terms = [1.0]
+    factorial = 1
     for k in range(1, stages + 1):
         factorial *= k
         terms.append(1 / factorial if k <= order else float(row.sum()))

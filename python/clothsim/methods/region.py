@@ -70,7 +70,7 @@ def amplification_matrix(
 def splitting_step(
     integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any
 ) -> tuple[Any, Any, list[Any]]:
-    """One step of a splitting method from positions x and w, dt times the velocities.
+    """Take a step of a splitting method from positions x and w, dt times the velocities.
 
     `acceleration(x, w)` returns dt^2 times the acceleration. The result is x and w at the end of
     the step, and the accelerations in the order of their evaluation.
@@ -97,7 +97,7 @@ def splitting_step(
 def stable(
     integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike
 ) -> npt.NDArray[np.bool_]:
-    """Whether a step does not amplify the mode, per entry."""
+    """Return whether a step does not amplify the mode, per entry."""
     g = amplification_matrix(integrator, omega_dt, delta_dt)
     trace = g[..., 0, 0] + g[..., 1, 1]
     determinant = g[..., 0, 0] * g[..., 1, 1] - g[..., 0, 1] * g[..., 1, 0]
@@ -124,19 +124,23 @@ def _exit_radii(integrator: str, angle: Floats) -> Floats:
         return np.full(len(angle), np.inf)
     if METHODS[integrator].family == "stabilised":  # enough stages damp all but undamped motion
         return np.where(angle > 0, np.inf, 0.0)
-    omega, delta = np.cos(angle), np.sin(angle)
+    omega = np.cos(angle)
+    delta = np.sin(angle)
     omega[angle >= np.pi / 2] = 0.0
-    farthest, bad = _FARTHEST, np.zeros((1, 1), bool)
+    farthest = _FARTHEST
+    bad = np.zeros((1, 1), bool)
     while not bad.any(axis=1).all():
         radii = np.arange(_RADIUS_STEP, farthest, _RADIUS_STEP)
         bad = ~stable(integrator, radii * omega[:, None], radii * delta[:, None])
         farthest *= 2
     first = bad.argmax(axis=1)
-    high, low = radii[first], np.where(first > 0, radii[first - 1], 0.0)
+    high = radii[first]
+    low = np.where(first > 0, radii[first - 1], 0.0)
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         good = stable(integrator, middle * omega, middle * delta)
-        low, high = np.where(good, middle, low), np.where(good, high, middle)
+        low = np.where(good, middle, low)
+        high = np.where(good, high, middle)
     return np.where(low < _NOWHERE, 0.0, low)
 
 
@@ -166,8 +170,10 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
     `omega` and `delta` are angular frequency and damping of the modes [1/s], >= 0, of one shape.
     """
     angle, radius = border_of_region(integrator)
-    omega, delta = np.asarray(omega, float), np.asarray(delta, float)
-    ray, size = np.atleast_1d(np.arctan2(delta, omega)), np.hypot(omega, delta)
+    omega = np.asarray(omega, float)
+    delta = np.asarray(delta, float)
+    ray = np.atleast_1d(np.arctan2(delta, omega))
+    size = np.hypot(omega, delta)
     if not np.isfinite(radius).all():  # implicit
         return np.full(size.shape, np.inf)
     right = np.searchsorted(angle, ray).clip(1, len(angle) - 1)

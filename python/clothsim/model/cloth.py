@@ -143,7 +143,8 @@ class Cloth(Record):
         springs: Iterable[Family] = ("structural", "shear", "bend"),
         pins: Pins = ((0, 0), (-1, 0)),
     ) -> None:
-        shape, springs = checked_shape(shape, least=2), _springs(springs)
+        shape = checked_shape(shape, least=2)
+        springs = _springs(springs)
         sides = enumerate(check.items("size", size, 2, "numbers > 0"))
         self._set(
             shape=shape,
@@ -181,7 +182,8 @@ class Cloth(Record):
 
     @property
     def spacing(self) -> tuple[float, float]:
-        (height, width), (rows, columns) = self.size, self.shape
+        (height, width) = self.size
+        (rows, columns) = self.shape
         return height / (rows - 1) if rows > 1 else 0.0, width / (
             columns - 1
         ) if columns > 1 else 0.0
@@ -305,7 +307,8 @@ class Cloth(Record):
         >>> table[["i", "j", "rest_length"]].tolist()
         [(0, 1, 1.0), (2, 3, 1.0), (0, 2, 1.0), (1, 3, 1.0)]
         """
-        stiffness, damping = self.family_stiffness, self.family_damping
+        stiffness = self.family_stiffness
+        damping = self.family_damping
         table = np.empty(self.spring_count(), SPRING_DTYPE)
         first_row = 0
         for family, first, second in _ENDS:

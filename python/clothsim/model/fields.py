@@ -185,7 +185,8 @@ def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
 
 
 def _with_pins(scene: Scene, values: Mapping[str, float]) -> Floats:
-    position, pins = scene.initial_position.copy(), [*scene.cloth.pins]
+    position = scene.initial_position.copy()
+    pins = [*scene.cloth.pins]
     for name, value in values.items():
         # The name has passed check_name.
         index, component = _PIN_NAME.fullmatch(name).groups()  # type: ignore[union-attr]

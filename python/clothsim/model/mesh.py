@@ -90,5 +90,8 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     """
     rows, columns = checked_shape(shape)
     index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    a = index[:-1, :-1]
+    b = index[:-1, 1:]
+    c = index[1:, :-1]
+    d = index[1:, 1:]
     return np.stack([a, c, b, b, c, d], axis=-1).reshape(-1, 3)

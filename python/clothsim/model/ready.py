@@ -170,7 +170,7 @@ def oscillator(
     length: float = 1.0,
     damping: float = 0.0,
 ) -> Scene:
-    """Two mass points and one spring along x: the harmonic oscillator. No gravity.
+    """Return two mass points and one spring along x: the harmonic oscillator, without gravity.
 
     Point (0, 0) is pinned at the origin; point (0, 1) is let go at x = length + amplitude and
     moves on the x axis. Undamped::

@@ -31,13 +31,11 @@ def _short(value: Any) -> str:
         4 if value and isinstance(value[0], Record) else 24
     ):
         return f"<{len(value)} entries, the first {value[0]!r}>"
-    return repr(
-        value.tolist()
-        if isinstance(value, np.ndarray)
-        else dict(value)
-        if isinstance(value, Mapping)
-        else value
-    )
+    if isinstance(value, np.ndarray):
+        return repr(value.tolist())
+    if isinstance(value, Mapping):
+        return repr(dict(value))
+    return repr(value)
 
 
 def _plain(value: Any) -> Any:

@@ -43,7 +43,7 @@ class DrivenPins:
     ]  # (pins, 3): the ``center0`` with which each begins at its initial position [m]
 
     def places_at(self, t: float) -> npt.NDArray[np.float64]:
-        """Places at the time `t` [m], shape (pins, 3)."""
+        """Return the places at the time `t` [m], shape (pins, 3)."""
         return np.broadcast_to(self.motion._center(np.array(t), self.starts), self.starts.shape)
 
 
@@ -138,7 +138,8 @@ class Scene(Record):
                 )
 
     def replace(self, **changes: Any) -> Scene:
-        cloth, own = changes.get("cloth"), self.cloth
+        cloth = changes.get("cloth")
+        own = self.cloth
         if (
             isinstance(cloth, Cloth)
             and len(changes) == 1
@@ -198,7 +199,8 @@ class Scene(Record):
     @cached_property
     def core_forces(self) -> list[_core.Force]:
         """The forces beside springs, gravity and contact, as the core takes them."""
-        drag, wind = self.cloth.drag, self.wind
+        drag = self.cloth.drag
+        wind = self.wind
         forces = [_core.Force("drag", [drag], _core.Motion())] if drag else []
         return [*forces, wind.core] if wind else forces
 
@@ -226,7 +228,8 @@ class Scene(Record):
         """Driven pins as the core takes them: motions, and (point, start, index of the motion) in
         the order of points.
         """
-        groups, columns = self.driven_pins, self.cloth.columns
+        groups = self.driven_pins
+        columns = self.cloth.columns
         pins = [
             (int(r) * columns + int(c), start, k)
             for k, group in enumerate(groups)
@@ -275,7 +278,7 @@ class Scene(Record):
         return explain(self, precision, kernel, threads, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """Lines, and a picture of the initial state, for a notebook."""
+        """Return lines, and a picture of the initial state, for a notebook."""
         from ..viewing.notebook import scene_bundle
 
         return scene_bundle(self)
@@ -297,7 +300,7 @@ class Scene(Record):
         path : path-like
             File to write. The shader has no `force`, no wind and no driven pins.
         dt : float, optional
-            Time step [s], > 0. Default: half of the guaranteed stable step.
+            Time step [s], > 0. Default: half of the stable time step.
         title : str, optional
             Heading of the page. Default: the shape of the cloth.
 
@@ -379,7 +382,7 @@ def cloth_text(scene: Scene) -> str:
 
 
 def spheres_text(scene: Scene) -> str:
-    """Numbers of spheres and planes, and their responses."""
+    """Return the numbers of spheres and planes, and their responses."""
     spheres = scene.spheres
     if not spheres:
         return "no sphere"

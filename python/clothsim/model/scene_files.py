@@ -117,7 +117,8 @@ def _table(data: Mapping[str, Any], path: str) -> list[str]:
 
     TOML reads a value after a table's heading as that table's, hence the order.
     """
-    lines, below = [], []
+    lines = []
+    below = []
     for key, value in data.items():
         inner_path = f"{path}.{key}" if path else key
         # The short mappings of spring families are on the lines of their keys.
