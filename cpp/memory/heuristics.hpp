@@ -15,11 +15,12 @@ namespace clothsim::heuristics {
 // threads would take from others.
 inline constexpr std::int64_t points_of_team = 16'384;
 // Least mass points per thread of a team that steps a cloth. Such a team is taken to be three
-// quarters as many times faster as it has threads.
+// quarters as many times faster as it has threads. Half and twice were not measured.
 inline constexpr std::int64_t points_per_thread_of_step = 1024;
 // The same for copies between arrays and the layout. Half and twice were not measured.
 inline constexpr std::int64_t points_per_thread_of_copy = 2000;
 // The same for the search of points near an obstacle: a thread more costs more than it saves below.
+// Half and twice were not measured.
 inline constexpr std::int64_t points_per_thread_of_response = 8192;
 // Least rows of a thread's band. Half and twice were not measured.
 inline constexpr int rows_per_thread = 8;
@@ -59,7 +60,7 @@ inline constexpr std::ptrdiff_t most_cache = 2 * megabyte;
 // columns that narrow strips compute twice. 4096 columns: 46 -> 22.5 ns a point-step on one thread.
 inline constexpr std::ptrdiff_t thirds_of_cache_for_strip = 2;
 // Largest working set of a band that is swept stage by stage, over that cache, in quarters. Rows
-// need not be fetched ahead then.
+// need not be fetched ahead then. Other parts were not measured.
 inline constexpr std::ptrdiff_t quarters_of_cache_for_sweep = 3;
 // A state of more bytes comes from memory each time it is gone over.
 inline constexpr std::ptrdiff_t bytes_in_shared_cache = 4 * megabyte;
@@ -74,7 +75,8 @@ inline constexpr int rows_before_use = 3;
 // twice may leave the cache.
 inline constexpr std::ptrdiff_t bytes_at_once = 16 * 1024;
 inline constexpr std::ptrdiff_t most_rows_at_once = 16;
-// Slots for halo rows of a band. Two would be correct too, and a neighbour would wait more often.
+// Slots for halo rows of a band, one for each stage. Two would be correct too, and were not
+// measured.
 inline constexpr int halo_slots = 4;
 
 // Accuracy

@@ -234,8 +234,8 @@ class Obstacle(Record):
         """
         return self._heights(np.asarray(x, float) - self.center_at(t))
 
-    def _heights(self, away: Floats) -> Floats:
-        """Return the heights over the surface of places `away` from the centre [m]."""
+    def _heights(self, displacement: Floats) -> Floats:
+        """Return the heights over the surface of places at a `displacement` from the centre [m]."""
         raise NotImplementedError
 
     def _at_height(self, x: Floats, t: float, height: Floats, goal: Floats) -> Floats:
@@ -386,8 +386,8 @@ class Sphere(Obstacle):
                 "have; accepted with 'ray' and 'reflect'"
             )
 
-    def _heights(self, away: Floats) -> Floats:
-        return np.asarray(np.linalg.norm(away, axis=-1) - self.radius)
+    def _heights(self, displacement: Floats) -> Floats:
+        return np.asarray(np.linalg.norm(displacement, axis=-1) - self.radius)
 
     def _at_height(self, x: Floats, t: float, height: Floats, goal: Floats) -> Floats:
         center = self.center_at(t)
@@ -396,10 +396,10 @@ class Sphere(Obstacle):
     def _reference_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
         """Return the direction against gravity; with "penalty" that to the middle of the cloth."""
         if x is not None and self.response == "penalty":
-            away = x.mean(axis=(0, 1)) - self.center_at(0.0)
-            distance = float(np.linalg.norm(away))
+            displacement = x.mean(axis=(0, 1)) - self.center_at(0.0)
+            distance = float(np.linalg.norm(displacement))
             if 0 < distance < np.inf:
-                return np.asarray(away / distance)
+                return np.asarray(displacement / distance)
         up = -np.array(gravity) if any(gravity) else np.array((0.0, 1.0, 0.0))
         return np.asarray(up / np.linalg.norm(up))
 
@@ -491,8 +491,8 @@ class Plane(Obstacle):
         n /= np.abs(n).max()
         return np.asarray(n / np.linalg.norm(n))
 
-    def _heights(self, away: Floats) -> Floats:
-        return np.asarray(away @ self.unit_normal)
+    def _heights(self, displacement: Floats) -> Floats:
+        return np.asarray(displacement @ self.unit_normal)
 
     def _at_height(self, x: Floats, t: float, height: Floats, goal: Floats) -> Floats:
         return x + (goal - height)[:, None] * self.unit_normal
