@@ -42,22 +42,17 @@ def _refuse(error: type[Exception], name: str, accepted: str, value: Any) -> NoR
     raise error(f"{name} must be {accepted}, got {shown(value)}")
 
 
-# What serves in place of an argument that does not exist.
-_INSTEAD = {
-    "strict": "; kernel='gather' has one set of bits on every instruction set",
-    "wind": "; Scene(wind=cs.Wind(velocity)) has moving air",
-    "air": "; Scene(wind=cs.Wind()) has air at rest, and Cloth(drag=...) slows points down",
-    "floor": "; a floor is a cs.Plane among the spheres",
-    "push_out_speed": "; response 'penalty' pushes out what starts inside, slowed by dissipation",
-}
+SUBSTITUTES: dict[str, str] = {}
+"""Arguments that do not exist, and what serves in place of each; the package's `__init__` fills the
+table.
+"""
 
 
 def arguments(owner: str, given: Mapping[str, object], known: Collection[str]) -> None:
     """Refuse keyword arguments that are not among `known`, and suggest the nearest."""
     for name in given:
         if name not in known:
-            instead = _INSTEAD.get(name)
-            hint = nearest(name, known) if instead is None else instead
+            hint = _hint(name, known)
             accepted = ", ".join(map(repr, known)) or "none"
             raise TypeError(
                 f"{owner} has the unknown argument {name!r}{hint}; accepted: {accepted}"
@@ -192,6 +187,11 @@ def nearest(value: Any, options: Collection[Any]) -> str:
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
+def _hint(name: str, known: Collection[str]) -> str:
+    """What the unknown argument `name` may mean."""
+    return f"; {SUBSTITUTES[name]}" if name in SUBSTITUTES else nearest(name, known)
+
+
 def keys(
     name: str, value: Any, known: Collection[str], required: Collection[str] = ()
 ) -> dict[str, Any]:
@@ -202,7 +202,7 @@ def keys(
     if not isinstance(value, Mapping):
         _refuse(TypeError, name, f"a mapping with the keys {accepted}", value)
     for key in (one for one in value if one not in known):
-        hint = _INSTEAD.get(key) or nearest(key, known)
+        hint = _hint(key, known)
         raise ValueError(f"{name} has the unknown key {key!r}{hint}; accepted: {accepted}")
     for key in (one for one in required if one not in value):
         raise ValueError(f"{name} lacks the key {key!r}; needed: {', '.join(map(repr, required))}")

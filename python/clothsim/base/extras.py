@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
-_LEFT = {
-    **dict.fromkeys(("cotton", "denim"), "docs/runs.md, Real fabrics, has its figures"),
-    "fastest": "python benchmarks/peers --errors, in a clone, finds the fastest runs",
-}
-"""Names of an earlier version, and what serves instead."""
+EXTENSIONS: dict[str, str] = {}
+"""Packages, and the module of ours that is imported after each, as it extends it; the package's
+`__init__` fills the table.
+"""
 
 
 def needed(name: str, what: str, extra: str = "sweep") -> Any:
@@ -30,8 +29,8 @@ def needed(name: str, what: str, extra: str = "sweep") -> Any:
         raise ImportError(
             f"{what} needs {package}, which is installed but could not be loaded: {error}"
         ) from error
-    if name == "xarray":
-        from ..sweeps import accessor  # noqa: F401  # registers `Dataset.clothsim`
+    if name in EXTENSIONS:
+        import_module(EXTENSIONS[name])
     return module
 
 
@@ -48,8 +47,7 @@ def on_demand(
 
     def get(name: str) -> Any:
         if name not in places:
-            left = f"; {_LEFT[name]}" if name in _LEFT else ""
-            raise AttributeError(f"module {package!r} has no attribute {name!r}{left}")
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = namespace[name] = getattr(import_module(places[name], package), name)
         return value
 
