@@ -1,5 +1,6 @@
 """The reproduction: its numbers, its findings and its report folder."""
 
+import dataclasses
 import json
 from html.parser import HTMLParser
 from pathlib import Path
@@ -13,9 +14,17 @@ pytest.importorskip("matplotlib")
 from clothsim.base.progress import ProgressBar
 from clothsim.cli import main
 from clothsim.paper import FULL, QUICK, Settings, reproduce, text
-from clothsim.paper.experiments import CASES, FRAMES, VARIANTS, Passed, sharpest_fold
+from clothsim.paper.experiments import (
+    CASES,
+    FRAMES,
+    QUANTITIES,
+    SIZES,
+    VARIANTS,
+    Passed,
+    sharpest_fold,
+)
 from clothsim.paper.findings import findings, number
-from clothsim.paper.report import cuts, page_section
+from clothsim.paper.report import cuts
 from matplotlib.image import imread
 
 SMALL = Settings(
@@ -196,15 +205,19 @@ def test_the_terminal_ends_with_a_line_for_each_claim(report, monkeypatch, capsy
     assert all(f.criterion in " ".join(text(report).split()) for f in found)
 
 
-def test_text_of_the_report_is_that_of_the_page(folder):
-    page, told = (
-        one.read_text()
-        for one in (Path(__file__).parents[2] / "docs/reproduction.md", folder / "report.txt")
-    )
-    assert " ".join(page_section("Choices where the paper is silent").split()) in " ".join(
-        told.split()
-    )
-    assert page.count("Table 3, frames 150") == told.count("Table 3, frames 150") == 1
+def test_depths_are_stored_in_metres_and_shown_in_millimetres(report, folder):
+    assert QUANTITIES["points"].heading == "deepest point [mm]"
+    depth = cell(report, "2", 1, "as printed", 200)["points"]
+    assert 0.02 < depth < 0.2
+    assert f"| {number(1e3 * depth)} |" in " ".join((folder / "report.txt").read_text().split())
+
+
+def test_every_column_and_every_size_is_explained(folder):
+    told = " ".join((folder / "report.txt").read_text().split())
+    for quantity in QUANTITIES.values():
+        assert quantity.definition in told
+    assert SIZES.keys() == {field.name for field in dataclasses.fields(Settings)}
+    assert told.count("Table 3, frames 150") == 1
 
 
 def test_rounding_is_zero():

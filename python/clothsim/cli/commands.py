@@ -204,7 +204,7 @@ def _live(args: argparse.Namespace) -> None:
 
 
 def _add_reproduce(command: argparse.ArgumentParser) -> None:
-    from clothsim.paper import EXPERIMENTS
+    from clothsim.paper import NUMBERS
 
     command.add_argument(
         "--quick",
@@ -218,16 +218,16 @@ def _add_reproduce(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--experiment",
         type=int,
-        choices=EXPERIMENTS,
+        choices=NUMBERS,
         action="append",
         help="only this one; may be given several times (default: all)",
     )
 
 
 def _reproduce(args: argparse.Namespace) -> None:
-    from clothsim.paper import EXPERIMENTS, reproduce, text, verdicts
+    from clothsim.paper import NUMBERS, reproduce, text, verdicts
 
-    chosen = args.experiment or EXPERIMENTS
+    chosen = args.experiment or NUMBERS
     report = reproduce(
         args.out,
         quick=args.quick,

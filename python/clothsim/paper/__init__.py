@@ -18,13 +18,13 @@ from ..base.files import as_json, write_bytes
 from ..base.progress import ProgressBar
 from . import experiments as made
 from . import report as pages
-from .experiments import FULL, QUICK, Settings
+from .experiments import EXPERIMENTS, FULL, QUICK, Settings
 from .findings import verdicts
 from .report import as_text as text
 
 __all__ = ["FULL", "QUICK", "Settings", "reproduce", "text", "verdicts", "write_gallery"]
 
-EXPERIMENTS = (1, 2, 3, 4, 5)
+NUMBERS = tuple(map(int, EXPERIMENTS))
 
 
 def reproduce(
@@ -32,7 +32,7 @@ def reproduce(
     *,
     quick: bool = False,
     settings: Settings | None = None,
-    experiments: Collection[int] = EXPERIMENTS,
+    experiments: Collection[int] = NUMBERS,
     threads: int | None = None,
     progress: bool = False,
 ) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def reproduce(
     quick, settings : bool and Settings, optional
         The short form, or own sizes; the report ends with what they cut.
     experiments : collection of int, default (1, 2, 3, 4, 5)
-        Numbers of docs/reproduction.md; 5 is ours.
+        Their numbers; 5 is ours.
     threads, progress : int and bool, optional
         Threads to use, by default those of the core; whether to show a progress bar on stderr
         (needs tqdm).
@@ -57,8 +57,8 @@ def reproduce(
         "1") and "folder".
     """
     chosen = sorted(set(experiments))
-    if not chosen or not set(chosen) <= set(EXPERIMENTS):
-        raise ValueError(f"experiments must be some of {EXPERIMENTS}, got {tuple(experiments)!r}")
+    if not chosen or not set(chosen) <= set(NUMBERS):
+        raise ValueError(f"experiments must be some of {NUMBERS}, got {tuple(experiments)!r}")
     threads = (
         int(cs.build_config()["threads"])
         if threads is None

@@ -1,5 +1,7 @@
-"""The experiments: 1 to 4 of Kim et al., and 5, which is ours; contact by `follow`, speed by
-`frame_rates` and `speedup`.
+"""The experiments: 1 to 4 of Kim et al., and 5, which is ours.
+
+The tables at the top say what each experiment shows, and what its report measures. `follow`
+measures contact, `frame_rates` and `speedup` measure speed.
 """
 
 from __future__ import annotations
@@ -17,6 +19,122 @@ import numpy as np
 import clothsim as cs
 from clothsim.gpu import adapters, using
 from clothsim.scenes import PAPER_DT
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What an experiment compares, how it runs here, and what the paper shows."""
+
+    title: str
+    setting: str
+    claim: str
+
+
+EXPERIMENTS = {
+    "1": Experiment(
+        "static sphere, method 1 against method 2",
+        "RK4 in double precision. A frame is 1.6 ms, 320 steps of the paper: if a frame were a "
+        'single step of 5 us, as Table 2 reads ("0.000005 per frame"), frame 800 would come after '
+        "4 ms, before any contact.",
+        "Table 3, frames 150, 500 and 800: with method 1 the sphere penetrates the cloth's faces "
+        "at all three, with method 2 at none.",
+    ),
+    "2": Experiment(
+        "moving sphere, method 1 against method 2",
+        "As experiment 1; frames of one step would end after 15.5 ms, before any contact.",
+        "Table 4, frames 200, 1300 and 3100 in the text (the printed table is headed 150, 500 and "
+        "800): the first, second and third contact. Frame 200, seen from the back: the edge folds "
+        "with method 1 and wraps the sphere with method 2. Frames 1300 and 3100: the sphere "
+        "penetrates the cloth with method 1, because the points are too slow to be moved out; not "
+        "with method 2.",
+    ),
+    "3": Experiment(
+        "frame rate, method 1 against method 2",
+        "The falling cloth of experiment 1 on one thread, in double precision; the methods run in "
+        "turns.",
+        "Figure 9, mean of every 200 frames, 10 runs: method 2 is somewhat slower than method 1; "
+        "both show more than 350 frames/s on a GTX 1070.",
+    ),
+    "4": Experiment(
+        "method 2 by the core and the compute shader, against one scalar thread",
+        "From one state in contact, in turns. The scalar reference walks the springs one by one, "
+        "compiled with -O3.",
+        "Figure 10: method 2 on the GPU (GTX 1070) is 60 % faster than on the CPU (i5-4460). Its "
+        "first measurement is slower, because buffers are made in it.",
+    ),
+    "5": Experiment(
+        "every collision response on three spheres, ours",
+        "Steps of 0.1 ms. The static and the moving sphere are those of experiments 1 and 2, for "
+        "0.8 s and 0.9 s; the fast one comes up at 100 m/s under the level cloth, for 12 ms.",
+        "No such experiment. Two limits are named, without numbers: a fast sphere can pass between "
+        "two steps, and method 1 penetrates slow cloth.",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A column of the report's tables; `factor` turns the values of report.json into its unit."""
+
+    name: str
+    definition: str
+    unit: str = ""
+    factor: float = 1.0
+
+    @property
+    def heading(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+QUANTITIES = {
+    "frame": Quantity("frame", "number of the frame"),
+    "time": Quantity("t", "simulated time", "s"),
+    "dt": Quantity("step", "integration step", "s"),
+    "sphere": Quantity("sphere", "static, moving or fast"),
+    "case": Quantity("case", "method and variant; in experiment 4 the program"),
+    "points": Quantity(
+        "deepest point",
+        "largest depth of a mass point below the true radius; 0 if none is inside "
+        "(`clothsim.penetration`)",
+        "mm",
+        factor=1e3,
+    ),
+    "triangles": Quantity(
+        "deepest triangle", "the same of any place on a triangle", "mm", factor=1e3
+    ),
+    "points_so_far": Quantity(
+        "point so far",
+        "deepest point of all frames up to this one (experiment 5: every 0.4 ms, for the fast "
+        "sphere every 0.1 ms)",
+        "mm",
+        factor=1e3,
+    ),
+    "triangles_so_far": Quantity(
+        "triangle so far", "deepest triangle of the same frames", "mm", factor=1e3
+    ),
+    "points_passed": Quantity(
+        "points passed",
+        "mass points that left the sphere on another side than they entered, or jumped through it, "
+        "at the same frames",
+    ),
+    "points_touching": Quantity(
+        "points touching", "mass points inside the contact radius, or less than 1 mm outside it"
+    ),
+    "energy_gained": Quantity(
+        "energy gained",
+        "change of the total energy since the start; damping takes energy, contacts and a moving "
+        "sphere add to it",
+        "J",
+    ),
+    "steps_per_second": Quantity("steps/s, median", "over all repeats, by wall time"),
+    "frames_per_second": Quantity(
+        "frames/s", "steps/s divided by 320, the steps of a frame at the paper's step"
+    ),
+    "each": Quantity("steps/s, each", "in each run"),
+    "times_the_first": Quantity(
+        "times the reference", "steps/s over those of the scalar reference"
+    ),
+}
 
 VARIANTS = ("as printed", "corrected")
 # Method 1 and method 2 of the paper, in both variants, and contact as a force.
@@ -51,11 +169,13 @@ SPHERES_DT = 1e-4  # s
 
 @dataclass(frozen=True)
 class Settings:
-    """Sizes of the experiments; docs/reproduction.md: what each is, and why a frame is 1.6 ms."""
+    """Sizes of the experiments; `SIZES` says what each is. docs/reproduction.md says why a frame is
+    1.6 ms.
+    """
 
     dt: tuple[float, float, float] = (PAPER_DT, PAPER_DT, PAPER_DT)
     frame_dt: float = 1.6e-3
-    study_dts: tuple[float, ...] = (1e-4, 4e-4, 1.6e-3)  # the last: a step a frame
+    study_dts: tuple[float, ...] = (1e-4, 4e-4, 1.6e-3)  # the last is a step a frame
     runs: int = 10
     timed_frames: int = 800
     speedup_steps: int = 20_000
@@ -65,6 +185,17 @@ class Settings:
         """Steps of `dt`, a whole number of which is a frame."""
         return round(self.frame_dt / dt)
 
+
+SIZES = {
+    "dt": "steps [s] of experiments 1, 2, and 3 and 4",
+    "frame_dt": "time between two frames [s]",
+    "study_dts": "coarser steps [s] for repeats of experiment 1",
+    "runs": "repeats of a timed run",
+    "timed_frames": "frames of a run in experiment 3",
+    "speedup_steps": "steps a run in experiment 4",
+    "part": "part of its durations that experiment 5 runs; the fast sphere runs in full",
+}
+"""Fields of `Settings`."""
 
 FULL = Settings()
 QUICK = Settings((4e-5, 8e-5, 5e-5), 1.6e-3, (4e-4, 1.6e-3), 3, 200, speedup_steps=500, part=0.4)
@@ -252,7 +383,7 @@ def comparison(
     """Experiment 5: every response on every sphere, a row each, measured every `every` steps;
     `options` as for `follow`.
 
-    docs/reproduction.md defines the quantities; depths are in m.
+    `QUANTITIES` defines the columns.
     """
     rows = []
     for name in spheres:

@@ -1,6 +1,4 @@
-"""Whether the numbers of a report bear out what Kim et al. claim; their claims in full:
-docs/reproduction.md.
-"""
+"""Whether the numbers of a report bear out what Kim et al. claim."""
 
 from __future__ import annotations
 

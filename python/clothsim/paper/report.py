@@ -19,7 +19,7 @@ import numpy as np
 import clothsim as cs
 
 from ..base.files import write_bytes
-from .experiments import FRAMES, FULL, Case, Settings
+from .experiments import EXPERIMENTS, FRAMES, FULL, QUANTITIES, SIZES, Case, Settings
 from .findings import findings, here, number
 
 FRONT, BACK = (
@@ -37,13 +37,13 @@ COLORS = (
 )
 
 
-def page_section(title: str) -> str:
-    """A section of docs/reproduction.md, which an installation has beside this file."""
-    path = Path(__file__).with_name("reproduction.md")
-    path = path if path.exists() else Path(__file__).parents[3] / "docs" / "reproduction.md"
-    return (
-        path.read_text(encoding="utf-8").split(f"\n## {title}\n")[1].partition("\n## ")[0].strip()
-    )
+METHODS = (
+    "Method 1 reflects the velocity of a mass point that is found inside the sphere. Method 2 also "
+    "moves the point back along its velocity, to the surface. As printed, the sphere's own "
+    "velocity is ignored, and every point found inside is reflected. Corrected, velocities are "
+    "relative to the sphere, and only approaching points are reflected. docs/reproduction.md tells "
+    "more of the two, and of the choices where the paper is silent."
+)
 
 
 def _cells(table: str) -> list[list[str]]:
@@ -64,7 +64,6 @@ def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in zip(*columns))
 
 
-HEADINGS = {key: heading for heading, key, _ in _cells(page_section("Quantities"))}
 SEEN = ("points_passed", "points_touching", "energy_gained")
 COLUMNS: dict[str, tuple[str, ...]] = {
     "cells": ("frame", "time", "case", "points", "triangles", "triangles_so_far", *SEEN),
@@ -76,23 +75,29 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 
 
 def _table(kind: str, rows: Iterable[dict[str, Any]]) -> str:
-    """Depths, stored in m, are shown in mm."""
-
-    def shown(key: str, value: Any) -> str:
-        return number((1e3 * np.array(value)).tolist() if "[mm]" in HEADINGS[key] else value)
-
+    """Return a table of the experiments' rows, in the units of `QUANTITIES`."""
     keys = COLUMNS[kind]
-    return _markdown(
-        [HEADINGS[key] for key in keys], [[shown(key, row[key]) for key in keys] for row in rows]
-    )
+    heads = [QUANTITIES[key].heading for key in keys]
+    return _markdown(heads, [[_shown(key, row[key]) for key in keys] for row in rows])
+
+
+def _shown(key: str, value: Any) -> str:
+    factor = QUANTITIES[key].factor
+    return number(value if factor == 1 else (factor * np.array(value)).tolist())
+
+
+def _definitions() -> str:
+    """Return the table of what the columns mean."""
+    rows = [(entry.heading, key, entry.definition) for key, entry in QUANTITIES.items()]
+    return _markdown(("quantity", "in `report.json`", "definition"), rows)
 
 
 def cuts(settings: Settings) -> list[str]:
     """The differences from the full reproduction, one per line."""
     own, full = asdict(settings), asdict(FULL)
     rows = [
-        (what, *(number(np.ravel(one[k]).tolist()) for one in (own, full)))
-        for k, what in _cells(page_section("Sizes"))[1:]
+        (what, *(number(np.ravel(sizes[key]).tolist()) for sizes in (own, full)))
+        for key, what in SIZES.items()
     ]
     return [f"{what}: {value} instead of {usual}" for what, value, usual in rows if value != usual]
 
@@ -104,7 +109,6 @@ def parts(report: dict[str, Any]) -> list[str]:
         report["provenance"]["build"],
         report["provenance"]["machine"],
     )
-    claims = {key: texts for key, *texts in _cells(page_section("The experiments"))}
     rows = [finding[:5] for found in findings(experiments).values() for finding in found]
     head = [
         "claim of the paper",
@@ -121,19 +125,13 @@ def parts(report: dict[str, Any]) -> list[str]:
         "[the scenes, live in the browser](live.html) · [as text](report.txt) · [all "
         "numbers](report.json)",
     ]
-    sections = [
-        "The two methods, in two variants",
-        "Choices where the paper is silent",
-        "Quantities",
-    ]
-    told = {title: [f"## {title}", *page_section(title).split("\n\n")] for title in sections}
-    made += told.pop(sections[0])
+    made += ["## The two methods, in two variants", METHODS]
     for key, entry in experiments.items():
-        title, setting, claim = claims[key]
+        experiment = EXPERIMENTS[key]
         made += [
-            f"## Experiment {key}: {title}",
-            setting,
-            f"> **The paper:** {claim}",
+            f"## Experiment {key}: {experiment.title}",
+            experiment.setting,
+            f"> **The paper:** {experiment.claim}",
             f"> **Here:** {here(key, entry)}",
         ]
         made += [
@@ -144,7 +142,7 @@ def parts(report: dict[str, Any]) -> list[str]:
             if "cells" in entry
             else [_table(key, entry["rows"])]
         )
-    made += sum(told.values(), [])
+    made += ["## Quantities", _definitions()]
     if report["cuts"]:
         made += ["## What this short form cuts", "\n".join(f"- {line}" for line in report["cuts"])]
     computer = f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}"
