@@ -107,7 +107,8 @@ from .model.motion import Keyframes, Linear, Reciprocate, Sinusoid
 from .model.scene import Scene
 from .model.scene_files import load_scene, save_scene
 from .run.settle import settle
-from .run.result import Run, difference, load_run
+from .run.difference import difference
+from .run.result import Run, load_run
 from .run.simulate import simulate
 from .model.sphere import Plane, Sphere
 from .model.wind import Wind

@@ -409,13 +409,15 @@ class Fit:
         return text + f"\n{self.report['reason']}".rstrip()
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw data and fit, residuals, and correlations of the parameters; the three axes come
-        back.
+        """Draw data and fit, residuals, values with errors, and correlations; the axes come back.
+
+        Points that are far from each other stand for the motion. Correlations are drawn of two or
+        more parameters that have an error.
 
         Parameters
         ----------
-        ax : sequence of 3 matplotlib.axes.Axes, optional
-            Default: those of a new figure.
+        ax : sequence of matplotlib.axes.Axes, optional
+            Four axes, or three where no correlations are drawn. Default: those of a new figure.
 
         Examples
         --------
@@ -424,7 +426,7 @@ class Fit:
         >>> len(cs.fit(guess, motion.t, motion.x, over=["stiffness"]).plot())
         3
         """
-        from ..viewing.plots import draw_fit
+        from ..viewing.plots.fit import draw_fit
 
         return draw_fit(self, ax)
 

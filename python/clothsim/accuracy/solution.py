@@ -106,6 +106,24 @@ class Reference:
             for name, value in distances(x.astype(np.float64), self.x[frame]).items()
         }
 
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the motion of some points and the errors over time; the two axes come back.
+
+        Parameters
+        ----------
+        ax : sequence of 2 matplotlib.axes.Axes, optional
+            Default: those of a new figure.
+
+        Examples
+        --------
+        >>> solution = cs.reference(cs.scenes.oscillator(), 0.1, every=0.01)
+        >>> [axes.get_ylabel() for axes in solution.plot()]
+        ['position [m]', 'error [m]']
+        """
+        from ..viewing.plots.reference import draw_reference
+
+        return draw_reference(self, ax)
+
 
 @check.named
 def reference(

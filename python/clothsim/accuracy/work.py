@@ -416,7 +416,7 @@ class Convergence:
         >>> cs.convergence(cs.scenes.oscillator(), 0.1, [0.01, 0.005]).plot().get_xlabel()
         'time step dt [s]'
         """
-        from ..viewing.plots import draw_convergence
+        from ..viewing.plots.convergence import draw_convergence
 
         return draw_convergence(self, ax)
 
