@@ -109,7 +109,8 @@ from .model.motion import Keyframes, Linear, Reciprocate, Sinusoid
 from .model.scene import Scene
 from .model.scene_files import load_scene, save_scene
 from .run.settle import settle
-from .run.result import Run, difference, load_run
+from .run.difference import difference
+from .run.result import Run, load_run
 from .run.simulate import simulate
 from .model.sphere import Plane, Sphere
 from .model.wind import Wind
@@ -183,6 +184,12 @@ _services.register(
         "clothsim.viewing.notebook": ("run_bundle", "scene_bundle"),
         "clothsim.viewing.page": ("alone",),
         "clothsim.viewing.picture": ("picture_of_run",),
+        "clothsim.viewing.plots": ("plot",),
+        "clothsim.viewing.plots.convergence": ("draw_convergence",),
+        "clothsim.viewing.plots.difference": ("draw_difference",),
+        "clothsim.viewing.plots.fit": ("draw_fit",),
+        "clothsim.viewing.plots.reference": ("draw_reference",),
+        "clothsim.viewing.plots.run": ("draw_run",),
     }
 )
 _extras.EXTENSIONS["xarray"] = "clothsim.sweeps.accessor"  # registers `Dataset.clothsim`

@@ -6,7 +6,7 @@ import sys
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.viewing import plots
+from clothsim.viewing.plots import sweep as plots
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
@@ -89,7 +89,7 @@ def test_the_stability_map(swept):
     axes = swept.clothsim.plot("stability")
     (mesh,) = axes.collections
     assert np.array_equal(mesh.get_array(), swept.status.values.T)
-    line = axes.get_lines()[0]
+    (line,) = (one for one in axes.get_lines() if one.get_label() == "guaranteed\nstable dt")
     assert np.array_equal(line.get_ydata(), swept.max_stable_dt.isel(dt=0))
     assert np.array_equal(line.get_xdata(), swept.stiffness)
 
@@ -97,9 +97,9 @@ def test_the_stability_map(swept):
 def test_heat_maps(swept):
     axes = swept.clothsim.plot("heatmap", variable="largest_stretch", x="dt", y="stiffness")
     mesh = axes.collections[0]
-    assert np.array_equal(
-        np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True
-    )
+    percent = 100 * swept.largest_stretch
+    assert np.array_equal(np.ma.filled(mesh.get_array(), np.nan), percent, equal_nan=True)
+    assert mesh.colorbar.ax.get_ylabel() == "largest stretch [%]"
     scaled = (
         swept.assign(largest_stretch=swept.largest_stretch**8)
         .clothsim.plot("heatmap", variable="largest_stretch")
@@ -150,7 +150,7 @@ def test_a_heat_map_marks_errors_below_the_reference(swept):
         (lambda ds: plots.stability(ds.isel(stiffness=0)), "beside dt"),
         (lambda ds: plots.heatmap(ds, "eror"), "'error'"),
         (lambda ds: plots.heatmap(ds.expand_dims(mass=[1, 2])), "two dimensions"),
-        (lambda ds: plots.plot(ds, "pie"), "kind must be"),
+        (lambda ds: ds.clothsim.plot("pie"), "kind must be"),
     ],
 )
 def test_pictures_that_cannot_be(swept, draw, message):

@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.extras import needed
+from ..base.services import service
 from ..base.text import aligned
 from ..methods.bound import limit_in_layer, stable_dt
 from ..model.cloth import Cloth
@@ -409,13 +410,15 @@ class Fit:
         return text + f"\n{self.report['reason']}".rstrip()
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw data and fit, residuals, and correlations of the parameters; the three axes come
-        back.
+        """Draw data and fit, residuals, values with errors, and correlations; the axes come back.
+
+        Points that are far from each other stand for the motion. Correlations are drawn of two or
+        more parameters that have an error.
 
         Parameters
         ----------
-        ax : sequence of 3 matplotlib.axes.Axes, optional
-            Default: those of a new figure.
+        ax : sequence of matplotlib.axes.Axes, optional
+            Four axes, or three where no correlations are drawn. Default: those of a new figure.
 
         Examples
         --------
@@ -424,9 +427,7 @@ class Fit:
         >>> len(cs.fit(guess, motion.t, motion.x, over=["stiffness"]).plot())
         3
         """
-        from ..viewing.plots import draw_fit
-
-        return draw_fit(self, ax)
+        return service("draw_fit")(self, ax)
 
 
 class _Problem:

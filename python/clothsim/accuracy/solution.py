@@ -17,6 +17,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check, frozen
 from ..base.build import available_threads
+from ..base.services import service
 from ..engine.force import checked_force, is_python, with_force
 from ..engine.options import Options, core_plan
 from ..engine.stepper import Stepper
@@ -105,6 +106,22 @@ class Reference:
             name: float(value)
             for name, value in distances(x.astype(np.float64), self.x[frame]).items()
         }
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the motion of some points and the errors over time; the two axes come back.
+
+        Parameters
+        ----------
+        ax : sequence of 2 matplotlib.axes.Axes, optional
+            Default: those of a new figure.
+
+        Examples
+        --------
+        >>> solution = cs.reference(cs.scenes.oscillator(), 0.1, every=0.01)
+        >>> [axes.get_ylabel() for axes in solution.plot()]
+        ['position [m]', 'error [m]']
+        """
+        return service("draw_reference")(self, ax)
 
 
 @check.named

@@ -17,6 +17,7 @@ from ..base import Floats, check
 from ..base.build import build_config
 from ..base.extras import needed
 from ..base.progress import ProgressBar
+from ..base.services import service
 from ..base.text import aligned
 from ..engine.options import PRECISIONS
 from ..errors import OrderWarning, StabilityWarning, UnstableError
@@ -416,9 +417,7 @@ class Convergence:
         >>> cs.convergence(cs.scenes.oscillator(), 0.1, [0.01, 0.005]).plot().get_xlabel()
         'time step dt [s]'
         """
-        from ..viewing.plots import draw_convergence
-
-        return draw_convergence(self, ax)
+        return service("draw_convergence")(self, ax)
 
     def __str__(self) -> str:
         fitted = f"order {self.order:.2f} (* fitted)"

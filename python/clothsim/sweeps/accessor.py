@@ -8,6 +8,7 @@ from typing import Any
 
 import xarray
 
+from ..base.services import service
 from ..errors import ContactError, UnstableError
 from ..model.motion import motion_from_dict
 from ..model.scene import Scene
@@ -28,15 +29,30 @@ class ClothsimAccessor:
         self._dataset = dataset
 
     def plot(self, kind: str | None = None, **options: Any) -> Any:
-        """Draw the plot that suits the sweep best, or the named kind: "convergence", "stability" or
-        "heatmap".
+        """Draw a Dataset of this package and return the axes.
 
-        A Dataset of `stability_map` or `work_precision` has one plot. `ax` may be given: axes of
-        matplotlib, one or two of them for `work_precision`. The axes are returned.
+        Parameters
+        ----------
+        kind : {"convergence", "stability", "heatmap"}, optional
+            The plot of a sweep. Default: the one that suits it best. A Dataset of `stability_map`,
+            `work_precision` or `sensitivity` has one plot.
+        **options
+            `ax`, axes of matplotlib: one for a sweep and `stability_map`, one or two for
+            `work_precision`, two a parameter for `sensitivity`; default: those of a new figure. Of
+            a sweep also `along`, the dimension of the lines of "convergence"; `y` of "stability";
+            `variable`, `x` and `y` of "heatmap".
+
+        Examples
+        --------
+        >>> over = {"dt": [0.01, 0.02, 0.04]}
+        >>> ds = cs.sweep(cs.scenes.oscillator(), over, duration=0.4, progress=False)
+        >>> ds.clothsim.plot("heatmap", variable="largest_stretch").get_ylabel()
+        'largest stretch [%]'
+        >>> ds = cs.sensitivity(cs.scenes.oscillator(), [0.1, 0.2], of=["stiffness"])
+        >>> ds.clothsim.plot().shape
+        (1, 2)
         """
-        from ..viewing.plots import plot
-
-        return plot(self._dataset, kind, **options)
+        return service("plot")(self._dataset, kind, **options)
 
     @property
     def provenance(self) -> dict[str, Any]:
