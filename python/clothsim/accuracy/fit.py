@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.extras import needed
+from ..base.progress import ProgressBar
 from ..base.services import service
 from ..base.text import aligned
 from ..methods.bound import limit_in_layer, stable_dt
@@ -498,11 +499,18 @@ class _Problem:
         return np.nan_to_num(change[:, self.measured[: change.shape[1]]].T * slopes)
 
     def minimise(
-        self, u: Floats, bounds: Floats, sigma: float, rtol: float, least_squares: Any
+        self,
+        u: Floats,
+        bounds: Floats,
+        sigma: float,
+        rtol: float,
+        least_squares: Any,
+        bar: ProgressBar,
     ) -> Any:
         """The minimum over all times that is found from `u` by way of the first times."""
         total = len(self.times)
         counts = [-(-total // 2**k) for k in range(int(math.log2(total)), 0, -1)]
+        before = 0.0
         for count in [*(n for n in counts if n >= _FEWEST), total]:
             found = self._minimum(
                 u,
@@ -512,6 +520,8 @@ class _Problem:
                 least_squares,
             )
             u = found.x
+            bar.advance(self.times[count - 1] - before)
+            before = self.times[count - 1]
         return found
 
     def _minimum(
@@ -558,6 +568,7 @@ class _Problem:
         rtol: float,
         moved: float,
         least_squares: Any,
+        bar: ProgressBar,
     ) -> tuple[list[Any], dict[str, float], str, float]:
         """The minima of all starts, the quality of the best and why its residuals are no noise, and
         by how much the times are off [s].
@@ -583,20 +594,24 @@ class _Problem:
         if late:
             clock = Clock(self.at(early.x), self.times, rtol, self.force)
             minima.append(self._minimum(early.x, bounds, unit, clock, least_squares, most=1))
+            bar.advance(self.times[-1])
             return minima, *judged(), late
         while True:
-            minima.append(self.minimise(u, bounds, unit, rtol, least_squares))
+            minima.append(self.minimise(u, bounds, unit, rtol, least_squares, bar))
             quality, misfit = judged()
             further = len(minima) - 1
             if further >= _STARTS or not (misfit or (sigma is None and further < _SURE)):
                 break
             u = random.uniform(-_FAR, _FAR, len(self.names)) * self.logarithmic
+            bar.expect(self.times[-1])
         if misfit:
             return minima, quality, misfit, 0.0
         best = min(minima, key=lambda one: one.cost)
         for place in self.aliases(best.x, bounds):
+            bar.expect(self.times[-1])
             clock = Clock(self.at(place), self.times, rtol, self.force)
             minima.append(self._minimum(place, bounds, unit, clock, least_squares))
+            bar.advance(self.times[-1])
         return minima, *judged(), 0.0
 
     def check_units(self, rtol: float) -> None:
@@ -696,6 +711,7 @@ def fit(
     rtol: float = 1e-6,
     *,
     force: Force | None = None,
+    progress: bool = False,
 ) -> Fit:
     """Fit parameters of a scene to a measured motion, with the error of every number.
 
@@ -722,6 +738,8 @@ def fit(
         Error of the simulated positions over the size of the cloth, well below `sigma`.
     force : callable, optional
         As for `simulate`.
+    progress : bool, default False
+        True shows a progress bar: the simulated time up to which each start is fitted.
 
     Returns
     -------
@@ -771,16 +789,22 @@ def fit(
             f"rtol must be at most {_COARSE * sigma / max(scene.cloth.size):.2g} with sigma = "
             f"{sigma:g} m, so that simulated positions err by less than that, got {rtol:g}"
         )
-    problem.check_units(rtol)
     unit = sigma or max(1e-3 * moved, least)
-    begin = perf_counter()
-    minima, quality, misfit, late = problem.search(bounds, sigma, unit, rtol, moved, least_squares)
-    best = min(minima, key=lambda one: one.cost)
-    parameters = parameters_of(scene := problem.at(best.x), names, "over")
-    clock = Clock(scene, times, rtol, force)
-    _, change, _, _, ended = known_derivatives(scene, parameters, clock)
-    run = simulate(scene, float(times[-1]), rtol=rtol, times=times, force=force)
-    wall_time = perf_counter() - begin
+    # The times count once for the first start, and once for the derivatives and the run at the end.
+    with ProgressBar.of_time(progress, 2 * float(times[-1]), "fit") as bar:
+        problem.check_units(rtol)
+        begin = perf_counter()
+        minima, quality, misfit, late = problem.search(
+            bounds, sigma, unit, rtol, moved, least_squares, bar
+        )
+        best = min(minima, key=lambda one: one.cost)
+        scene = problem.at(best.x)
+        parameters = parameters_of(scene, names, "over")
+        clock = Clock(scene, times, rtol, force)
+        _, change, _, _, ended = known_derivatives(scene, parameters, clock)
+        run = simulate(scene, float(times[-1]), rtol=rtol, times=times, force=force)
+        wall_time = perf_counter() - begin
+        bar.advance(times[-1])
     jacobian = problem.columns(change, parameters, best.x) / quality["sigma"]
     covariance, condition, reasons = _determined(jacobian, ended, best.x, bounds)
     free = count - len(names)

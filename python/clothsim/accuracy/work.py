@@ -190,7 +190,8 @@ def work_precision(
     table = {name: np.full(shape, np.nan) for name in _COLUMNS}
     taken: dict[tuple[int, ...], list[float]] = {}  # times of the stable runs
     once = 0.0  # wall time of the last run
-    with ProgressBar(progress, total=sum(map(len, levels)) * (1 + windows), unit="run") as bar:
+    most = duration * sum(map(len, levels)) * (1 + windows)
+    with ProgressBar.of_time(progress, most, "work_precision") as bar:
         solution = reference_for(scene, duration, reference, force)
         start = energy(scene, solution.x[-1], solution.v[-1], duration)["total"]
         for m, n in np.ndindex(shape):
@@ -212,10 +213,11 @@ def work_precision(
                         frames.append(solution.error_of(at_frame, k)["rms"])
                     table["frames_rms_error"][m, n] = np.max(frames)  # NaN if one is unstable
                     taken[m, n] = []
-                bar.advance()
+                bar.advance(duration)
         # Another order in each round: a slow spell of the machine affects all methods, and none
         # always follows another.
         shuffle, stable = Random(0).shuffle, [*taken]
+        bar.expect(-duration * windows * (sum(map(len, levels)) - len(stable)))
         for _ in range(windows):
             shuffle(stable)
             for m, n in stable:
@@ -223,7 +225,7 @@ def work_precision(
                     taken[m, n].append(
                         _solved(chosen[m], scene, duration, levels[m][n])[3] / duration
                     )
-                bar.advance()
+                bar.advance(duration)
     for at, seconds in taken.items():
         lower, upper = np.quantile(seconds, (0.25, 0.75))
         table["wall_time"][at], table["wall_time_spread"][at] = min(seconds), upper - lower

@@ -75,8 +75,8 @@ def reproduce(
         "experiments": entries,
     }
     for number in chosen:
-        total = made.looks_of(str(number), settings)
-        with ProgressBar(progress, desc=f"experiment {number}", total=total) as bar:
+        total = made.simulated_time(str(number), settings)
+        with ProgressBar.of_time(progress, total, f"experiment {number}") as bar:
             entries[str(number)] = _run(str(number), settings, threads, folder, bar.advance)
     report["folder"] = str(folder)
     write_gallery(folder)
@@ -89,7 +89,7 @@ def reproduce(
 
 
 def _run(
-    key: str, settings: Settings, threads: int, folder: Path, advance: Callable[[int], object]
+    key: str, settings: Settings, threads: int, folder: Path, advance: Callable[[float], object]
 ) -> dict[str, Any]:
     if key in "34":
         return (
@@ -109,7 +109,7 @@ def _run(
     return {
         "cells": [cell for case in cases for cell in case.cells],
         "failures": {case.name: case.failure for case in cases if case.failure},
-        "study": made.study(settings, threads) if key == "1" else [],
+        "study": made.study(settings, threads, advance) if key == "1" else [],
     }
 
 

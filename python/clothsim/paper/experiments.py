@@ -250,14 +250,20 @@ def sharpest_fold(x: np.ndarray) -> np.ndarray:
     return np.asarray(np.degrees(np.arccos(np.clip(least, -1.0, 1.0))))
 
 
-def looks_of(key: str, settings: Settings) -> int:
-    """How often an experiment calls its `advance`."""
+def simulated_time(key: str, settings: Settings) -> float:
+    """Sum up the seconds with which an experiment calls its `advance`; cases that run side by side
+    count once.
+    """
     if key in FRAMES:
-        return max(FRAMES[key])
-    if key in "34":
-        return settings.runs
+        dts = (settings.dt[int(key) - 1], *(settings.study_dts if key == "1" else ()))
+        return sum(max(FRAMES[key]) * settings.steps_per_frame(dt) * dt for dt in dts)
+    if key == "3":
+        steps = settings.timed_frames * settings.steps_per_frame(settings.dt[2])
+        return settings.runs * steps * settings.dt[2]
+    if key == "4":
+        return settings.runs * settings.speedup_steps * settings.dt[2]
     return sum(
-        _looks(name, settings.part, steps, duration)
+        _looks(name, settings.part, steps, duration) * steps * SPHERES_DT
         for name, (_, duration, steps) in SPHERES.items()
     )
 
@@ -274,13 +280,13 @@ def follow(
     looks: int,
     frames: Collection[int] = (),
     threads: int | None = None,
-    advance: Callable[[int], object] = bool,
+    advance: Callable[[float], object] = bool,
 ) -> list[Case]:
     """Step scenes that differ in the responses of their sphere alone as one batch, and measure each
     every `steps` steps.
 
     There are `looks` measurements; those of `frames` are kept as cells. `advance` is called with
-    the number of new ones.
+    the simulated time between two of them [s].
     """
     cases, members = [Case(name, scene) for name, scene in scenes.items()], list(scenes.values())
     sphere = members[0].spheres[0]
@@ -291,6 +297,7 @@ def follow(
     for look in range(looks + 1):
         if look:
             _advance(stepper, steps, dt, cases)
+            advance(steps * dt)
         x, v, t = stepper.positions, stepper.velocities, float(stepper.time)
         from_center = x - sphere.center_at(t)
         passed.see(from_center)
@@ -317,7 +324,6 @@ def follow(
                 case.played.append((t, x[k].copy(), v[k].copy()))
             if look in frames:
                 case.cells.append(case.last)
-        advance(bool(look))
     return cases
 
 
@@ -363,11 +369,13 @@ def contact(
         )
 
 
-def study(settings: Settings, threads: int) -> list[dict[str, Any]]:
+def study(
+    settings: Settings, threads: int, advance: Callable[[float], object] = bool
+) -> list[dict[str, Any]]:
     """Experiment 1 as printed at each of `settings.study_dts`; depths at each frame."""
     rows, printed = [], [name for name in CASES if "printed" in name]
     for dt in settings.study_dts:
-        for case in contact("1", settings, dt, printed, threads=threads):
+        for case in contact("1", settings, dt, printed, threads=threads, advance=advance):
             depths = {what: [cell[what] for cell in case.cells] for what in ("points", "triangles")}
             rows += [] if case.failure else [{**case.last, **depths, "dt": dt}]
     return rows
@@ -400,10 +408,10 @@ def comparison(
 
 
 def _in_turns(
-    jobs: dict[str, Any], repeats: int, steps: int, advance: Callable[[int], object]
+    jobs: dict[str, Any], repeats: int, steps: int, dt: float, advance: Callable[[float], object]
 ) -> list[dict[str, Any]]:
-    """A row of rates for each job of so many steps: the median, which one disturbed repeat does not
-    move, and all.
+    """Time jobs of so many steps, and return a row of rates for each: the median, which one
+    disturbed repeat does not move, and all.
     """
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(repeats):
@@ -411,7 +419,7 @@ def _in_turns(
             begin = perf_counter()
             job()
             seconds[name].append(perf_counter() - begin)
-        advance(1)
+        advance(steps * dt)
     middle = {name: float(np.median(measured)) for name, measured in seconds.items()}
     first = next(iter(middle.values()))
     return [
@@ -425,7 +433,7 @@ def _in_turns(
     ]
 
 
-def frame_rates(settings: Settings, advance: Callable[[int], object] = bool) -> dict[str, Any]:
+def frame_rates(settings: Settings, advance: Callable[[float], object] = bool) -> dict[str, Any]:
     """Experiment 3: all cases on the falling cloth, on one thread, in turns; "each": steps/s in
     each run.
 
@@ -442,14 +450,14 @@ def frame_rates(settings: Settings, advance: Callable[[int], object] = bool) -> 
 
     scenes = with_responses(cs.scenes.paper_static(), CASES)
     jobs = {name: partial(fall, scene) for name, scene in scenes.items()}
-    rows = _in_turns(jobs, settings.runs, steps * settings.timed_frames, advance)
+    rows = _in_turns(jobs, settings.runs, steps * settings.timed_frames, dt, advance)
     for row in rows:
         row["frames_per_second"] = row["steps_per_second"] / frame_steps
     return {"rows": rows, "frame_steps": frame_steps}
 
 
 def speedup(
-    settings: Settings, threads: int, advance: Callable[[int], object] = bool
+    settings: Settings, threads: int, advance: Callable[[float], object] = bool
 ) -> dict[str, Any]:
     """Experiment 4: method 2 by the scalar reference, the core and every graphics card, from one
     state in contact.
@@ -485,6 +493,6 @@ def speedup(
                 jobs[f"shader, {precision}, {card.name}"] = partial(
                     job, card, precision=precision, backend="gpu"
                 )
-    rows = _in_turns(jobs, settings.runs, steps, advance)
+    rows = _in_turns(jobs, settings.runs, steps, dt, advance)
     ends = [step(scene, x, v, dt, AGREEMENT_STEPS, t=t)[0] for step in (cs.reference_step, cs.step)]
     return {"rows": rows, "agreement": float(np.abs(ends[0] - ends[1]).max()), "missing": missing}

@@ -426,7 +426,13 @@ class Run:
         return service("draw_run")(self, path)
 
     def animate(
-        self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, **style: Any
+        self,
+        path: str | Path,
+        fps: float = 30.0,
+        *,
+        speed: float = 1.0,
+        progress: bool = False,
+        **style: Any,
     ) -> Path:
         """Write a film of the run.
 
@@ -443,6 +449,8 @@ class Run:
             faster ones.
         speed : float, default 1.0
             Simulated seconds in a second of the film, > 0.
+        progress : bool, default False
+            True shows a progress bar of simulated seconds.
         **style
             As for `picture`. The view, the colour scale and the ground are the same for all frames.
 
@@ -454,7 +462,7 @@ class Run:
         ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
         'swing.gif'
         """
-        film: Path = service("animate")(self, path, fps, speed, **style)
+        film: Path = service("animate")(self, path, fps, speed, progress, **style)
         return film
 
     @check.named
