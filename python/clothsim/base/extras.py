@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 EXTENSIONS: dict[str, str] = {}
@@ -13,19 +14,15 @@ EXTENSIONS: dict[str, str] = {}
 
 
 def needed(name: str, what: str, extra: str = "sweep") -> Any:
-    """The named module, or an ImportError: which extra brings it, or why it cannot be loaded."""
+    """Import the named module, or raise an ImportError that says which extra brings it, or why it
+    cannot be loaded.
+    """
+    package = name.partition(".")[0]
+    if find_spec(package) is None:
+        raise ImportError(f"{what} needs {package}: run pip install 'clothsim[{extra}]'")
     try:
         module = import_module(name)
-    except ImportError as error:
-        package = name.partition(".")[0]
-        if (
-            isinstance(error, ModuleNotFoundError)
-            and (error.name or "").partition(".")[0] == package
-        ):
-            raise ImportError(
-                f"{what} needs {package}: run pip install 'clothsim[{extra}]'"
-            ) from error
-        # An installed package may lack memory, or a package of its own.
+    except ImportError as error:  # The package may lack memory, or a package of its own.
         raise ImportError(
             f"{what} needs {package}, which is installed but could not be loaded: {error}"
         ) from error
@@ -37,7 +34,7 @@ def needed(name: str, what: str, extra: str = "sweep") -> Any:
 def on_demand(
     namespace: dict[str, Any], modules: Mapping[str, Sequence[str]], also: Sequence[str] = ()
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of the module with that namespace (PEP 562).
+    """Make `__getattr__` and `__dir__` of the module with that namespace (PEP 562).
 
     `modules` has the names of each module, relative to the package. `dir` lists `__all__`, the
     names of Python itself and those in `also`.

@@ -12,12 +12,12 @@ from .extras import needed
 
 
 def wanted_by_command() -> bool:
-    """Whether a command shows progress: on a terminal, where tqdm is installed."""
+    """Tell whether a command shows progress: on a terminal, where tqdm is installed."""
     return sys.stderr.isatty() and find_spec("tqdm") is not None
 
 
 def in_notebook() -> bool:
-    """Whether this process is the kernel of a notebook of Jupyter or marimo."""
+    """Tell whether this process is the kernel of a notebook of Jupyter or marimo."""
     if "marimo" in sys.modules and sys.modules["marimo"].running_in_notebook():
         return True
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
