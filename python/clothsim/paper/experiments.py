@@ -151,14 +151,13 @@ AGREEMENT_STEPS = 100  # after which experiment 4 compares core and reference
 
 
 def _fast() -> cs.Scene:
-    """The paper's cloth, level, and its sphere on the way up through it at 100 m/s."""
+    """Make the paper's cloth, level, and its sphere on the way up through it at 100 m/s."""
     scene = cs.scenes.paper_static()
-    return scene.replace(
-        spheres=[scene.spheres[0].replace(center=(0.5, -0.3, 0.5), motion=cs.Linear((0, 100.0, 0)))]
-    )
+    sphere = scene.spheres[0].replace(center=(0.5, -0.3, 0.5), motion=cs.Linear((0, 100.0, 0)))
+    return scene.replace(spheres=[sphere])
 
 
-# Of experiment 5: scene, duration [s], steps between two looks.
+# The spheres of experiment 5: scene, duration [s], steps between two looks
 SPHERES: dict[str, tuple[Callable[[], cs.Scene], float, int]] = {
     "static": (cs.scenes.paper_static, 0.8, 4),
     "moving": (cs.scenes.paper_moving, 0.9, 4),
@@ -182,7 +181,7 @@ class Settings:
     part: float = 1.0
 
     def steps_per_frame(self, dt: float = PAPER_DT) -> int:
-        """Steps of `dt`, a whole number of which is a frame."""
+        """Return the number of steps of `dt` that make a frame."""
         return round(self.frame_dt / dt)
 
 
@@ -203,7 +202,9 @@ QUICK = Settings((4e-5, 8e-5, 5e-5), 1.6e-3, (4e-4, 1.6e-3), 3, 200, speedup_ste
 
 @dataclass
 class Case:
-    """One cloth's last frame, those of the paper's tables, states to play; why it ended early."""
+    """The last frame of a cloth, its frames of the paper's tables, states to play, and why it ended
+    early.
+    """
 
     name: str
     scene: cs.Scene
@@ -218,21 +219,25 @@ def _dot(a: Any, b: Any) -> Any:
 
 
 class Passed:
-    """Counts mass points that go through a sphere: between two states seen, or out on another side
+    """A count of mass points that go through a sphere: between two states, or out on another side
     than they came in.
 
     Positions are from the centre, of one cloth or of a batch.
     """
 
     def __init__(self, from_center: np.ndarray, radius: float) -> None:
-        self._before = self._entered = from_center
-        self._radius, self.count = radius, np.zeros(from_center.shape[:-3], int)
+        self._before = from_center
+        self._entered = from_center
+        self._radius = radius
+        self.count = np.zeros(from_center.shape[:-3], int)
 
     def see(self, after: np.ndarray) -> None:
-        before, radius2 = self._before, self._radius**2
-        was_outside, is_outside = _dot(before, before) >= radius2, _dot(after, after) >= radius2
+        before = self._before
+        radius2 = self._radius**2
+        was_outside = _dot(before, before) >= radius2
+        is_outside = _dot(after, after) >= radius2
         self._entered = np.where((was_outside & ~is_outside)[..., None], before, self._entered)
-        way = after - before  # straight
+        way = after - before
         part = np.clip(-_dot(before, way) / np.maximum(_dot(way, way), 1e-300), 0, 1)
         nearest = before + part[..., None] * way
         between = was_outside & is_outside & (_dot(nearest, nearest) < radius2 * (1 - 2e-9))
@@ -242,11 +247,11 @@ class Passed:
 
 
 def sharpest_fold(x: np.ndarray) -> np.ndarray:
-    """The largest angle [degrees] between the normals of neighbouring cells of each cloth."""
+    """Measure the largest angle [degrees] between normals of neighbouring cells of each cloth."""
     normals = np.cross(x[:, 1:, :-1] - x[:, :-1, :-1], x[:, :-1, 1:] - x[:, :-1, :-1])
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-300)
     cosines = (_dot(normals[:, 1:], normals[:, :-1]), _dot(normals[:, :, 1:], normals[:, :, :-1]))
-    least = np.minimum(*(one.min(axis=(1, 2)) for one in cosines))
+    least = np.minimum(*(cosine.min(axis=(1, 2)) for cosine in cosines))
     return np.asarray(np.degrees(np.arccos(np.clip(least, -1.0, 1.0))))
 
 
@@ -269,7 +274,7 @@ def simulated_time(key: str, settings: Settings) -> float:
 
 
 def _looks(sphere: str, part: float, steps: int, duration: float) -> int:
-    """Measurements of experiment 5 on a sphere."""
+    """Count the measurements of experiment 5 on a sphere."""
     return round((1.0 if sphere == "fast" else part) * duration / SPHERES_DT / steps)
 
 
@@ -288,9 +293,11 @@ def follow(
     There are `looks` measurements; those of `frames` are kept as cells. `advance` is called with
     the simulated time between two of them [s].
     """
-    cases, members = [Case(name, scene) for name, scene in scenes.items()], list(scenes.values())
+    cases = [Case(name, scene) for name, scene in scenes.items()]
+    members = list(scenes.values())
     sphere = members[0].spheres[0]
-    touching = NEAR + np.array([one.spheres[0].contact_radius(one.cloth) for one in members])
+    radii = [scene.spheres[0].contact_radius(scene.cloth) for scene in members]
+    touching = NEAR + np.array(radii)
     stepper = cs.Stepper(members, threads=threads)
     start = np.asarray(cs.energy(members, stepper.positions, stepper.velocities, 0.0)["total"])
     passed = Passed(stepper.positions - sphere.center_at(0.0), sphere.radius)
@@ -298,25 +305,26 @@ def follow(
         if look:
             _advance(stepper, steps, dt, cases)
             advance(steps * dt)
-        x, v, t = stepper.positions, stepper.velocities, float(stepper.time)
+        x = stepper.positions
+        v = stepper.velocities
+        t = float(stepper.time)
         from_center = x - sphere.center_at(t)
         passed.see(from_center)
-        depth, energy = cs.penetration(x, sphere, t), cs.energy(members, x, v, t)
-        found = {
-            **depth,
+        energy = cs.energy(members, x, v, t)
+        measures = {
+            **cs.penetration(x, sphere, t),
             "energy_gained": energy["total"] - start,
             "kinetic_energy": energy["kinetic"],
+            "points_passed": passed.count,
         }
-        found |= {"points_passed": passed.count}
         if look in frames:
-            found["points_touching"] = (
-                np.linalg.norm(from_center, axis=-1) < touching[:, None, None]
-            ).sum(axis=(1, 2))
-            found["sharpest_fold"] = sharpest_fold(x)
+            touches = np.linalg.norm(from_center, axis=-1) < touching[:, None, None]
+            measures["points_touching"] = touches.sum(axis=(1, 2))
+            measures["sharpest_fold"] = sharpest_fold(x)
         for k, case in enumerate(cases):
             if case.failure:
                 continue
-            values = {name: np.asarray(value)[k].item() for name, value in found.items()}
+            values = {name: np.asarray(value)[k].item() for name, value in measures.items()}
             for what in ("points", "triangles"):
                 values[f"{what}_so_far"] = max(values[what], case.last.get(f"{what}_so_far", 0.0))
             case.last = {"case": case.name, "frame": look, "time": t, **values}
@@ -340,7 +348,7 @@ def _advance(stepper: cs.Stepper, steps: int, dt: float, cases: Sequence[Case]) 
 
 
 def with_responses(scene: cs.Scene, responses: dict[str, dict[str, Any]]) -> dict[str, cs.Scene]:
-    """The scene with each of these responses of its sphere."""
+    """Make scenes with each of these responses of their sphere."""
     (sphere,) = scene.spheres
     return {
         name: scene.replace(spheres=[sphere.replace(**changes)])
@@ -361,23 +369,25 @@ def contact(
     scene = cs.scenes.paper_static() if number == "1" else cs.scenes.paper_moving()
     scenes = with_responses(scene, {name: CASES[name] for name in cases})
     frames = FRAMES[number]
+    steps = settings.steps_per_frame(dt)
     with warnings.catch_warnings():
-        # A step a frame, one of the steps studied, is above the guarantee.
+        # A step as long as a frame is above the guarantee.
         warnings.simplefilter("ignore", cs.StabilityWarning)
-        return follow(
-            scenes, dt, settings.steps_per_frame(dt), max(frames), frames=frames, **options
-        )
+        return follow(scenes, dt, steps, looks=max(frames), frames=frames, **options)
 
 
 def study(
     settings: Settings, threads: int, advance: Callable[[float], object] = bool
 ) -> list[dict[str, Any]]:
-    """Experiment 1 as printed at each of `settings.study_dts`; depths at each frame."""
-    rows, printed = [], [name for name in CASES if "printed" in name]
+    """Run experiment 1 as printed at each of `settings.study_dts`; depths at each frame."""
+    rows = []
+    printed = [name for name in CASES if "printed" in name]
     for dt in settings.study_dts:
         for case in contact("1", settings, dt, printed, threads=threads, advance=advance):
+            if case.failure:
+                continue
             depths = {what: [cell[what] for cell in case.cells] for what in ("points", "triangles")}
-            rows += [] if case.failure else [{**case.last, **depths, "dt": dt}]
+            rows.append({**case.last, **depths, "dt": dt})
     return rows
 
 
@@ -388,7 +398,7 @@ def comparison(
     every: int | None = None,
     **options: Any,
 ) -> list[dict[str, Any]]:
-    """Experiment 5: every response on every sphere, a row each, measured every `every` steps;
+    """Run experiment 5: every response on every sphere, a row each, measured every `every` steps;
     `options` as for `follow`.
 
     `QUANTITIES` defines the columns.
@@ -396,7 +406,8 @@ def comparison(
     rows = []
     for name in spheres:
         make, duration, steps = SPHERES[name]
-        steps = every or steps
+        if every is not None:
+            steps = every
         looks = _looks(name, part, steps, duration)
         scenes = with_responses(make(), {response: RESPONSES[response] for response in responses})
         with warnings.catch_warnings():
@@ -427,19 +438,20 @@ def _in_turns(
             "case": name,
             "steps_per_second": steps / middle[name],
             "times_the_first": first / middle[name],
+            "each": (steps / np.array(measured)).tolist(),
         }
-        | {"each": (steps / np.array(measured)).tolist()}
         for name, measured in seconds.items()
     ]
 
 
 def frame_rates(settings: Settings, advance: Callable[[float], object] = bool) -> dict[str, Any]:
-    """Experiment 3: all cases on the falling cloth, on one thread, in turns; "each": steps/s in
+    """Run experiment 3: all cases on the falling cloth, on one thread, in turns; "each": steps/s in
     each run.
 
     A frame is its steps and one copy of the positions, as a renderer needs.
     """
-    dt, frame_steps = settings.dt[2], settings.steps_per_frame()
+    dt = settings.dt[2]
+    frame_steps = settings.steps_per_frame()
     steps = settings.steps_per_frame(dt)
 
     def fall(scene: cs.Scene) -> None:
@@ -459,20 +471,24 @@ def frame_rates(settings: Settings, advance: Callable[[float], object] = bool) -
 def speedup(
     settings: Settings, threads: int, advance: Callable[[float], object] = bool
 ) -> dict[str, Any]:
-    """Experiment 4: method 2 by the scalar reference, the core and every graphics card, from one
-    state in contact.
+    """Run experiment 4: method 2 by the scalar reference, the core and every graphics card. All start
+    from one state in contact.
 
     "each": steps/s in each run; the first makes the buffers, as in the paper.
     """
-    dt, steps, t = settings.dt[2], settings.speedup_steps, 0.5
+    dt = settings.dt[2]
+    steps = settings.speedup_steps
+    t = 0.5
     scene = cs.scenes.paper_static(response="ray")
     x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 5e-5, 10_000)
+    cards = []
+    missing = "no graphics card here"
     try:
-        cards, missing = [one for one in adapters() if not one.software], "no graphics card here"
+        cards = [adapter for adapter in adapters() if not adapter.software]
     except ImportError as error:
-        cards, missing = [], str(error)
+        missing = str(error)
 
-    @cache  # made in the first run
+    @cache  # The first run makes a stepper, with its buffers.
     def stepper(card: Any = None, **options: Any) -> cs.Stepper:
         return cs.Stepper(scene, x, v, t=t, **options)
 
