@@ -17,7 +17,7 @@ class Terminal(io.StringIO):
 
 
 def stderr(monkeypatch, kind):
-    """A new stderr; not in a fixture, as pytest sets its own when the test itself begins."""
+    """Set a new stderr; no fixture does so, as pytest sets its own when the test itself begins."""
     file = kind()
     monkeypatch.setattr(sys, "stderr", file)
     return file

@@ -17,7 +17,7 @@ EVIDENCE = ("paper", "hard_cases")
 
 
 def modules():
-    """The text of each module of the package and its folder, by name without "clothsim."."""
+    """Return the text of each module of the package and its folder, by name without "clothsim."."""
     for path in PACKAGE.rglob("*.py"):
         folder = path.relative_to(PACKAGE).parent.parts
         name = ".".join(folder if path.stem == "__init__" else (*folder, path.stem))
@@ -28,8 +28,8 @@ MODULES = dict(modules())
 
 
 def imports(text, folder, late=True):
-    """(module, name or "") of every import of clothsim when the text runs, `late` ones in functions
-    too; the module without "clothsim.".
+    """Return (module, name or "") of every import of clothsim when the text runs, with `late` those
+    in functions too; the module without "clothsim.".
     """
     tree = ast.parse(text)
     blocks = [
@@ -56,7 +56,7 @@ def imports(text, folder, late=True):
 
 
 def import_graph(late):
-    """The modules that each module imports."""
+    """Return the modules that each module imports."""
     return {
         name: {other for other, _ in imports(*code, late) if other}
         for name, code in MODULES.items()
@@ -70,7 +70,7 @@ def test_no_circle_of_imports():
 
 
 def reachable(graph, start):
-    """The modules that importing `start` may import, late imports included."""
+    """Return the modules that `start` imports in the end, late imports included."""
     reached = set()
     waiting = [start]
     while waiting:
@@ -110,7 +110,7 @@ def public_names(module):
 
 
 def private_uses(text, folder, allowed=()):
-    """What a text takes, neither public nor of an allowed room: imports, and attributes of `cs`."""
+    """Return imports and attributes of `cs` in a text that are neither public nor of allowed rooms."""
     found = []
     for other, name in imports(text, folder):
         if other.split(".")[0] in allowed or (other in PUBLIC and name == other):

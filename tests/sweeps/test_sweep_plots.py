@@ -14,7 +14,7 @@ plt = pytest.importorskip("matplotlib.pyplot")
 
 
 def terminal_of(monkeypatch):
-    """What a terminal gets."""
+    """Return what a terminal gets."""
     shown = io.StringIO()
     shown.isatty = lambda: True
     monkeypatch.setattr(sys, "stderr", shown)

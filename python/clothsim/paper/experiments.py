@@ -471,8 +471,8 @@ def frame_rates(settings: Settings, advance: Callable[[float], object] = bool) -
 def speedup(
     settings: Settings, threads: int, advance: Callable[[float], object] = bool
 ) -> dict[str, Any]:
-    """Run experiment 4: method 2 by the scalar reference, the core and every graphics card. All start
-    from one state in contact.
+    """Run experiment 4: method 2 by the scalar reference, the core and every graphics card. They
+    start from one state in contact.
 
     "each": steps/s in each run; the first makes the buffers, as in the paper.
     """
