@@ -170,15 +170,15 @@ def geometry() -> dict[str, HardCase]:
     """
     tiny = sheet(size=(1e-300, 1e-300), stiffness=100.0, pins=())
     linear = cs.Scene(tiny, gravity=NO_GRAVITY, position=noise(tiny, 1.0))
-    near = near_cloth()
-    cloth = near.cloth
+    scene = near_cloth()
+    cloth = scene.cloth
     coincident = cloth.rest_positions.copy()
     coincident[3, 3] = coincident[3, 4]
     one_place = np.full((8, 8, 3), 0.25)
     undamped = sheet(stiffness=1000.0, pins=())
     noisy = cs.Scene(undamped, gravity=NO_GRAVITY, position=one_place + noise(undamped, 1e-9))
     half = 0.5 * cs.max_stable_dt(cs.Scene(cloth))
-    sphere = near.spheres[0]
+    sphere = scene.spheres[0]
     center = np.add(sphere.center, FAR)
     cases = {
         "zero rest length": HardCase(
@@ -212,7 +212,7 @@ def geometry() -> dict[str, HardCase]:
             why="points 1e-9 m apart whose springs want 0.14 m: directions turn in no time",
         ),
         "1e6 m away": HardCase(
-            near.replace(
+            scene.replace(
                 spheres=sphere.replace(center=center), position=cloth.rest_positions + FAR
             ),
             dt=5e-4,

@@ -24,14 +24,14 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
-def _parser(chosen: str | None) -> argparse.ArgumentParser:
+def _parser(word: str | None) -> argparse.ArgumentParser:
     """Make the parser of the whole command line, with the arguments of the chosen command."""
     top = _Parser(prog="clothsim", description="Mass-spring cloth meeting spheres.")
     top.add_argument("--version", action="version", version=f"clothsim {cs.__version__}")
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
     for name, (text, add_arguments, run) in COMMANDS.items():
         command = subparsers.add_parser(name, help=text, description=text, allow_abbrev=False)
-        if name == chosen:
+        if name == word:
             command.set_defaults(run=run, command=name)
             add_arguments(command)
             command.add_argument("--json", action="store_true", help="print JSON instead of text")

@@ -227,11 +227,11 @@ def _add_reproduce(command: argparse.ArgumentParser) -> None:
 def _reproduce(args: argparse.Namespace) -> None:
     from clothsim.paper import NUMBERS, reproduce, text, verdicts
 
-    chosen = args.experiment or NUMBERS
+    numbers = args.experiment or NUMBERS
     report = reproduce(
         args.out,
         quick=args.quick,
-        experiments=chosen,
+        experiments=numbers,
         threads=args.threads,
         progress=wanted_by_command(),
     )

@@ -226,24 +226,24 @@ class Passed:
     """
 
     def __init__(self, from_center: np.ndarray, radius: float) -> None:
-        self._before = from_center
+        self._last = from_center
         self._entered = from_center
         self._radius = radius
         self.count = np.zeros(from_center.shape[:-3], int)
 
-    def see(self, after: np.ndarray) -> None:
-        before = self._before
+    def see(self, new: np.ndarray) -> None:
+        last = self._last
         radius2 = self._radius**2
-        was_outside = _dot(before, before) >= radius2
-        is_outside = _dot(after, after) >= radius2
-        self._entered = np.where((was_outside & ~is_outside)[..., None], before, self._entered)
-        way = after - before
-        part = np.clip(-_dot(before, way) / np.maximum(_dot(way, way), 1e-300), 0, 1)
-        nearest = before + part[..., None] * way
+        was_outside = _dot(last, last) >= radius2
+        is_outside = _dot(new, new) >= radius2
+        self._entered = np.where((was_outside & ~is_outside)[..., None], last, self._entered)
+        way = new - last
+        part = np.clip(-_dot(last, way) / np.maximum(_dot(way, way), 1e-300), 0, 1)
+        nearest = last + part[..., None] * way
         between = was_outside & is_outside & (_dot(nearest, nearest) < radius2 * (1 - 2e-9))
-        turned = ~was_outside & is_outside & (_dot(self._entered, after) < 0)
+        turned = ~was_outside & is_outside & (_dot(self._entered, new) < 0)
         self.count = self.count + (between | turned).sum(axis=(-2, -1))
-        self._before = after
+        self._last = new
 
 
 def sharpest_fold(x: np.ndarray) -> np.ndarray:
@@ -431,16 +431,16 @@ def _in_turns(
             job()
             seconds[name].append(perf_counter() - begin)
         advance(steps * dt)
-    middle = {name: float(np.median(measured)) for name, measured in seconds.items()}
+    middle = {name: float(np.median(times)) for name, times in seconds.items()}
     first = next(iter(middle.values()))
     return [
         {
             "case": name,
             "steps_per_second": steps / middle[name],
             "times_the_first": first / middle[name],
-            "each": (steps / np.array(measured)).tolist(),
+            "each": (steps / np.array(times)).tolist(),
         }
-        for name, measured in seconds.items()
+        for name, times in seconds.items()
     ]
 
 

@@ -65,7 +65,7 @@ def _differ(first: list[float], second: list[float]) -> bool:
     return bool(first and second) and min(first) > DEEP > max(second)
 
 
-def _both(values: dict[str, Any], variant: str) -> list[Any]:
+def _pair(values: dict[str, Any], variant: str) -> list[Any]:
     """Return the values of method 1 and method 2."""
     return [values[f"method {k}, {variant}"] for k in (1, 2)]
 
@@ -76,7 +76,7 @@ def _static(entry: dict[str, Any]) -> list[Finding]:
         name: [cell["triangles"] for cell in entry["cells"] if cell["case"] == name]
         for name in CASES
     }
-    pairs = [_both(depths, variant) for variant in VARIANTS]
+    pairs = [_pair(depths, variant) for variant in VARIANTS]
     printed, corrected = (f"method 1: {_mm(a)}; method 2: {_mm(b)}" for a, b in pairs)
     coarse = [row["triangles"] for row in entry["study"][-2:]]  # steps as long as a frame
     deepest = [_mm([max(depth, default=0.0)]) for depth in pairs[0]]
@@ -110,12 +110,12 @@ def _moving(entry: dict[str, Any]) -> list[Finding]:
         "; ".join(
             f"method {k}: {cell['points_passed']} points passed, triangles to "
             f"{_mm([cell['triangles_so_far']])} deep"
-            for k, cell in enumerate(_both(cells, variant), 1)
+            for k, cell in enumerate(_pair(cells, variant), 1)
             if cell
         )
         for variant in VARIANTS
     )
-    first, second = _both(cells, VARIANTS[0])
+    first, second = _pair(cells, VARIANTS[0])
     verdict = "no"
     if _goes_through(first):
         if not _goes_through(second):
@@ -159,7 +159,7 @@ def _edge(entry: dict[str, Any]) -> Finding:
     cells = dict.fromkeys(CASES) | {
         cell["case"]: cell for cell in entry["cells"] if cell["frame"] == frame
     }
-    pairs = [_both(cells, variant) for variant in VARIANTS]
+    pairs = [_pair(cells, variant) for variant in VARIANTS]
     texts = (
         "; ".join(
             f"method {k}: {number(cell['sharpest_fold'])} degrees, "
@@ -207,7 +207,7 @@ def _slow(entry: dict[str, Any]) -> Finding:
 
 def _rates(entry: dict[str, Any]) -> list[Finding]:
     rates = {row["case"]: row["frames_per_second"] for row in entry["rows"]}
-    pairs = [_both(rates, variant) for variant in VARIANTS]
+    pairs = [_pair(rates, variant) for variant in VARIANTS]
     printed, corrected = (
         f"{number(a)} frames/s with method 1, {number(b)} with method 2" for a, b in pairs
     )
@@ -215,7 +215,7 @@ def _rates(entry: dict[str, Any]) -> list[Finding]:
     steps = entry["frame_steps"]
     least = min(rates.values())
     quick = _graded((least > FRAMES_PER_SECOND) + (least * steps > FRAMES_PER_SECOND), 2)
-    shown = [
+    texts = [
         f"{number(min(pair))} frames/s of {steps} steps; {number(min(pair) * steps)} of one"
         for pair in pairs
     ]
@@ -238,7 +238,7 @@ def _rates(entry: dict[str, Any]) -> list[Finding]:
             quick_claim,
             f"the slowest has more; in part: with a frame of a single step of 5 us ({steps} here)",
             quick,
-            *shown,
+            *texts,
         ),
     ]
 

@@ -74,10 +74,10 @@ def _table(kind: str, rows: Iterable[dict[str, Any]]) -> str:
     """Return a table of the experiments' rows, in the units of `QUANTITIES`."""
     keys = COLUMNS[kind]
     heads = [QUANTITIES[key].heading for key in keys]
-    return _markdown(heads, [[_shown(key, row[key]) for key in keys] for row in rows])
+    return _markdown(heads, [[_text(key, row[key]) for key in keys] for row in rows])
 
 
-def _shown(key: str, value: Any) -> str:
+def _text(key: str, value: Any) -> str:
     factor = QUANTITIES[key].factor
     return number(value if factor == 1 else (factor * np.array(value)).tolist())
 
@@ -112,7 +112,7 @@ def parts(report: dict[str, Any]) -> list[str]:
         "our number, as printed",
         "our number, corrected",
     ]
-    made = [
+    blocks = [
         "# The experiments of Kim et al., run by clothsim",
         "The claims of Real-time collision response between cloth and sphere object in "
         "Unity, and what we measured.",
@@ -120,45 +120,48 @@ def parts(report: dict[str, Any]) -> list[str]:
         "[the scenes, live in the browser](live.html) · [as text](report.txt) · [all "
         "numbers](report.json)",
     ]
-    made += ["## The two methods, in two variants", METHODS]
+    blocks += ["## The two methods, in two variants", METHODS]
     for key, entry in experiments.items():
         experiment = EXPERIMENTS[key]
-        made += [
+        blocks += [
             f"## Experiment {key}: {experiment.title}",
             experiment.setting,
             f"> **The paper:** {experiment.claim}",
             f"> **Here:** {sentence(key, entry)}",
         ]
-        made += [
+        blocks += [
             f"{name} ended early: {failure}." for name, failure in entry.get("failures", {}).items()
         ]
-        made += (
+        blocks += (
             _contact(key, entry, report["settings"]["frame_dt"])
             if "cells" in entry
             else [_table(key, entry["rows"])]
         )
-    made += ["## Quantities", _definitions()]
+    blocks += ["## Quantities", _definitions()]
     if report["cuts"]:
-        made += ["## What this short form cuts", "\n".join(f"- {line}" for line in report["cuts"])]
+        blocks += [
+            "## What this short form cuts",
+            "\n".join(f"- {line}" for line in report["cuts"]),
+        ]
     computer = f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}"
     program = f"clothsim {build['version']}, {build['instruction_set']}, {build['compiler']}"
-    return [*made, f"{program}; {computer}; {report['provenance']['created']}"]
+    return [*blocks, f"{program}; {computer}; {report['provenance']['created']}"]
 
 
 def _contact(key: str, entry: dict[str, Any], frame_dt: float) -> list[str]:
-    made = [COLORS]
+    blocks = [COLORS]
     times = {frame: f"{frame * frame_dt:g}" for frame in FRAMES[key]}
     for frame, t in times.items():
         cells = [cell for cell in entry["cells"] if cell["frame"] == frame]
-        made += cells and [
+        blocks += cells and [
             f"### Frame {frame}, t = {t} s",
             "\n".join(f"![{_caption(cell)}]({cell['picture']})" for cell in cells),
         ]
     links = [f"[play from frame {frame}](experiment{key}.html#t={t})" for frame, t in times.items()]
     live = "live_static.html" if key == "1" else "live_moving.html"
-    made.append(" · ".join([*links, f"[simulate this scene in the browser]({live})"]))
-    made.append(_table("cells", sorted(entry["cells"], key=lambda cell: cell["frame"])))
-    return made + (
+    blocks.append(" · ".join([*links, f"[simulate this scene in the browser]({live})"]))
+    blocks.append(_table("cells", sorted(entry["cells"], key=lambda cell: cell["frame"])))
+    return blocks + (
         ["### The same frames with coarser steps", _table("study", entry["study"])]
         if entry["study"]
         else []
@@ -192,10 +195,10 @@ def as_text(report: dict[str, Any]) -> str:
     return "\n\n".join(texts) + "\n"
 
 
-def write_page(path: Path, title: str, made: Iterable[str]) -> Path:
+def write_page(path: Path, title: str, blocks: Iterable[str]) -> Path:
     """Write parts in Markdown as a page that holds its pictures."""
     page = (files(__package__) / "report.html").read_text(encoding="utf-8")
-    body = "\n".join(_html(part, path.parent) for part in made)
+    body = "\n".join(_html(part, path.parent) for part in blocks)
     return write_bytes(path, page.replace("TITLE", title).replace("BODY", body).encode())
 
 

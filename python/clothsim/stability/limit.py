@@ -182,11 +182,11 @@ def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operato
             f"{np.abs(x).max():.3g} m from the origin"
         )
     has_length = length > 0
-    near = np.flatnonzero(has_length & (length < _NOISE * table["rest_length"]))
-    if len(near):
-        ends = [divmod(int(end[near[0]]), cloth.columns) for end in (i, j)]
+    tiny = np.flatnonzero(has_length & (length < _NOISE * table["rest_length"]))
+    if len(tiny):
+        ends = [divmod(int(end[tiny[0]]), cloth.columns) for end in (i, j)]
         raise ValueError(
-            f"x must have the ends of every spring together or apart, got {length[near[0]]:.3g} m "
+            f"x must have the ends of every spring together or apart, got {length[tiny[0]]:.3g} m "
             f"between mass points {ends[0]} and {ends[1]}: less than rounding leaves of the "
             "spring's direction"
         )
@@ -194,16 +194,16 @@ def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operato
     n = d / length[:, None]
     stretching = (w * n).sum(axis=1)
     turning = (w - stretching[:, None] * n) / length[:, None]
-    across = table["stiffness"] * (1 - table["rest_length"] / length)
-    across += table["damping"] * stretching / length
-    along = table["stiffness"] - across
+    lateral = table["stiffness"] * (1 - table["rest_length"] / length)
+    lateral += table["damping"] * stretching / length
+    axial = table["stiffness"] - lateral
     damping = table["damping"]
     place = np.concatenate([i, j])
 
     def to_points(force: Floats) -> Floats:
         """Sum up forces of shape (n, springs, 3) at the points."""
-        both = np.concatenate([force, -force], axis=1)
-        at_points = [[np.bincount(place, part[:, k], len(x)) for k in range(3)] for part in both]
+        ends = np.concatenate([force, -force], axis=1)
+        at_points = [[np.bincount(place, part[:, k], len(x)) for k in range(3)] for part in ends]
         return np.reshape(np.swapaxes(at_points, 1, 2) * scale, (len(force), -1))
 
     def between_ends(y: Floats) -> Floats:
@@ -227,8 +227,8 @@ def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operato
 
     def stiffness(y: Floats) -> Floats:
         u = between_ends(y)
-        radial = along * (u * n).sum(axis=2) + damping * (u * turning).sum(axis=2)
-        force = to_points(across[:, None] * u + radial[..., None] * n)
+        radial = axial * (u * n).sum(axis=2) + damping * (u * turning).sum(axis=2)
+        force = to_points(lateral[:, None] * u + radial[..., None] * n)
         return -force if layers is None else contact(y, layers[0]) - force
 
     def damping_(y: Floats) -> Floats:
@@ -273,7 +273,7 @@ def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats, t: float
         return limit
     space = Subspace(*operators, len(free))
     start = np.concatenate([start, leaders])
-    return space.search(start, lambda near: _by_steps(integrator, space, near or limit))[0]
+    return space.search(start, lambda guess: _by_steps(integrator, space, guess or limit))[0]
 
 
 class SpaceLimit(NamedTuple):
@@ -396,9 +396,9 @@ def _by_modes(integrator: str, space: Subspace) -> SpaceLimit:
     return SpaceLimit(limit, modes=z, outside=outside, whole=bool(whole.all()))
 
 
-def _by_steps(integrator: str, space: Subspace, near: float) -> SpaceLimit:
+def _by_steps(integrator: str, space: Subspace, guess: float) -> SpaceLimit:
     """Return the largest step at which the step matrix of a splitting method is stable."""
-    limit = _limit_in(integrator, space.k, space.c, near)
+    limit = _limit_in(integrator, space.k, space.c, guess)
     if not np.isfinite(limit):
         return SpaceLimit(limit, modes=space.k[:0], outside=space.k[:0], whole=True)
     values, vectors = np.linalg.eig(
@@ -470,13 +470,13 @@ def _count(values: npt.NDArray[Any], sign: int, growth: float) -> int:
     return int(np.count_nonzero((np.abs(values) > 1 + growth) & (sign * values.real >= 0)))
 
 
-def _limit_in(integrator: str, k: Floats, c: Floats, near: float) -> float:
+def _limit_in(integrator: str, k: Floats, c: Floats, guess: float) -> float:
     """Search for the limit in a space: the first rising step that is unstable, then bisection."""
     mu, _ = modes(k, c)
     if not np.abs(mu).max(initial=0) > 0:
         return np.inf
     unstable = partial(faulty, integrator, k, c, mu)
-    low = 0.7 * near
+    low = 0.7 * guess
     while unstable(low):
         low *= 0.5
     high = low * _RATIO

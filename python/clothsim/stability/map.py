@@ -55,9 +55,9 @@ def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **optio
             stepper.advance(min(_LOOK, steps - begin), dt)
         except UnstableError:
             return False
-        now = energy(scene, stepper.positions, stepper.velocities)
-        allowed = _GROWTH**2 * size + _ENERGY_ERROR * (now["kinetic"] + now["elastic"])
-        if not now["total"] - start["total"] <= allowed:
+        energies = energy(scene, stepper.positions, stepper.velocities)
+        allowed = _GROWTH**2 * size + _ENERGY_ERROR * (energies["kinetic"] + energies["elastic"])
+        if not energies["total"] - start["total"] <= allowed:
             return False
     return True
 
@@ -140,12 +140,12 @@ def stability_map(
             bar.advance()
     limit = np.array([spectral_limit(integrator, member, x, v) for member in scenes])
     guarantee = [max_stable_dt(member, integrator) for member in scenes]
-    both = ("stiffness", "dt")
+    dimensions = ("stiffness", "dt")
     seconds = {"units": "s"}
     dataset: xarray.Dataset = xr.Dataset(
         {
-            "stable": (both, stable),
-            "predicted": (both, dt <= limit[:, None]),
+            "stable": (dimensions, stable),
+            "predicted": (dimensions, dt <= limit[:, None]),
             "limit": ("stiffness", limit, seconds),
             "guarantee": ("stiffness", guarantee, seconds),
         },

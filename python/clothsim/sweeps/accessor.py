@@ -98,13 +98,13 @@ class ClothsimAccessor:
         if every is not None:
             settings["every"] = every
         grid = Grid([_axis(entry) for entry in identity["over"]])
-        chosen = self._dataset.sel(selection)["member"]
-        for name, size in chosen.sizes.items():
+        indices = self._dataset.sel(selection)["member"]
+        for name, size in indices.sizes.items():
             if size != 1:
                 raise ValueError(
                     f"a member needs one value of {name!r}, got {size}: give member({name}=...)"
                 )
-        index = chosen.item()
+        index = indices.item()
         make = Maker(Scene.from_dict(identity["scene"]), SweepOptions(**settings))
         member = make(index, grid.values(index))
         options = {**member.settings, "dt": member.dt}

@@ -64,9 +64,9 @@ def incomparable(run: Run, reference: Reference) -> str:
     contact = not math.isnan(run.report["first_contact"]["time"])
     if not (contact or reference.contact):
         return ""
-    whose = "the member" if contact else "the reference"
+    owner = "the member" if contact else "the reference"
     return (
-        f"metric 'error': a sphere has responded to a mass point of {whose}; after contact "
+        f"metric 'error': a sphere has responded to a mass point of {owner}; after contact "
         "trajectories are chaotic and there is no reference; compare outcomes (penetration, "
         "first_contact, energy_drift) or take a shorter duration"
     )
@@ -167,7 +167,7 @@ RESERVED = ("status", "max_stable_dt", "unstable_step", "unstable_time", "messag
 Metrics = Mapping[str, Callable[[Run], Any] | None]
 
 
-def measured(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Any]:
+def variables_of(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Any]:
     """Compute the variables of a user's function of a run."""
     result = function(run)
     parts = {name: result}

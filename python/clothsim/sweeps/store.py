@@ -91,9 +91,9 @@ class Results:
                     self._add(name, np.bool_, False, attrs)
                 else:
                     self._add(name, float, np.nan, attrs)
-        before = None if store is None else store.load(self._variables)
-        if before is not None:
-            self._resume(before)
+        dataset = None if store is None else store.load(self._variables)
+        if dataset is not None:
+            self._resume(dataset)
 
     def _resume(self, dataset: xarray.Dataset) -> None:
         """Take the values of a store."""
@@ -257,8 +257,8 @@ def _locked(path: Path) -> int | None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(handle)
-        where = f"store {str(path)!r} is being written by a sweep"
-        raise ValueError(f"{where}; wait for its end, or give another store") from None
+        text = f"store {str(path)!r} is being written by a sweep"
+        raise ValueError(f"{text}; wait for its end, or give another store") from None
     return handle
 
 

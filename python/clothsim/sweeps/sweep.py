@@ -42,8 +42,8 @@ from .metrics import (
     choose_metrics,
     describe,
     incomparable,
-    measured,
     reference_of,
+    variables_of,
 )
 from .store import SCHEMA, Results, Store
 
@@ -211,8 +211,8 @@ def _check_grid(grid: Grid, options: SweepOptions) -> None:
 
 def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bool) -> None:
     members = results.grid.size
-    before = members - len(results.pending)
-    bar = ProgressBar(progress, total=members, initial=before, unit="member", desc="sweep")
+    initial = members - len(results.pending)
+    bar = ProgressBar(progress, total=members, initial=initial, unit="member", desc="sweep")
 
     def record(records: Sequence[MemberRecord]) -> None:
         results.record(records)
@@ -249,11 +249,11 @@ def checked_members(make: Maker, grid: Grid) -> dict[int, Member]:
         most = _MOST_CHECKED // len(grid.axes)
         # Steps between members along each axis
         steps = [math.prod(grid.shape[k + 1 :]) for k in range(len(grid.shape))]
-        along = [
+        offsets = [
             step * np.linspace(0, n - 1, min(n, most)).astype(int)
             for step, n in zip(steps, grid.shape, strict=True)
         ]
-        indices = np.unique(np.concatenate([[0], *along]))
+        indices = np.unique(np.concatenate([[0], *offsets]))
     members = {index: _member(make, grid, index) for index in indices.tolist()}
     for member in members.values():
         name = member.settings["integrator"]
@@ -270,8 +270,8 @@ def _member(make: Maker, grid: Grid, index: int) -> Member:
     except (ValueError, TypeError) as error:
         if not values:
             raise
-        which = ", ".join(f"{name}={value!r}" for name, value in values.items())
-        raise type(error)(f"over has the member {which} that cannot be run: {error}") from error
+        text = ", ".join(f"{name}={value!r}" for name, value in values.items())
+        raise type(error)(f"over has the member {text} that cannot be run: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -340,12 +340,12 @@ def run_task(task: Task, pause: Callable[[], None] | None = None) -> list[Member
     members come back.
     """
     records: list[MemberRecord] = []
-    before = PAUSE.set(pause)
+    token = PAUSE.set(pause)
     try:
         with suppress(Stopped):
             records.extend(_records(task))
     finally:
-        PAUSE.reset(before)
+        PAUSE.reset(token)
     return records
 
 
@@ -419,7 +419,7 @@ def _record(member: Member, run: Run, error: Failure | None, task: Task) -> Memb
                 metric = METRICS[name]
                 record.values.update(zip(metric.variables, metric.compute(run, reference)))
             else:
-                record.values |= measured(name, function, run)
+                record.values |= variables_of(name, function, run)
         except Stopped:
             raise
         except Exception as failure:  # A user's function may raise any; other members go on.
