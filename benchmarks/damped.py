@@ -48,7 +48,8 @@ def draw(rng):
     damping = {family: loss * value for family, value in stiffnesses.items()}
     drag = float(rng.choice([0, 1]) * mass / points * 10 ** rng.uniform(-1, 1))
     pins = [[], [(0, 0), (0, -1)], [(0, column) for column in range(shape[1])]][rng.integers(3)]
-    obstacles, wind = [], None
+    obstacles = []
+    wind = None
     if not pins or rng.random() < 0.3:
         radius = float(rng.uniform(0.1, 0.4))
         center = (size[0] * rng.random(), -radius - rng.uniform(0.05, 0.2), size[1] * rng.random())
@@ -64,8 +65,8 @@ def run_both(scene, duration, rtol):
     run = cs.simulate(scene, duration, rtol=rtol, integrator="rkc2")
     better = cs.simulate(scene, duration, rtol=rtol / 100, integrator="dop853")
     error = rms(run.x[-1] - better.x[-1])
-    known = better.report["error_estimate"]["rms"] <= 0.1 * error
-    return run, better, error if known else np.nan
+    is_known = better.report["error_estimate"]["rms"] <= 0.1 * error
+    return run, better, error if is_known else np.nan
 
 
 def print_costs():
@@ -73,7 +74,7 @@ def print_costs():
     rows = []
     for rtol in ASKED:
         run, _, error = run_both(swing(), 0.5, rtol)
-        other = cs.simulate(swing(), 0.5, rtol=rtol, integrator="dop853").report
+        dop853 = cs.simulate(swing(), 0.5, rtol=rtol, integrator="dop853").report
         report = run.report
         rows.append(
             [
@@ -82,7 +83,7 @@ def print_costs():
                 f"{report['error_estimate']['rms']:.1e}",
                 f"{report['solution_evaluations']:,}",
                 f"{report['force_evaluations']:,}",
-                f"{other['force_evaluations']:,}",
+                f"{dop853['force_evaluations']:,}",
             ]
         )
     head = ["asked", "error [m]", "told", "evaluations of the run", "of all", "of all of dop853"]
@@ -91,7 +92,7 @@ def print_costs():
 
 def judge(count, seed):
     """Print the runs that miss, and how many there are."""
-    missed = judged = untold = unreached = 0
+    misses = verdicts = silences = excesses = 0
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         scene, duration = draw(rng)
@@ -102,22 +103,22 @@ def judge(count, seed):
             print(number, "ended:", str(failure)[:150])
             continue
         report = run.report
-        told = report["error_estimate"]["rms"]
-        asked = rtol * max(scene.cloth.size)
-        untold += np.isnan(told)
-        unreached += told > asked
-        if np.isnan(told) or np.isnan(error):
+        estimate = report["error_estimate"]["rms"]
+        request = rtol * max(scene.cloth.size)
+        silences += np.isnan(estimate)
+        excesses += estimate > request
+        if np.isnan(estimate) or np.isnan(error):
             continue
-        judged += 1
+        verdicts += 1
         ratio = report["force_evaluations"] / better.report["force_evaluations"]
-        if error > max(2 * told, asked):
-            missed += 1
-            print(f"{number}: told {told:.2g}, off {error:.2g}, asked {asked:.2g}, {scene}")
+        if error > max(2 * estimate, request):
+            misses += 1
+            print(f"{number}: told {estimate:.2g}, off {error:.2g}, asked {request:.2g}, {scene}")
         print(
-            f"{number}: asked {asked:.1e} told {told:.1e} off {error:.1e}, evaluations {ratio:.2g} "
-            "of dop853 at a hundredth"
+            f"{number}: asked {request:.1e} told {estimate:.1e} off {error:.1e}, "
+            f"evaluations {ratio:.2g} of dop853 at a hundredth"
         )
-    print(f"{missed} of {judged} miss; {untold} untold; {unreached} not reached")
+    print(f"{misses} of {verdicts} miss; {silences} untold; {excesses} not reached")
 
 
 def plot(file):
@@ -139,12 +140,12 @@ def main():
     parser.add_argument("--count", type=int, default=0)
     parser.add_argument("--seed", type=int, default=7000)
     parser.add_argument("--plot", metavar="FILE")
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     warnings.simplefilter("ignore")
-    if given.plot:
-        plot(given.plot)
-    elif given.count:
-        judge(given.count, given.seed)
+    if arguments.plot:
+        plot(arguments.plot)
+    elif arguments.count:
+        judge(arguments.count, arguments.seed)
     else:
         print_costs()
 

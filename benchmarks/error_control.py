@@ -38,17 +38,17 @@ SURE = 10.0  # times more accurate than what is judged is the true solution
 
 
 @dataclass
-class Judged:
+class Judgement:
     """One run: all errors over the size of the cloth."""
 
     case: str
     start: str
     kind: str
-    asked: float
+    request: float
     error: float
     estimate: float
     reason: str
-    known: float
+    uncertainty: float
     evaluations: int
     steps: int
     best: float = math.nan  # evaluations of the cheapest fixed choice
@@ -57,13 +57,13 @@ class Judged:
 def requests(case: Case) -> list[tuple[str, int]]:
     """Kinds of run and exponents of the error asked for, drawn for a scene."""
     rng = np.random.default_rng([int(n) for n in case.name.split("/")] + [7])
-    chosen = rng.permutation(np.arange(LOOSEST, TIGHTEST + 1))[:AUTO]
-    found = [("auto", int(k)) for k in chosen]
+    exponents = rng.permutation(np.arange(LOOSEST, TIGHTEST + 1))[:AUTO]
+    kinds = [("auto", int(k)) for k in exponents]
     for name in rng.permutation(NAMED)[:BY_NAME].tolist():
         # The low orders are asked for what they can do.
-        most = LOOSEST + cs.integrators()[name].order
-        found.append((name, int(rng.integers(LOOSEST, min(most, TIGHTEST) + 1))))
-    return [*found, ("default", 3)]
+        loosest = LOOSEST + cs.integrators()[name].order
+        kinds.append((name, int(rng.integers(LOOSEST, min(loosest, TIGHTEST) + 1))))
+    return [*kinds, ("default", 3)]
 
 
 def run(case: Case, kind: str, exponent: int) -> cs.Run:
@@ -72,34 +72,37 @@ def run(case: Case, kind: str, exponent: int) -> cs.Run:
     return cs.simulate(case.scene, case.duration, rtol=10.0**-exponent, integrator=kind, threads=1)
 
 
-def judge(case: Case, kind: str, exponent: int, exact: np.ndarray, known: float) -> Judged:
+def judge(case: Case, kind: str, exponent: int, exact: np.ndarray, uncertainty: float) -> Judgement:
     size = max(case.scene.cloth.size)
-    found = run(case, kind, exponent)
-    report = found.report
+    result = run(case, kind, exponent)
+    report = result.report
     estimate = report["error_estimate"]
-    return Judged(
+    return Judgement(
         case.name,
         case.start,
         kind,
         10.0**-exponent,
-        rms(found.x[-1] - exact) / size,
+        rms(result.x[-1] - exact) / size,
         estimate["rms"] / size,
         estimate.get("reason", ""),
-        known / size,
+        uncertainty / size,
         report["force_evaluations"],
         report["steps"],
     )
 
 
-def cheapest(case: Case, exact: np.ndarray, asked: list[float], most: float) -> dict[float, float]:
+def cheapest(
+    case: Case, exact: np.ndarray, errors: list[float], limit: float
+) -> dict[float, float]:
     """Force evaluations of the cheapest fixed method and step for each error [m]."""
-    scene, best = case.scene, dict.fromkeys(asked, math.inf)
+    scene = case.scene
+    best = dict.fromkeys(errors, math.inf)
     state = scene.initial_position, scene.initial_velocity
     for name in NAMED:
         cost = scene.explain(integrator=name)["force_evaluations_per_step"]
         steps = max(2, int(0.5 * case.duration / cs.max_stable_dt(scene, name)))
-        wanted = set(asked)
-        while wanted and steps * cost < min(most, max(best[one] for one in wanted)):
+        open_errors = set(errors)
+        while open_errors and steps * cost < min(limit, max(best[bound] for bound in open_errors)):
             try:
                 x = cs.step(
                     scene, *state, case.duration / steps, steps, integrator=name, threads=1
@@ -107,42 +110,42 @@ def cheapest(case: Case, exact: np.ndarray, asked: list[float], most: float) -> 
                 error = rms(x - exact)
             except cs.UnstableError:
                 error = math.inf
-            for one in [one for one in wanted if error <= one]:
-                best[one] = min(best[one], steps * cost)
-                wanted.discard(one)
+            for bound in [bound for bound in open_errors if error <= bound]:
+                best[bound] = min(best[bound], steps * cost)
+                open_errors.discard(bound)
             steps = max(steps + 1, math.ceil(RATIO * steps))
     return best
 
 
-def judged_runs(stream: str, first: int, scenes: int, folder: Path, cost: bool) -> list[Judged]:
-    found: list[Judged] = []
-    kept = folder / "cheapest.pkl"
-    known_costs = pickle.loads(kept.read_bytes()) if kept.exists() else {}
+def judged_runs(stream: str, first: int, scenes: int, folder: Path, cost: bool) -> list[Judgement]:
+    judgements: list[Judgement] = []
+    file = folder / "cheapest.pkl"
+    known_costs = pickle.loads(file.read_bytes()) if file.exists() else {}
     for number in range(first, first + scenes):
         case = draw(STREAMS[stream], number)
-        exact, known = truth(case, folder)
+        exact, uncertainty = truth(case, folder)
         size = max(case.scene.cloth.size)
         for kind, exponent in requests(case):
-            if 10.0**-exponent * size < SURE * known:
+            if 10.0**-exponent * size < SURE * uncertainty:
                 continue
-            one = judge(case, kind, exponent, exact, known)
-            found.append(one)
-            if cost and kind == "auto" and one.steps >= 100:
+            judgement = judge(case, kind, exponent, exact, uncertainty)
+            judgements.append(judgement)
+            if cost and kind == "auto" and judgement.steps >= 100:
                 key = case.name, exponent
                 if key not in known_costs:
-                    wanted = one.asked * size
-                    most = 3.0 * one.evaluations
-                    known_costs[key] = cheapest(case, exact, [wanted], most)[wanted]
-                    kept.write_bytes(pickle.dumps(known_costs))
-                one.best = known_costs[key]
-    return found
+                    request = judgement.request * size
+                    limit = 3.0 * judgement.evaluations
+                    known_costs[key] = cheapest(case, exact, [request], limit)[request]
+                    file.write_bytes(pickle.dumps(known_costs))
+                judgement.best = known_costs[key]
+    return judgements
 
 
 def quantile(values: list[float], q: float) -> float:
     return float(np.quantile(values, q)) if values else math.nan
 
 
-def table(found: list[Judged]) -> str:
+def table(judgements: list[Judgement]) -> str:
     lines = [
         "| runs of | judged | error / asked <= 1 | <= 1.5 | worst | no estimate | estimates "
         "judged | "
@@ -150,22 +153,24 @@ def table(found: list[Judged]) -> str:
         "|" + " --- |" * 10,
     ]
     kinds = defaultdict(list)
-    for one in found:
-        kinds["all"].append(one)
-        kinds[one.kind].append(one)
+    for run in judgements:
+        kinds["all"].append(run)
+        kinds[run.kind].append(run)
     for kind, runs in sorted(kinds.items(), key=lambda item: (item[0] == "all", item[0])):
-        told = [one for one in runs if not one.reason]
-        over = [one.error / one.asked for one in told]
-        ratios = [one.estimate / one.error for one in told if one.error > SURE * one.known]
+        estimates = [run for run in runs if not run.reason]
+        over = [run.error / run.request for run in estimates]
+        ratios = [
+            run.estimate / run.error for run in estimates if run.error > SURE * run.uncertainty
+        ]
         within = [1 / 3 <= ratio <= 3 for ratio in ratios]
         lines.append(
             f"| {kind} | {len(runs)} | {np.mean([o <= 1 for o in over]):.2%} | "
             f"{np.mean([o <= 1.5 for o in over]):.2%} | {max(over):.2f} | "
-            f"{np.mean([bool(one.reason) for one in runs]):.1%} | {len(ratios)} | "
+            f"{np.mean([bool(run.reason) for run in runs]):.1%} | {len(ratios)} | "
             f"{np.mean(within):.1%} | {min(ratios, default=math.nan):.2f} | "
             f"{1 / quantile(over, 0.5):.1f} |"
         )
-    costs = [one.evaluations / one.best for one in found if math.isfinite(one.best)]
+    costs = [run.evaluations / run.best for run in judgements if math.isfinite(run.best)]
     lines += [
         "",
         f"Cost of everything over the cheapest fixed choice, {len(costs)} runs: median "
@@ -190,17 +195,15 @@ def main() -> None:
     parser.add_argument(
         "--folder", type=Path, default=Path(tempfile.gettempdir()) / "clothsim-error-control"
     )
-    chosen = parser.parse_args()
-    chosen.folder.mkdir(parents=True, exist_ok=True)
-    found = judged_runs(
-        chosen.stream, chosen.first, chosen.scenes, chosen.folder, not chosen.no_cost
-    )
-    print(table(found))
-    for one in found if chosen.bad else []:
-        ratio = one.estimate / max(one.error, 1e-300)
-        judged = one.error > SURE * one.known
-        if one.reason or one.error > one.asked or (judged and not 0.5 <= ratio <= 3):
-            print(one)
+    args = parser.parse_args()
+    args.folder.mkdir(parents=True, exist_ok=True)
+    judgements = judged_runs(args.stream, args.first, args.scenes, args.folder, not args.no_cost)
+    print(table(judgements))
+    for run in judgements if args.bad else []:
+        ratio = run.estimate / max(run.error, 1e-300)
+        is_sure = run.error > SURE * run.uncertainty
+        if run.reason or run.error > run.request or (is_sure and not 0.5 <= ratio <= 3):
+            print(run)
 
 
 if __name__ == "__main__":

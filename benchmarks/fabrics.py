@@ -41,9 +41,9 @@ def scene(density, tensile, shear, loss, points):
     )
 
 
-def seconds(fabric, dt, most):
+def seconds(fabric, dt, limit):
     """Return seconds of computing for a simulated second."""
-    steps = min(most, round(DURATION / dt))
+    steps = min(limit, round(DURATION / dt))
     stepper = cs.Stepper(fabric)
     stepper.advance(100, dt)
     begin = perf_counter()

@@ -29,10 +29,11 @@ TIMES = np.linspace(0.05, 1.0, 20)
 
 
 def draw(rng):
-    """A scene, and the names of some parameters that a measured motion determines."""
+    """Return a scene, and the names of some parameters that a measured motion determines."""
     shape = tuple(int(n) for n in rng.integers(3, 7, 2))
     mass = 10 ** rng.uniform(-1, 1)
-    omega, count = rng.uniform(20, 60), shape[0] * shape[1]  # 1/s, of a spring
+    omega = rng.uniform(20, 60)  # 1/s, of a spring
+    count = shape[0] * shape[1]
     stiffness = {
         f: mass / count * omega**2 * part
         for f, part in zip(("structural", "shear", "bend"), (1, 0.5, 0.3))
@@ -56,21 +57,22 @@ def value(scene, name):
     return float(cs.sensitivity(scene, TIMES[:1], [name]).value[0])
 
 
-def changed(scene, values):
-    """The scene with other values of positive parameters."""
+def replace_values(scene, values):
+    """Return the scene with other values of positive parameters."""
     cloth = scene.cloth
-    whole = {name: value for name, value in values.items() if name in ("mass", "damping", "drag")}
+    scalars = {name: value for name, value in values.items() if name in ("mass", "damping", "drag")}
     parts = {
         name.removeprefix("stiffness_"): value
         for name, value in values.items()
         if name.startswith("stiffness_")
     }
-    return scene.replace(cloth=cloth.replace(stiffness={**cloth.stiffness, **parts}, **whole))
+    return scene.replace(cloth=cloth.replace(stiffness={**cloth.stiffness, **parts}, **scalars))
 
 
 def judge(scenes, draws, starts, seed):
     """By kind: deviations in stated sigmas; starts off by ten: (reached, told that not, all)."""
-    scatter, reached = defaultdict(list), np.zeros(3, int)
+    scatter = defaultdict(list)
+    outcomes = np.zeros(3, int)
     for number in range(scenes):
         rng = np.random.default_rng([seed, number])
         truth, names = draw(rng)
@@ -78,22 +80,22 @@ def judge(scenes, draws, starts, seed):
         true = {name: value(truth, name) for name in names}
         for k in range(draws):
             data = motion + rng.normal(0, 5e-4, motion.shape)
-            found = cs.fit(truth, TIMES, data, over=names, sigma=5e-4)
+            fit = cs.fit(truth, TIMES, data, over=names, sigma=5e-4)
             for name in names:
-                if np.isfinite(found.errors[name]):
-                    scatter[name].append((found.values[name] - true[name]) / found.errors[name])
+                if np.isfinite(fit.errors[name]):
+                    scatter[name].append((fit.values[name] - true[name]) / fit.errors[name])
             if k:
                 continue
             for _ in range(starts):
-                off = {
-                    name: one * 10.0 ** rng.choice([-1, 1])
-                    for name, one in true.items()
+                far_values = {
+                    name: value * 10.0 ** rng.choice([-1, 1])
+                    for name, value in true.items()
                     if name in KINDS[:6]
                 }
-                far = cs.fit(changed(truth, off), TIMES, data, over=names, sigma=5e-4)
-                same = abs(far.report["chi_square"] / found.report["chi_square"] - 1) < 1e-6
-                reached += same, not same and bool(far.report["reason"]), 1
-    return scatter, reached
+                far = cs.fit(replace_values(truth, far_values), TIMES, data, over=names, sigma=5e-4)
+                same = abs(far.report["chi_square"] / fit.report["chi_square"] - 1) < 1e-6
+                outcomes += same, not same and bool(far.report["reason"]), 1
+    return scatter, outcomes
 
 
 def main():
@@ -102,8 +104,9 @@ def main():
     )
     for name, default in (("scenes", 40), ("draws", 20), ("starts", 3), ("seed", 0)):
         parser.add_argument(f"--{name}", type=int, default=default)
-    args, begin = parser.parse_args(), time.perf_counter()
-    scatter, (reached, told, starts) = judge(args.scenes, args.draws, args.starts, args.seed)
+    args = parser.parse_args()
+    begin = time.perf_counter()
+    scatter, (reached, reports, starts) = judge(args.scenes, args.draws, args.starts, args.seed)
     print(
         "| parameter | fits | scatter / stated sigma | mean / stated sigma |\n| --- | --- | "
         "--- | --- |"
@@ -114,7 +117,7 @@ def main():
             f"{np.mean(scatter[name]):+.2f} |"
         )
     print(
-        f"\nstarts off by ten: {reached} of {starts} reached the minimum, {told} of the "
+        f"\nstarts off by ten: {reached} of {starts} reached the minimum, {reports} of the "
         "others said so"
     )
     print(f"{time.perf_counter() - begin:.0f} s")

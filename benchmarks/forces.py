@@ -46,7 +46,7 @@ ROWS = {
 }
 
 
-def measured(method, windows, steps):
+def time_method(method, windows, steps):
     """Return microseconds per step of each row, in both precisions."""
     works = [
         Steps(
@@ -72,7 +72,7 @@ def main():
     parser.add_argument("--windows", type=int, default=300, help="of each row (default 300)")
     parser.add_argument("--steps", type=int, default=20, help="of a window (default 20)")
     args = parser.parse_args()
-    columns = [measured(method, args.windows, args.steps) for method in METHODS]
+    columns = [time_method(method, args.windows, args.steps) for method in METHODS]
     head = [f"`{method}`, {precision}" for method in METHODS for precision in PRECISIONS]
     print(f"| force | {' | '.join(head)} |\n|" + " --- |" * (1 + len(head)))
     for k, name in enumerate(ROWS):

@@ -20,15 +20,15 @@ import numpy as np
 from clothsim.gpu import adapters, using
 
 
-def touching(size):
-    """The paper's cloth with more points, draped over the cap of its sphere; a stable step [s]."""
-    radius, below = 0.25, 0.2
-    sphere = cs.Sphere((0.5, -below, 0.5), radius, response="ray", offset="edge")
+def drape(size):
+    """Return the paper's cloth with more points on the cap of its sphere, and a stable step [s]."""
+    radius, depth = 0.25, 0.2
+    sphere = cs.Sphere((0.5, -depth, 0.5), radius, response="ray", offset="edge")
     cloth = cs.Cloth((size, size), springs=("structural", "shear"))
     x = np.array(cloth.rest_positions)
-    apart = np.hypot(x[..., 0] - 0.5, x[..., 2] - 0.5)
+    distance = np.hypot(x[..., 0] - 0.5, x[..., 2] - 0.5)
     x[..., 1] = np.maximum(
-        x[..., 1], np.sqrt(np.maximum(sphere.contact_radius(cloth) ** 2 - apart**2, 0)) - below
+        x[..., 1], np.sqrt(np.maximum(sphere.contact_radius(cloth) ** 2 - distance**2, 0)) - depth
     )
     scene = cs.Scene(cloth, sphere, position=x)
     return scene, min(cs.scenes.PAPER_DT, 0.5 * cs.max_stable_dt(scene))
@@ -38,7 +38,8 @@ def seconds_per_step(scene, dt, members, seconds, windows=5, **options):
     """Seconds a step takes, the least of some windows of about `seconds`."""
     x = np.stack([scene.initial_position] * members)
     stepper = cs.Stepper(scene, x, precision="single", **options)
-    best, steps = np.inf, 8
+    best = np.inf
+    steps = 8
     for _ in range(windows + 1):  # the first makes buffers and pipelines
         begin = perf_counter()
         stepper.advance(steps, dt)
@@ -70,17 +71,17 @@ def main():
     ]
     print("side,cloths,by,us_per_step,ns_per_point_step")
     for side, cloths in [(n, 1) for n in args.sizes] + [(32, n) for n in args.batches]:
-        scene, dt = touching(side)
+        scene, dt = drape(side)
         for name, context, options in targets:
             try:
                 with context():
-                    taken = seconds_per_step(scene, dt, cloths, args.seconds, **options)
+                    seconds = seconds_per_step(scene, dt, cloths, args.seconds, **options)
             except (MemoryError, ValueError) as error:  # the adapter has not so much memory
                 print(f"# {side} x {side}, {cloths} cloths, {name}: {error}")
                 continue
             print(
-                f'{side},{cloths},"{name}",{1e6 * taken:.4g},'
-                f"{1e9 * taken / (side * side * cloths):.4g}",
+                f'{side},{cloths},"{name}",{1e6 * seconds:.4g},'
+                f"{1e9 * seconds / (side * side * cloths):.4g}",
                 flush=True,
             )
 

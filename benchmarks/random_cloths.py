@@ -106,7 +106,8 @@ class Model:
                 stiffness += [cloth.family_stiffness[family]] * len(a)
                 damping += [cloth.family_damping[family]] * len(a)
         self.a, self.b = np.array(ends).T
-        n, count = rows * columns, len(ends)
+        n = rows * columns
+        count = len(ends)
         springs = np.arange(count)
         self.incidence = csr_matrix(
             (
@@ -118,7 +119,8 @@ class Model:
         self.rest, self.stiffness, self.damping = map(np.array, (rest, stiffness, damping))
         self.inverse_mass = np.where(cloth.pinned, 0.0, 1 / cloth.mass_per_point).reshape(-1, 1)
         self.gravity = np.array(scene.gravity) * ~cloth.pinned.reshape(-1, 1)
-        self.drag, self.n = cloth.drag, n
+        self.drag = cloth.drag
+        self.n = n
         self.start = np.concatenate(
             [scene.initial_position.ravel(), scene.initial_velocity.ravel()]
         )
@@ -148,7 +150,8 @@ def truth(case: Case, folder: Path) -> tuple[np.ndarray, float]:
     if path.exists():
         with np.load(path) as data:
             return data["x"], float(data["bound"])
-    model, ends = Model(case.scene), []
+    model = Model(case.scene)
+    ends = []
     size = max(case.scene.cloth.size)
     omega = (
         np.sqrt(8 * model.stiffness.max() * model.inverse_mass.max()) or 1.0
@@ -156,7 +159,7 @@ def truth(case: Case, folder: Path) -> tuple[np.ndarray, float]:
     n = 3 * model.n
     for tolerance in TOLERANCES:
         scale = np.r_[np.full(n, size), np.full(n, size * omega)] * tolerance
-        found = solve_ivp(
+        solution = solve_ivp(
             model,
             (0, case.duration),
             model.start,
@@ -165,7 +168,7 @@ def truth(case: Case, folder: Path) -> tuple[np.ndarray, float]:
             rtol=3e-14,
             atol=scale,
         )
-        ends.append(found.y[:n, -1].reshape(*case.scene.cloth.shape, 3))
+        ends.append(solution.y[:n, -1].reshape(*case.scene.cloth.shape, 3))
     bound = rms(ends[1] - ends[0])
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(path, x=ends[1], bound=bound)

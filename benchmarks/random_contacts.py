@@ -81,7 +81,8 @@ def main() -> None:
         rng = np.random.default_rng(seed)
         cloth = draw_cloth(rng)
         obstacles = [draw_obstacle(rng, cloth.size) for _ in range(rng.integers(1, 4))]
-        scene, duration = cs.Scene(cloth, obstacles), rng.uniform(0.15, 0.7)
+        scene = cs.Scene(cloth, obstacles)
+        duration = rng.uniform(0.15, 0.7)
         rtol = 10 ** rng.uniform(-7, -3)
         try:
             run = cs.simulate(scene, duration, rtol=rtol)
@@ -90,14 +91,15 @@ def main() -> None:
             counts["ended by an error"] += 1
             print(f"{seed}: {type(error).__name__}: {str(error)[:90]}")
             continue
-        estimate, asked = run.report["error_estimate"]["rms"], rtol * max(cloth.size)
-        off = rms(run.x[-1] - better.x[-1])
+        estimate = run.report["error_estimate"]["rms"]
+        tolerance = rtol * max(cloth.size)
+        error = rms(run.x[-1] - better.x[-1])
         counts["judged"] += 1
         counts["without an estimate"] += int(np.isnan(estimate))
-        if off > 2 * estimate and off > asked:
+        if error > 2 * estimate and error > tolerance:
             counts["missed"] += 1
-            known = better.report["error_estimate"]["rms"]
-            print(f"{seed}: told {estimate:.1e} m, off {off:.1e} m, known to {known:.1e} m")
+            uncertainty = better.report["error_estimate"]["rms"]
+            print(f"{seed}: told {estimate:.1e} m, off {error:.1e} m, known to {uncertainty:.1e} m")
     print(", ".join(f"{n} {name}" for name, n in counts.items()), end="")
     print(f" in {time.perf_counter() - begin:.0f} s")
 

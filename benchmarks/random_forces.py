@@ -100,21 +100,24 @@ def judge_estimates(seeds: range) -> None:
     reasons = Counter[str]()
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        case, rtol = draw_case(rng), 10 ** rng.uniform(-9, -4)
+        case = draw_case(rng)
+        rtol = 10 ** rng.uniform(-9, -4)
         run, better = case.run(rtol=rtol), case.run(rtol=max(1e-3 * rtol, TIGHTEST))
-        error, asked = run.report["error_estimate"], rtol * max(case.scene.cloth.size)
-        estimate, off = error["rms"], rms(run.x[-1] - better.x[-1])
-        known = better.report["error_estimate"]["rms"]
+        error = run.report["error_estimate"]
+        tolerance = rtol * max(case.scene.cloth.size)
+        estimate = error["rms"]
+        distance = rms(run.x[-1] - better.x[-1])
+        uncertainty = better.report["error_estimate"]["rms"]
         text = (
-            f"{seed} ({case.kind}): asked {asked:.1e} m, told {estimate:.1e} m, "
-            f"off {off:.1e} m, known to {known:.1e} m"
+            f"{seed} ({case.kind}): asked {tolerance:.1e} m, told {estimate:.1e} m, "
+            f"off {distance:.1e} m, known to {uncertainty:.1e} m"
         )
         counts["judged"] += 1
         if error["reason"]:
             counts["without an estimate" if np.isnan(estimate) else "not reached"] += 1
             reasons[error["reason"]] += 1
             print(f"{text}; {error['reason']}", flush=True)
-        if off > 2 * estimate and off > asked:
+        if distance > 2 * estimate and distance > tolerance:
             counts["missed"] += 1
             print(f"{text}: missed", flush=True)
     for reason, count in reasons.most_common():
@@ -134,11 +137,12 @@ def judge_order(seeds: range) -> None:
         scene = case.scene.replace(cloth=case.scene.cloth.replace(pins=case.scene.cloth.pinned))
         case = replace(case, scene=scene)
         right = case.run(rtol=TIGHTEST)
-        known, size = right.report["error_estimate"]["rms"], max(scene.cloth.size)
+        uncertainty = right.report["error_estimate"]["rms"]
+        size = max(scene.cloth.size)
         steps = int(case.duration / (0.8 * cs.max_stable_dt(scene))) + 1
         runs = [case.run(dt=case.duration / (steps * 2**k)) for k in range(HALVINGS + 1)]
         errors = [rms(run.x[-1] - right.x[-1]) for run in runs]
-        clear = [e for e in errors if CLEAR * known < e < SMALL * size]
+        clear = [e for e in errors if CLEAR * uncertainty < e < SMALL * size]
         if len(clear) > 1:
             orders[case.kind].append(float(np.log2(clear[-2] / clear[-1])))
             print(f"{seed} ({case.kind}): order {orders[case.kind][-1]:.2f}", flush=True)

@@ -21,7 +21,7 @@ def curtain():
 
 
 def drape():
-    """A light sheet on a sphere, hung by its corners."""
+    """Return a light sheet on a sphere, hung by its corners."""
     corners = ((0, 0), (-1, 0), (0, -1), (-1, -1))
     cloth = cs.Cloth((24, 24), mass=0.3, stiffness=100.0, damping=0.05, pins=corners)
     return cs.Scene(cloth, cs.Sphere((0.5, -0.3, 0.5), 0.25))
@@ -39,11 +39,13 @@ def unbalanced(scene, x, dt):
     )
 
 
-def damped_motion(scene, tolerance, most):
+def damped_motion(scene, tolerance, limit):
     """Force evaluations, seconds and the residual of the motion of the scene itself."""
     dt = 0.9 * cs.max_stable_dt(scene)
-    stepper, steps, begin = cs.Stepper(scene), int(0.5 / dt), time.perf_counter()
-    while stepper.time < most:
+    stepper = cs.Stepper(scene)
+    steps = int(0.5 / dt)
+    begin = time.perf_counter()
+    while stepper.time < limit:
         stepper.advance(steps, dt)
         residual = unbalanced(scene, stepper.positions, dt)
         if residual < tolerance:
@@ -73,13 +75,14 @@ def main():
         begin = time.perf_counter()
         report = cs.settle(scene, args.tolerance).report
         seconds = time.perf_counter() - begin
-        count, waited, residual = damped_motion(scene, args.tolerance, args.most)
+        count, duration, residual = damped_motion(scene, args.tolerance, args.most)
         ratio = (
             f"{'' if residual < args.tolerance else '> '}{count / report['force_evaluations']:.0f}"
         )
         ours = f"{report['force_evaluations']:,} | {seconds:.2f} | {report['residual']:.1e}"
         print(
-            f"| {name} | {ours} | {count:,} | {waited:.1f} | {residual:.1e} | {ratio} |", flush=True
+            f"| {name} | {ours} | {count:,} | {duration:.1f} | {residual:.1e} | {ratio} |",
+            flush=True,
         )
 
 

@@ -29,7 +29,7 @@ METHODS = tuple(
 
 
 def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndarray, str]:
-    """A scene, a state of it, and what they are in words."""
+    """Return a scene, a state of it, and what they are in words."""
     shape = (int(rng.integers(2, 9)), int(rng.integers(2, 15)))
     while shape[0] * shape[1] > 60:  # dense eigenvalues of six unknowns a point
         shape = (int(rng.integers(2, 9)), int(rng.integers(2, 15)))
@@ -51,7 +51,8 @@ def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndar
         "both": {"damping": size, "drag": size},
     }[kind]
     scene = cs.Scene(cs.Cloth(shape, mass=mass, stiffness=stiffness, springs=families, **damping))
-    x, state = scene.initial_position, str(rng.choice(["rest", "noise", "stretch", "crumple"]))
+    x = scene.initial_position
+    state = str(rng.choice(["rest", "noise", "stretch", "crumple"]))
     if state == "stretch":
         x = x * rng.uniform(1, 1.5)
     elif state != "rest":
@@ -65,19 +66,21 @@ def random_case(rng: np.random.Generator) -> tuple[cs.Scene, np.ndarray, np.ndar
 
 def dense(scene: cs.Scene, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """K and C of the free points, per unit mass: a = -K dx - C dv."""
-    cloth, x, v = scene.cloth, x.reshape(-1, 3), v.reshape(-1, 3)
+    cloth = scene.cloth
+    x = x.reshape(-1, 3)
+    v = v.reshape(-1, 3)
     k, c = (np.zeros((len(x), 3, len(x), 3)) for _ in range(2))
-    for one in cloth.spring_table():
-        i, j = int(one["i"]), int(one["j"])
+    for spring in cloth.spring_table():
+        i, j = int(spring["i"]), int(spring["j"])
         d, w = x[j] - x[i], v[j] - v[i]
         length = math.sqrt(d @ d)
         if length == 0:
             continue
         n = d / length
         turn = (np.eye(3) - np.outer(n, n)) / length  # dn/dd
-        pull = one["stiffness"] * (length - one["rest_length"]) + one["damping"] * (w @ n)
-        by_d = np.outer(n, one["stiffness"] * n + one["damping"] * (turn @ w)) + pull * turn
-        by_w = one["damping"] * np.outer(n, n)
+        pull = spring["stiffness"] * (length - spring["rest_length"]) + spring["damping"] * (w @ n)
+        by_d = np.outer(n, spring["stiffness"] * n + spring["damping"] * (turn @ w)) + pull * turn
+        by_w = spring["damping"] * np.outer(n, n)
         for to, sign in ((i, 1), (j, -1)):
             k[to, :, j] -= sign * by_d
             k[to, :, i] += sign * by_d
@@ -93,33 +96,39 @@ def dense(scene: cs.Scene, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np
 
 def step_matrix(method: str, k: np.ndarray, c: np.ndarray, h: float) -> np.ndarray:
     """Of (x, h v), for the methods that are no Runge-Kutta methods."""
-    one, zero = np.eye(len(k)), np.zeros_like(k)
+    identity = np.eye(len(k))
+    zero = np.zeros_like(k)
     k, c = h * h * k, h * c
 
     def drift(part):
-        return np.block([[one, part * one], [zero, one]])
+        return np.block([[identity, part * identity], [zero, identity]])
 
     def kick(part):
-        return np.block([[one, zero], [-part * k, one - part * c]])
+        return np.block([[identity, zero], [-part * k, identity - part * c]])
 
     if method == "semi_implicit_euler":
         return drift(1) @ kick(1)
     if method == "velocity_verlet":
-        corner = one - k / 2
-        cross = one - c / 2
+        corner = identity - k / 2
+        cross = identity - c / 2
         # v + (a + a') / 2 with a = -k x - c w and a' = -k x' - c (w + a)
         lower_x = -(k + k @ corner - c @ k) / 2
-        lower_w = one - (c + k @ cross + c - c @ c) / 2
+        lower_w = identity - (c + k @ cross + c - c @ c) / 2
         return np.block([[corner, cross], [lower_x, lower_w]])
-    xi, la, chi = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
-    first, outer, middle = drift(xi), kick((1 - 2 * la) / 2), drift(chi)
-    inner, long = kick(la), drift(1 - 2 * (chi + xi))
+    xi = 0.1786178958448091
+    la = -0.2123418310626054
+    chi = -0.06626458266981849
+    first = drift(xi)
+    outer = kick((1 - 2 * la) / 2)
+    middle = drift(chi)
+    inner = kick(la)
+    long = drift(1 - 2 * (chi + xi))
     return first @ outer @ middle @ inner @ long @ inner @ middle @ outer @ first
 
 
 def polynomial(method: str) -> list[float]:
     """Coefficients of a Runge-Kutta method's stability function, from z^0 on."""
-    known = {"rk4": 4, "dopri5": 5, "dop853": 8}[method]
+    order = {"rk4": 4, "dopri5": 5, "dop853": 8}[method]
     further = {
         "rk4": [],
         "dopri5": [1 / 600],
@@ -130,16 +139,18 @@ def polynomial(method: str) -> list[float]:
             3.6133245781282443e-10,
         ],
     }[method]
-    return [1 / math.factorial(n) for n in range(known + 1)] + further
+    return [1 / math.factorial(n) for n in range(order + 1)] + further
 
 
 class Truth:
     """Whether a step is stable, by dense matrices."""
 
     def __init__(self, k: np.ndarray, c: np.ndarray) -> None:
-        self.k, self.c = k, c
-        zero, one = np.zeros_like(k), np.eye(len(k))
-        self.rates = np.linalg.eigvals(np.block([[zero, one], [-k, -c]]))
+        self.k = k
+        self.c = c
+        zero = np.zeros_like(k)
+        identity = np.eye(len(k))
+        self.rates = np.linalg.eigvals(np.block([[zero, identity], [-k, -c]]))
         self.symmetric = np.abs(k - k.T).max() < 1e-9 * np.abs(k).max()
 
     def stable(self, method: str, h: float) -> bool:
@@ -161,13 +172,14 @@ class Truth:
         return np.sum(steady & ~real) <= np.sum((flow.real >= 0) & (np.abs(flow) > 1 + STEADY / 2))
 
     def limit(self, method: str, near: float) -> float:
-        """The first unstable step above `near` / 4, to 0.1 %; infinite with none to 4 `near`."""
+        """Return the first unstable step from `near` / 4 to 4 `near`, to 0.1 %; else infinity."""
         low = near / 4
         if not self.stable(method, low):
             return low
         high = low
         while self.stable(method, high):
-            low, high = high, 1.04 * high
+            low = high
+            high = 1.04 * high
             if high > 4 * near:
                 return math.inf
         while high > 1.001 * low:
@@ -194,11 +206,12 @@ def main() -> None:
                 guarantee = cs.max_stable_dt(scene, method) / value * ratio
                 rows.append((ratio, method, number, what, guarantee, seconds))
     for method in METHODS:
-        own = [row for row in rows if row[1] == method]
-        rest = [row[4] for row in own if row[3].endswith(("rest", "stretch"))]
-        ratios, seconds = [row[0] for row in own], [row[5] for row in own]
+        method_rows = [row for row in rows if row[1] == method]
+        rest = [row[4] for row in method_rows if row[3].endswith(("rest", "stretch"))]
+        ratios, seconds = [row[0] for row in method_rows], [row[5] for row in method_rows]
         print(
-            f"{method:<20} {len(own)} cases, value / limit {min(ratios):.4f} to {max(ratios):.4f}, "
+            f"{method:<20} {len(method_rows)} cases, "
+            f"value / limit {min(ratios):.4f} to {max(ratios):.4f}, "
             f"guarantee / limit at rest or stretched at most {max(rest):.4f}, "
             f"seconds median {np.median(seconds):.2f}, most {max(seconds):.2f}"
         )

@@ -38,12 +38,13 @@ HEAD = (
 def measure(
     members: int, steps: int, dt: float, windows: int, options: dict[str, Any]
 ) -> list[tuple[str, ...]]:
-    """A row for the batch and one for the sweep."""
+    """Return a row for the batch and one for the sweep."""
     start = batch(members)
-    x, v = start.x[0], np.where(start.one.cloth.pinned[..., None], 0.0, start.v[0])
-    scene = start.one.replace(position=x, velocity=v)
-    scenes = [scene.replace(cloth=one.cloth) for one in start.scene]
-    over = {"stiffness": [one.cloth.stiffness for one in scenes]}
+    x = start.x[0]
+    v = np.where(start.first_scene.cloth.pinned[..., None], 0.0, start.v[0])
+    scene = start.first_scene.replace(position=x, velocity=v)
+    scenes = [scene.replace(cloth=member.cloth) for member in start.scene]
+    over = {"stiffness": [member.cloth.stiffness for member in scenes]}
     ends: dict[str, np.ndarray] = {}
     seconds: dict[str, list[float]] = {"batch": [], "sweep": []}
     with tempfile.TemporaryDirectory() as folder:
@@ -61,12 +62,12 @@ def measure(
                 else {"metrics": {"last": lambda run: run.x[-1]}}
             )
             with Stopwatch() as watch:
-                found = cs.sweep(
+                result = cs.sweep(
                     scene, over, dt=dt, duration=steps * dt, progress=False, **keep, **options
                 )
             seconds["sweep"].append(watch.seconds)
             if not window:
-                ends["sweep"] = found["last"].values
+                ends["sweep"] = result["last"].values
     exact, _ = cs.step(
         scenes,
         np.stack([x] * members),
@@ -75,13 +76,12 @@ def measure(
         2 * steps,
         integrator="dop853",
     )
-    rows, least = [], min(seconds["batch"][1:])
-    for name, taken in seconds.items():
-        timing = timing_of(taken[1:])
-        rate, error = (
-            members * steps / timing.minimum,
-            np.linalg.norm(ends[name] - exact, axis=-1).max(),
-        )
+    rows = []
+    least = min(seconds["batch"][1:])
+    for name, durations in seconds.items():
+        timing = timing_of(durations[1:])
+        rate = members * steps / timing.minimum
+        error = np.linalg.norm(ends[name] - exact, axis=-1).max()
         figures = (
             f"{members}",
             f"{x[..., 0].size}",

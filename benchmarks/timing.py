@@ -21,7 +21,7 @@ class Work:
     """
 
     def prepare(self) -> None:
-        """Called before each window, untimed."""
+        """Prepare a window, untimed."""
 
     def run(self, steps: int) -> None:
         raise NotImplementedError
@@ -35,7 +35,9 @@ class Steps(Work):
     def __init__(
         self, stepper: cs.Stepper | Callable[[], cs.Stepper], dt: float, steps: int
     ) -> None:
-        self._make, self._dt, self.window_steps = stepper, dt, steps
+        self._make = stepper
+        self._dt = dt
+        self.window_steps = steps
 
     def prepare(self) -> None:
         self._stepper = self._make() if callable(self._make) else self._make
@@ -54,7 +56,7 @@ class Timing:
 
 
 def _steps_that_take(work: Work, seconds: float) -> int:
-    """Steps that take about `seconds`, by the best of three tries."""
+    """Return steps that take about `seconds`, by the best of three tries."""
     steps = 1
     while True:
         took = min(_seconds(work, steps) for _ in range(3))
@@ -80,7 +82,7 @@ def measure(works: Sequence[Work], windows: int, seconds: float = 0.0) -> list[T
         work.prepare()
         work.run(work.window_steps or 1)  # the first call pays for what is made lazily
         steps.append(work.window_steps or _steps_that_take(work, seconds))
-    taken: list[list[float]] = [[] for _ in works]
+    durations: list[list[float]] = [[] for _ in works]
     order = list(range(len(works)))
     shuffle = random.Random(0).shuffle
     for _ in range(windows):
@@ -89,8 +91,8 @@ def measure(works: Sequence[Work], windows: int, seconds: float = 0.0) -> list[T
             works[k].prepare()
             if works[k].window_steps is None:
                 works[k].run(max(1, steps[k] // 4))
-            taken[k].append(_seconds(works[k], steps[k]) / steps[k])
-    return [timing_of(row) for row in taken]
+            durations[k].append(_seconds(works[k], steps[k]) / steps[k])
+    return [timing_of(row) for row in durations]
 
 
 def timing_of(seconds: Sequence[float]) -> Timing:

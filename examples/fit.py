@@ -9,7 +9,7 @@ MARKERS = [(7, 7), (7, 3), (4, 4), (2, 6)]
 
 
 def cloth(**parameters):
-    """A sheet that swings down from two corners."""
+    """Return a sheet that swings down from two corners."""
     return cs.Scene(cs.Cloth((8, 8), mass=0.3, **parameters))
 
 

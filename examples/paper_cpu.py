@@ -15,7 +15,7 @@ x, v = scene.initial_position, scene.initial_velocity
 
 
 def rate(steps, call, **options):
-    """Steps a second of the second of two calls."""
+    """Return steps a second of the second of two calls."""
     call(scene, x, v, DT, steps, **options)
     start = time.perf_counter()
     call(scene, x, v, DT, steps, **options)

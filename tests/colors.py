@@ -48,14 +48,14 @@ def lab(linear):
 
 
 def distance(a, b):
-    """The least distance of two colours over all readers."""
+    """Return the least distance of two colours over all readers."""
     rgb = np.array([to_rgb(color) for color in (a, b)])
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    seen = [
-        [lab(np.clip(np.array(matrix) @ one, 0, 1)) for one in linear]
+    pairs = [
+        [lab(np.clip(np.array(matrix) @ color, 0, 1)) for color in linear]
         for matrix in SEEN_BY.values()
     ]
-    return min(np.linalg.norm(one - other) for one, other in seen)
+    return min(np.linalg.norm(color - neighbour) for color, neighbour in pairs)
 
 
 def look(line):

@@ -9,9 +9,9 @@ from clothsim.cli import main
 
 def run(capsys, *arguments):
     """Exit code, stdout and stderr of one command, whose first argument is split at blanks."""
-    first, *others = map(str, arguments or ("",))
+    first, *arguments_after = map(str, arguments or ("",))
     try:
-        code = main([*first.split(), *others])
+        code = main([*first.split(), *arguments_after])
     except SystemExit as stop:
         code = stop.code
     captured = capsys.readouterr()

@@ -15,20 +15,20 @@ from variants import NAMED_KERNELS, NATIVE_VARIANTS
 
 
 def pytest_configure(config):
-    tables.alone = bool(config.getoption("keyword"))
+    tables.single_rows = bool(config.getoption("keyword"))
 
 
 def pytest_collection_modifyitems(config, items):
     """Deselect tests that cannot run under the present sanitizer, as their marks say."""
     sanitizer = os.environ.get("CLOTHSIM_TEST_SANITIZER")
-    left = [
+    unfit = [
         item
         for item in items
         if any(sanitizer in mark.args for mark in item.iter_markers("unsanitized"))
     ]
-    if left:
-        config.hook.pytest_deselected(items=left)
-        items[:] = [item for item in items if item not in left]
+    if unfit:
+        config.hook.pytest_deselected(items=unfit)
+        items[:] = [item for item in items if item not in unfit]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -53,7 +53,7 @@ def variant(request, monkeypatch):
 
 @pytest.fixture(params=[v for v in NATIVE_VARIANTS if v.precision == "double"], ids=str)
 def double_variant(request, monkeypatch):
-    """The variants that compute in double."""
+    """Return the variants that compute in double."""
     return _chosen(request, monkeypatch)
 
 
@@ -88,7 +88,7 @@ def _state(
     seed=1,
     **scene,
 ):
-    """A crumpled, moving sheet that is nowhere symmetric and has another coefficient everywhere."""
+    """Return a crumpled, moving sheet, nowhere symmetric, with another coefficient everywhere."""
     rng = np.random.default_rng(seed)
     stiffness = {"structural": 900.0, "shear": 350.0, "bend": 130.0}
     damping = {"structural": 0.5, "shear": 0.3, "bend": 0.2}
@@ -127,7 +127,8 @@ class Oracle:
     def acceleration(scene, x, v):
         cloth = scene.cloth
         table = cloth.spring_table()
-        x, v = x.reshape(-1, 3), v.reshape(-1, 3)
+        x = x.reshape(-1, 3)
+        v = v.reshape(-1, 3)
         d = x[table["j"]] - x[table["i"]]
         length = np.linalg.norm(d, axis=1)
         n = d / length[:, None]
@@ -199,8 +200,9 @@ def _overflowing(shape, point, precision, **cloth):
 
 @pytest.fixture
 def overflowing():
-    """A scene of which one mass point only can move, and velocities with which it overflows within
-    5 steps of 0.9 s.
+    """Return a scene of which one mass point only can move, and velocities.
+
+    With these it overflows within 5 steps of 0.9 s.
     """
     return _overflowing
 

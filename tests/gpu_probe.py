@@ -100,16 +100,18 @@ def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
         (-(-columns // 16), -(-rows // 16), 1),
         _RESULTS,
     )
-    written = np.frombuffer(raw, np.uint32).reshape(rows, columns, len(names))
+    numbers = np.frombuffer(raw, np.uint32).reshape(rows, columns, len(names))
     ids = np.empty((rows, columns), dtype)
     for k, name in enumerate(names):
-        ids[name] = written[..., k]
+        ids[name] = numbers[..., k]
     return ids
 
 
 def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
-    """The adapter's rounding of each operation, by type: the largest difference from the correctly
-    rounded result, in units in the last place, of numbers over 40 powers of two.
+    """Return the adapter's rounding of each operation, by type.
+
+    It is the largest difference from the correctly rounded result, in units in the last place, of
+    numbers over 40 powers of two.
 
     WGSL lets a compiler fuse products with sums and replace (a + b) - a by b; the shader passes
     such values through `keep`.
@@ -121,7 +123,7 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
     for name, word in types.items():
         scales = np.exp2(rng.integers(-20, 21, (2, _COUNT)))
         a, b = (rng.uniform(1, 2, (2, _COUNT)) * scales).astype(name)
-        found = {}
+        errors = {}
         for operation, (wgsl, numpy) in _OPERATIONS.items():
             if operation == "subnormal" and word == "f64":
                 continue
@@ -131,8 +133,9 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
             code = f"alias T = {word};\n{keep(word, zero='z')}\n{_PROBE.replace('OUT', out)}"
             data = [np.zeros(4, np.uint32), a, b]
             raw = _run(device, code, "probe", data, a.nbytes, (_COUNT // 256, 1, 1), len(data))
-            result, exact = np.frombuffer(raw, name), numpy(a, b)
+            result = np.frombuffer(raw, name)
+            exact = numpy(a, b)
             ulp = np.spacing(np.maximum(np.abs(exact), np.finfo(name).tiny))
-            found[operation] = float((np.abs(result.astype(float) - exact) / ulp).max())
-        sets[name] = found
+            errors[operation] = float((np.abs(result.astype(float) - exact) / ulp).max())
+        sets[name] = errors
     return sets

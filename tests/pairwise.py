@@ -25,7 +25,7 @@ def pairwise(*columns):
         for i in sorted(set(range(len(sizes))) - set(row), key=lambda i: -sizes[i]):
 
             def new_pairs(a, i=i, row=row):
-                return sum(tuple(sorted([(i, a), other])) in missing for other in row.items())
+                return sum(tuple(sorted([(i, a), item])) in missing for item in row.items())
 
             turn = len(rows) % sizes[i]  # where values are equally good, one after the other
             row[i] = max(

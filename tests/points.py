@@ -8,7 +8,7 @@ RADIUS = 0.5
 
 
 def drifting(x, spheres, pins=(), gravity=(0, 0, 0)):
-    """A scene without any force but gravity, for points of the shape of x."""
+    """Return a scene without any force but gravity, for points of the shape of x."""
     cloth = cs.Cloth(x.shape[:2], stiffness=0.0, damping=0.0, pins=pins)
     return cs.Scene(cloth, spheres, gravity)
 
@@ -17,8 +17,10 @@ def one_point(position, velocity, sphere, dt=1e-9, **options):
     """Where a free point at `position` (from CENTER) is after a step, which by default is too short
     to move it.
     """
-    x, v = np.full((2, 2, 3), 50.0), np.zeros((2, 2, 3))
-    x[0, 0], v[0, 0] = CENTER + position, velocity
+    x = np.full((2, 2, 3), 50.0)
+    v = np.zeros((2, 2, 3))
+    x[0, 0] = CENTER + position
+    v[0, 0] = velocity
     xt, vt = cs.step(drifting(x, sphere), x, v, dt, t=0.0, **options)
     assert (xt[1] == 50.0).all() and (vt[1] == 0).all()
     return xt[0, 0] - CENTER, vt[0, 0]

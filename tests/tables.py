@@ -5,7 +5,7 @@ import inspect
 
 import pytest
 
-alone = False  # rows as cases of their own: set by conftest.py under -k
+single_rows = False  # rows as cases of their own: set by conftest.py under -k
 
 
 def each(names, rows):
@@ -16,30 +16,30 @@ def each(names, rows):
     can choose a row.
     """
     names = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
-    if alone:
+    if single_rows:
         return pytest.mark.parametrize(",".join(names), list(rows))
     rows = [row if len(names) > 1 else (row,) for row in rows]
 
     def decorate(test):
         @functools.wraps(test)
-        def whole(**fixtures):
-            failed = []
+        def all_rows(**fixtures):
+            failures = []
             for row in rows:
                 values = dict(zip(names, row, strict=True))
                 try:
                     test(**fixtures, **values)
                 except (Exception, pytest.fail.Exception) as error:
-                    failed.append((values, error))
-            if failed:
-                lines = [f"{values}: {type(error).__name__}: {error}" for values, error in failed]
-                raise AssertionError("\n".join(lines)) from failed[0][1]
+                    failures.append((values, error))
+            if failures:
+                lines = [f"{values}: {type(error).__name__}: {error}" for values, error in failures]
+                raise AssertionError("\n".join(lines)) from failures[0][1]
 
         signature = inspect.signature(test)
-        others = [
+        parameters = [
             parameter for name, parameter in signature.parameters.items() if name not in names
         ]
-        whole.__signature__ = signature.replace(parameters=others)
-        return whole
+        all_rows.__signature__ = signature.replace(parameters=parameters)
+        return all_rows
 
     assert rows, names
     return decorate

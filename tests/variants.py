@@ -53,8 +53,8 @@ def cases(precision=PRECISIONS, **parameters):
     `precision`: the variants that count.
     """
     columns = [list(values) for values in parameters.values()]
-    wanted = [v for v in NATIVE_VARIANTS if v.precision in precision]
-    rows = list(itertools.product(wanted, *columns))
+    variants = [v for v in NATIVE_VARIANTS if v.precision in precision]
+    rows = list(itertools.product(variants, *columns))
     for name, kernel, of, *values in (
         pairwise(OTHERS, NAMED_KERNELS, precision, *columns) if OTHERS else ()
     ):

@@ -28,7 +28,7 @@ REFUSED = 'import clothsim as cs\n\ncs.Sphere(response="rey")\n'
 
 
 def program(text: str) -> str:
-    """The Python blocks of a page, each at its own lines, so that messages point into the page."""
+    """Return the Python blocks of a page at their own lines: messages then point into the page."""
     lines = [""] * (text.count("\n") + 1)
     for block in BLOCK.finditer(text):
         first = text.count("\n", 0, block.start(1))
@@ -75,7 +75,7 @@ def run(folder: Path, command: list[str]) -> subprocess.CompletedProcess[str]:
 
 
 def main() -> int:
-    failed = 0
+    failures = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "given.pyi").write_text((ROOT / "tools" / "given.pyi").read_text())
@@ -92,15 +92,15 @@ def main() -> int:
             accepted = checker(folder, *files)
             if accepted.returncode:
                 print(accepted.stdout + accepted.stderr)
-                failed += 1
-            refused = checker(folder, "refused.py")
-            if refused.returncode != 1 or "rey" not in refused.stdout:
+                failures += 1
+            refusal = checker(folder, "refused.py")
+            if refusal.returncode != 1 or "rey" not in refusal.stdout:
                 print(
-                    f"{checker.__name__} must refuse {REFUSED!r}:\n{refused.stdout}{refused.stderr}"
+                    f"{checker.__name__} must refuse {REFUSED!r}:\n{refusal.stdout}{refusal.stderr}"
                 )
-                failed += 1
+                failures += 1
         print(f"mypy and pyright have read the examples of {len(files)} files")
-    return failed
+    return failures
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ def run(*command: str | Path) -> None:
 
 
 def headers(name: str, folder: Path) -> Path:
-    """This Python's headers in `folder`, as the other system has them."""
+    """Make this Python's headers in `folder`, as the other system has them."""
     shutil.copytree(sysconfig.get_path("include"), folder, dirs_exist_ok=True)
     config = folder / "pyconfig.h"
     if name == "windows":
@@ -61,8 +61,9 @@ def headers(name: str, folder: Path) -> Path:
 
 
 def import_library(include: Path, folder: Path, zig: list[str]) -> Path:
-    """An import library of every name that the headers could mean: the linker takes those that
-    exist from Python's DLL.
+    """Make an import library of every name that the headers could mean.
+
+    The linker takes those that exist from Python's DLL.
     """
     text = "".join(path.read_text(errors="replace") for path in include.rglob("*.h"))
     version = f"python{sys.version_info.major}{sys.version_info.minor}"
@@ -133,5 +134,5 @@ def build(name: str) -> None:
 
 
 if __name__ == "__main__":
-    for wanted in sys.argv[1:] or TARGETS:
-        build(wanted)
+    for target in sys.argv[1:] or TARGETS:
+        build(target)

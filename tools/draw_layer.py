@@ -22,7 +22,7 @@ _SPEEDS = {1.0: ("closing", _ORANGE), 0.0: ("at rest", "black"), -1.0: ("parting
 
 
 def _draw_cut(ax: plt.Axes) -> None:
-    """A sheet that lies in the layer, with the lengths that have a name."""
+    """Draw a sheet that lies in the layer, with the lengths that have a name."""
     ax.add_patch(plt.Circle((0, 0), _EDGE, color=_PALE, lw=0))
     ax.add_patch(plt.Circle((0, 0), _SURFACE, color="white", lw=0))
     ax.add_patch(plt.Circle((0, 0), 1, color=_GREY, lw=0))
@@ -49,7 +49,7 @@ def _draw_cut(ax: plt.Axes) -> None:
 
 
 def _draw_push(ax: plt.Axes) -> None:
-    """The push over the gap, for three speeds along the normal."""
+    """Draw the push over the gap, for three speeds along the normal."""
     gap = np.linspace(-0.1, 1.2, 200)
     for speed, (label, color) in _SPEEDS.items():
         push = np.maximum(1 - gap, 0) ** 3 * (1 + speed / np.sqrt(1 + speed**2))

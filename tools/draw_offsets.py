@@ -23,7 +23,8 @@ _PANELS = {
 
 
 def _turn(x: np.ndarray, angle: float) -> np.ndarray:
-    c, s = math.cos(angle), math.sin(angle)
+    c = math.cos(angle)
+    s = math.sin(angle)
     return x @ np.array([[c, -s], [s, c]])  # clockwise
 
 

@@ -17,7 +17,8 @@ def amplification(stages: int, z: np.ndarray) -> np.ndarray:
     """Return the size of the stability polynomial 1 - b T(w0) + b T(w0 + w1 z)."""
     w0 = 1 + _EPSILON / stages**2
     chebyshev = np.polynomial.Chebyshev.basis(stages)
-    first, second = chebyshev.deriv(1)(w0), chebyshev.deriv(2)(w0)
+    first = chebyshev.deriv(1)(w0)
+    second = chebyshev.deriv(2)(w0)
     b, w1 = second / first**2, first / second
     return np.abs(1 - b * chebyshev(w0) + b * chebyshev(w0 + w1 * z))
 

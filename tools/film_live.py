@@ -24,7 +24,8 @@ FLAGS = [
     "--no-sandbox",
 ]
 FLAGS += ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"]
-RATE, SECONDS = 15, 4.0  # pictures a second, length of the film
+RATE = 15  # pictures a second
+SECONDS = 4.0  # length of the film
 SIZE = 480, 375  # pixels
 DT = 5e-4  # s
 # The steps of a picture; the button takes the last of them, and draws.
@@ -75,7 +76,7 @@ def main() -> None:
             tab.evaluate(STEPS, round(1 / RATE / DT))
             tab.screenshot(path=folder / f"{k:03}.png")
         chromium.close()
-        first, *others = (
+        first, *later_frames = (
             Image.open(name).convert("RGB").resize(SIZE) for name in sorted(folder.glob("*.png"))
         )
         options = {
@@ -85,7 +86,7 @@ def main() -> None:
             "quality": 70,
             "method": 6,
         }
-        first.save(file, append_images=others, **options)
+        first.save(file, append_images=later_frames, **options)
 
 
 if __name__ == "__main__":

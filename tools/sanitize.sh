@@ -4,7 +4,7 @@
 #   address  AddressSanitizer and UndefinedBehaviorSanitizer with float-cast-overflow
 #   thread   ThreadSanitizer with archer, which knows what the threads of LLVM's libomp wait for; libgomp it cannot see through
 #
-# Both by clang (Debian: clang libomp-dev).
+# Both need clang (Debian: clang libomp-dev).
 #
 # First planted faults have to be reported; the argument "planted" ends there. Then the core is built into build/sanitize, with the kernels
 # that every processor has, and tests have to pass without a report. PYTHON names an interpreter that has the packages of the extra "test", pybind11, cmake and ninja.
@@ -20,7 +20,7 @@ folder=$PWD/build/sanitize/$kind
 mkdir -p "$folder/bin"
 case $kind in
   address)
-    # ASan itself sees what null and object-size ask.
+    # ASan itself sees what the checks null and object-size look for.
     flags="-fsanitize=address,undefined,float-cast-overflow -fno-sanitize=null,object-size,vptr,function -fno-sanitize-recover=all"
     export ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1 UBSAN_OPTIONS=print_stacktrace=1
     faults="heap_overflow float_cast" ;;

@@ -25,6 +25,7 @@ PARTS = (
     "tests/sweeps/test_sweep_executors.py -k 'breaks or loses'",
     "tests/base/test_files.py -k damage",  # every byte of every file
 )
+RESULTS = {None: "not over in time", 0: "passed"}  # by exit code
 
 
 def main() -> None:
@@ -40,19 +41,19 @@ def main() -> None:
         "CLOTHSIM_TEST_ROUNDS": str(options.rounds),
         "CLOTHSIM_TEST_FLIPS": str(10**7),
     }
-    failed = []
+    failures = []
     for k, part in enumerate(PARTS):
         begin = time.monotonic()
         code = _run(part, max(1.0, (end - begin) / (len(PARTS) - k)), environment)
-        result = "not done in time" if code is None else f"failed with {code}" if code else "passed"
+        result = RESULTS.get(code, f"failed with {code}")
         print(f"{part}: {result} after {time.monotonic() - begin:.0f} s", flush=True)
         if code:
-            failed.append(part)
-    sys.exit(f"seed {options.seed}: failed: {', '.join(failed)}" if failed else 0)
+            failures.append(part)
+    sys.exit(f"seed {options.seed}: failed: {', '.join(failures)}" if failures else 0)
 
 
 def _run(part: str, seconds: float, environment: dict[str, str]) -> int | None:
-    """The exit code of a part; None: stopped, with the processes that it has started."""
+    """Run a part; return its exit code, or None where it was stopped with its processes."""
     command = [
         sys.executable,
         "-m",

@@ -32,8 +32,8 @@ _MARKERS = {"penalty": "o", "ray": "^", "reflect": "v"}
 
 def distance(run: cs.Run, solution: cs.Run) -> float:
     """Root mean square over the mass points of the distance at the end [m]."""
-    away = run.x[-1] - solution.x[-1]
-    return float(np.sqrt((away**2).sum(-1).mean()))
+    offset = run.x[-1] - solution.x[-1]
+    return float(np.sqrt((offset**2).sum(-1).mean()))
 
 
 def compare(scenes: int = len(SCENES), steps: int = len(_DTS)) -> list[dict[str, Any]]:
@@ -52,7 +52,7 @@ def compare(scenes: int = len(SCENES), steps: int = len(_DTS)) -> list[dict[str,
     for name, (scene, duration) in list(SCENES.items())[:scenes]:
         for response in RESPONSES:
             obstacles = [obstacle.replace(response=response) for obstacle in scene.spheres]
-            here = scene.replace(spheres=obstacles)
+            variant = scene.replace(spheres=obstacles)
             settings: list[dict[str, float]] = [{"dt": dt} for dt in _DTS[:steps]]
             finest = {"dt": settings[-1]["dt"] / 4}
             if response == "penalty":
@@ -62,9 +62,9 @@ def compare(scenes: int = len(SCENES), steps: int = len(_DTS)) -> list[dict[str,
                 # Coarse steps go deep; that shows in their errors.
                 warnings.simplefilter("ignore", cs.ContactWarning)
                 warnings.simplefilter("ignore", cs.StabilityWarning)
-                solution = cs.simulate(here, duration, **finest)
+                solution = cs.simulate(variant, duration, **finest)
                 for setting in settings:
-                    run = cs.simulate(here, duration, **setting)
+                    run = cs.simulate(variant, duration, **setting)
                     rows.append(
                         {
                             "scene": name,

@@ -17,7 +17,7 @@ _FALL = 40, 100, 2.5e-4  # parts of the paper's scene, steps of a part, the leng
 
 
 def _settled(obstacle: cs.Sphere | cs.Plane) -> cs.Stepper:
-    """A sheet without pins that drag has brought to rest, all points on the obstacle."""
+    """Return a sheet without pins that drag has brought to rest, all points on the obstacle."""
     cloth = cs.Cloth(drag=20.0, pins=())
     stepper = cs.Stepper(cs.Scene(cloth, obstacle), threads=1)
     stepper.advance(20_000, 1e-4)
@@ -71,10 +71,10 @@ def cost(windows: int = 60, steps: int = 40, dt: float = 5e-6) -> list[dict[str,
                         "precision": precision,
                         "threads": threads,
                         "variant": name,
-                        "microseconds": 1e6 * taken,
-                        "ratio": taken / seconds[0],
+                        "microseconds": 1e6 * duration,
+                        "ratio": duration / seconds[0],
                     }
-                    for name, taken in zip(names, seconds, strict=True)
+                    for name, duration in zip(names, seconds, strict=True)
                 ]
     return rows
 

@@ -32,7 +32,7 @@ _REST = 3.0, 10.0  # drag [N s/m] of the sheet whose rest is sought, and its dur
 def layer(
     layers: int = len(LAYERS), rtol: float = 1e-5, dt: float = 2.5e-4
 ) -> list[dict[str, Any]]:
-    """Evaluations and error at 1 s, and distances from the sphere, for the first of `LAYERS`.
+    """Return evaluations, error at 1 s and distances from the sphere, for the first of `LAYERS`.
 
     Errors are rms distances from a run at a tolerance 100 times tighter.
 
@@ -86,7 +86,7 @@ def _row(
     drag, duration = _REST
     rest = cs.simulate(scene.replace(cloth=cloth.replace(drag=drag)), duration, dt=5e-5)
     heights = ball.height(rest.x[-1])
-    touched = heights < ball.offset_length(cloth) + length
+    contacts = heights < ball.offset_length(cloth) + length
     return {
         "thickness": thickness,
         "stiffness": stiffness,
@@ -96,7 +96,7 @@ def _row(
         "evaluations": run.report["solution_evaluations"],
         "error": distance(run, solution),
         "rk4_error": rk4_error,
-        "stand_off": float(heights[touched].mean()),
+        "stand_off": float(heights[contacts].mean()),
         "least_gap": float(ball.height(solution.x).min()),
         "triangle": solution.report["penetration"]["triangles"],
     }

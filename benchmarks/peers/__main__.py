@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -97,25 +97,18 @@ def main(argv: list[str] | None = None) -> None:
         help="also write every run to a CSV file, one for each scene",
     )
     args = parser.parse_args(argv)
-    names = args.method or [
-        *cs.integrators(),
-        *(f"{n} adaptive" for n, one in cs.integrators().items() if one.adaptive),
-    ]
-    found = {}
+    datasets = {}
     bend = "_bend" if args.bend else ""
     for name in [f"{name}{bend * (name == 'paper_swing')}" for name in args.scenes] or SCENES:
-        scene = SCENES[name]()
-        peers, missing = installed_peers(scene, args.threads)
-        found[name] = data = cs.work_precision(
-            scene,
+        datasets[name], missing = measure(
+            name,
             args.duration,
-            [*names, *peers],
-            precisions=args.precision or ("double", "single"),
+            args.method,
             threads=args.threads,
             windows=args.windows,
-            reference=cs.reference(scene, args.duration, args.duration / FRAMES),
-            progress=sys.stderr.isatty(),
+            precisions=args.precision or ("double", "single"),
         )
+        data = datasets[name]
         print(
             f"{name}, {args.duration:g} "
             f"s\n{aligned(HEAD, fastest(data, args.errors), left=(0, 1, 2))}"
@@ -127,9 +120,42 @@ def main(argv: list[str] | None = None) -> None:
                 args.csv if len(args.scenes) == 1 else args.csv.with_stem(f"{args.csv.stem}_{name}")
             )
     if args.out:
-        draw(found, args.out)
+        draw(datasets, args.out)
     for reason in missing:
         print(f"Not measured: {reason}", file=sys.stderr)
+
+
+def measure(
+    name: str,
+    duration: float,
+    methods: Iterable[str] | None,
+    threads: int | None,
+    windows: int,
+    precisions: Sequence[str] = ("double", "single"),
+) -> tuple[Any, list[str]]:
+    """Return runs of clothsim's methods (None: all) and of the peers, and the peers' absences.
+
+    The runs are a dataset of `cs.work_precision`; an absence is a reason why a peer was not
+    measured.
+    """
+    scene = SCENES[name]()
+    peers, absences = installed_peers(scene, threads)
+    if methods is None:
+        adaptive = [
+            f"{name} adaptive" for name, facts in cs.integrators().items() if facts.adaptive
+        ]
+        methods = [*cs.integrators(), *adaptive]
+    data = cs.work_precision(
+        scene,
+        duration,
+        [*methods, *peers],
+        precisions=precisions,
+        threads=threads,
+        windows=windows,
+        reference=cs.reference(scene, duration, duration / FRAMES),
+        progress=sys.stderr.isatty(),
+    )
+    return data, absences
 
 
 def fastest(data: Any, errors: list[float]) -> Iterator[tuple[str, ...]]:
@@ -139,52 +165,53 @@ def fastest(data: Any, errors: list[float]) -> Iterator[tuple[str, ...]]:
     """
     for error in errors:
         ours = np.nan
-        for own in (True, False):
+        for is_own in (True, False):
             able = (
                 (data.rms_error <= error)
-                & ((data.library == "clothsim") == own)
+                & ((data.library == "clothsim") == is_own)
                 & np.isfinite(data.wall_time)
             )
             if not able.any():
                 continue
-            one = data.isel(data.wall_time.where(able).argmin(...))
-            time, spread = float(one.wall_time), float(one.wall_time_spread / one.wall_time)
-            ours = time if own else ours
-            reached = (f"{float(one[k]):.1e}" for k in ("rms_error", "frames_rms_error"))
-            what = (
+            run = data.isel(data.wall_time.where(able).argmin(...))
+            time, spread = float(run.wall_time), float(run.wall_time_spread / run.wall_time)
+            ours = time if is_own else ours
+            errors_of_run = (f"{float(run[k]):.1e}" for k in ("rms_error", "frames_rms_error"))
+            labels = (
                 f"{error:g}",
-                str(one.library.item()),
-                str(one.solver.item()),
-                f"{float(one.setting):.3g}",
+                str(run.library.item()),
+                str(run.solver.item()),
+                f"{float(run.setting):.3g}",
             )
-            ratio = "" if own else f"{time / ours:.1f}"
+            ratio = "" if is_own else f"{time / ours:.1f}"
             yield (
-                *what,
+                *labels,
                 f"{time:.3g}",
                 f"{spread:.0%}",
-                *reached,
-                f"{float(one.force_evaluations):.0f}",
+                *errors_of_run,
+                f"{float(run.force_evaluations):.0f}",
                 ratio,
             )
 
 
 def best(data: Any) -> Any:
-    """The front of clothsim's runs as one solver, and the fronts of other solvers that have a run
-    on the front of theirs.
+    """Return the front of clothsim's runs as one solver, and those of the best other solvers.
+
+    The best other solvers have a run on the front of all others.
     """
     import xarray as xr
 
-    own = (data.library == "clothsim").values
-    good = front(data.isel(solver=~own)).any(axis=1)
+    is_own = (data.library == "clothsim").values
+    good = front(data.isel(solver=~is_own)).any(axis=1)
     lines = []
     for m, runs in enumerate(
-        [data.isel(solver=own), *(data.isel(solver=[k]) for k in np.flatnonzero(~own)[good])]
+        [data.isel(solver=is_own), *(data.isel(solver=[k]) for k in np.flatnonzero(~is_own)[good])]
     ):
-        kept = front(runs)
-        order = np.argsort(runs.wall_time.values[kept])
+        on_front = front(runs)
+        order = np.argsort(runs.wall_time.values[on_front])
         names = "wall_time", "rms_error", "force_evaluations"
         columns = {
-            name: (("solver", "level"), runs[name].values[kept][order][None]) for name in names
+            name: (("solver", "level"), runs[name].values[on_front][order][None]) for name in names
         }
         of_solver = {
             name: runs[name].values[0]
@@ -202,30 +229,31 @@ def best(data: Any) -> Any:
         )
         labels = {name: ("solver", [value]) for name, value in of_solver.items()}
         lines.append(xr.Dataset(columns, {**labels, "level": np.arange(len(order))}))
-    both = xr.concat(lines, "solver", join="outer")
-    return both.assign(pareto=both.rms_error < 0).assign_attrs(data.attrs)
+    lines_of_both = xr.concat(lines, "solver", join="outer")
+    return lines_of_both.assign(pareto=lines_of_both.rms_error < 0).assign_attrs(data.attrs)
 
 
 def front(data: Any) -> np.ndarray:
-    """Runs that no other run of `data` beats in both time and error."""
-    time, error = data.wall_time.values, data.rms_error.values
-    known = np.isfinite(time) & np.isfinite(error)
+    """Return runs that no other run of `data` beats in both time and error."""
+    time = data.wall_time.values
+    error = data.rms_error.values
+    finite = np.isfinite(time) & np.isfinite(error)
     beaten = [
-        (known & (time <= t) & (error <= e) & ((time < t) | (error < e))).any()
+        (finite & (time <= t) & (error <= e) & ((time < t) | (error < e))).any()
         for t, e in zip(time.flat, error.flat)
     ]
-    return known & ~np.array(beaten, bool).reshape(time.shape)
+    return finite & ~np.array(beaten, bool).reshape(time.shape)
 
 
-def draw(found: dict[str, Any], path: Path) -> None:
+def draw(datasets: dict[str, Any], path: Path) -> None:
     """Speed against error, legible at a width of 700 pixels."""
     from matplotlib import pyplot
 
     pyplot.rcParams.update({"font.size": 11})
     figure, axes = pyplot.subplots(
-        len(found), figsize=(7, 4.4 * len(found)), squeeze=False, layout="constrained"
+        len(datasets), figsize=(7, 4.4 * len(datasets)), squeeze=False, layout="constrained"
     )
-    for ax, (name, data) in zip(axes.ravel(), found.items(), strict=True):
+    for ax, (name, data) in zip(axes.ravel(), datasets.items(), strict=True):
         best(data).clothsim.plot(ax=[ax])
         ax.set_title(
             f"{name.replace('_', ' ')}: lower left is better", loc="left", fontsize="medium"

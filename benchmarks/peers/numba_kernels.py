@@ -66,7 +66,7 @@ _ONE, _TWO = np.uintp(1), np.uintp(2)
 
 
 def _force_of_rows(places):
-    """The accelerations of a row."""
+    """Make the kernel of the accelerations of a row."""
     rows, columns, n, down, size, (_, p1, p2, p3, p4, p5) = places
     one, two, size2 = _ONE, _TWO, np.uintp(2 * size)
 
@@ -154,7 +154,7 @@ def _force_of_rows(places):
 
 
 def _update_of_rows(places):
-    """The update of a row by its accelerations, per stage."""
+    """Make the kernel that updates a row by its accelerations, per stage."""
     _, columns, n, down, size, (_, p1, p2, p3, p4, p5) = places
     two, size2 = _TWO, np.uintp(2 * size)
 
@@ -237,7 +237,7 @@ def _all_steps(places, row_force):
 
 
 def _batch_of(serial):
-    """Steps of a batch."""
+    """Make the kernel of the steps of a batch."""
 
     @njit(**FAST, parallel=True)
     def batch(count, bands, state, a, b, buffers, scene, time_step):
@@ -245,8 +245,9 @@ def _batch_of(serial):
         f, first, total = buffers
         spring, column, gravity, free = scene
         for m in prange(state.shape[0]):
-            own = (spring[m], column, gravity, free)
-            serial(count, bands, state[m], a[m], b[m], (f[m], first[m], total[m]), own, time_step)
+            member = (spring[m], column, gravity, free)
+            sums = (f[m], first[m], total[m])
+            serial(count, bands, state[m], a[m], b[m], sums, member, time_step)
 
     return batch
 
@@ -281,10 +282,12 @@ def _right_side(places, row_force):
 
 @lru_cache
 def strided(shape):
-    """The kernels for cloths of `shape`."""
+    """Return the kernels for cloths of `shape`."""
     places = Places.of(shape)
     row_force = _force_of_rows(places)
     steps, slopes = _all_steps(places, row_force), _right_side(places, row_force)
     serial, parallel = njit(**FAST), njit(**FAST, parallel=True)
-    alone = serial(steps)
-    return Strided(alone, parallel(steps), _batch_of(alone), serial(slopes), parallel(slopes))
+    step_rows = serial(steps)
+    return Strided(
+        step_rows, parallel(steps), _batch_of(step_rows), serial(slopes), parallel(slopes)
+    )

@@ -18,7 +18,7 @@ _FAR = 1e3  # m; where border points are, out of reach and finite when squared
 
 
 def import_kernels() -> Any:
-    """The kernel's module; an ImportError without numba, or with one that cannot be imported."""
+    """Return the kernel's module; raise an ImportError where numba cannot be imported."""
     if find_spec("numba") is None:
         raise ImportError("numba is not installed: run pip install numba")
     try:
@@ -54,14 +54,14 @@ class NumbaPeer(Work):
         cloth = scenes[0].cloth
         rows, columns = cloth.shape
         border = kernels.BORDER
-        self.inside = (Ellipsis, slice(border, border + rows), slice(border, border + columns))
+        self.interior = (Ellipsis, slice(border, border + rows), slice(border, border + columns))
         members = len(scenes)
         shape = (members, 6, rows + 2 * border, columns + 2 * border)
         state = np.zeros(shape, dtype)
         state[:, :3] = _FAR
         xv = np.concatenate([x, v], axis=-1).reshape(members, rows, columns, 6)
-        state[self.inside] = np.moveaxis(xv, -1, 1)
-        spring = np.stack([_strided_springs(one, dtype) for one in scenes])
+        state[self.interior] = np.moveaxis(xv, -1, 1)
+        spring = np.stack([_strided_springs(member, dtype) for member in scenes])
         at = np.arange(columns)
         column = [at + 1 < columns, at >= 1, at + 2 < columns, at >= 2]
         force: np.ndarray = np.zeros((members, 3 * rows * columns), dtype)
@@ -97,11 +97,11 @@ class NumbaPeer(Work):
 
     @property
     def positions(self) -> np.ndarray:
-        return np.moveaxis(self.state[self.inside], -3, -1)[..., :3]
+        return np.moveaxis(self.state[self.interior], -3, -1)[..., :3]
 
     @property
     def velocities(self) -> np.ndarray:
-        return np.moveaxis(self.state[self.inside], -3, -1)[..., 3:]
+        return np.moveaxis(self.state[self.interior], -3, -1)[..., 3:]
 
 
 class NumbaSlopes:
@@ -117,7 +117,8 @@ class NumbaSlopes:
         self.shape = (6, *scene.cloth.shape)
         of_shape = peer.kernels.strided(scene.cloth.shape)
         self.kernel = of_shape.parallel_slopes if threads > 1 else of_shape.serial_slopes
-        self.state, self.scene = peer.arguments[0], peer.arguments[4]
+        self.state = peer.arguments[0]
+        self.scene = peer.arguments[4]
         self.start = np.moveaxis(np.concatenate([x, v], axis=-1), -1, 0).ravel()
 
     def __call__(self, t: float, y: np.ndarray) -> np.ndarray:
@@ -127,8 +128,8 @@ class NumbaSlopes:
 
     def points(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities, shape (rows, columns, 3)."""
-        both = np.moveaxis(y.reshape(self.shape), 0, -1)
-        return both[..., :3], both[..., 3:]
+        fields = np.moveaxis(y.reshape(self.shape), 0, -1)
+        return fields[..., :3], fields[..., 3:]
 
 
 def _strided_springs(scene: cs.Scene, dtype: type[Any]) -> np.ndarray:

@@ -47,7 +47,7 @@ def numba_rk4(precision: Precision = "double", threads: int = 1) -> Method:
 
 
 def scipy(method: str, threads: int = 1) -> Method:
-    """A method of `solve_ivp` over the numba kernel's forces."""
+    """Return a method of `solve_ivp` over the numba kernel's forces."""
 
     def solve(scene: cs.Scene, duration: float, rtol: float) -> Any:
         from scipy.integrate import solve_ivp
@@ -66,7 +66,7 @@ def scipy(method: str, threads: int = 1) -> Method:
 
 
 def diffrax(solver: str, stages: int) -> Method:
-    """A solver of diffrax with its PID controller's default (an I controller), in double."""
+    """Return a solver of diffrax with its PID controller's default (an I controller), in double."""
 
     def solve(scene: cs.Scene, duration: float, rtol: float) -> Any:
         import jax
@@ -101,7 +101,7 @@ class _Identity:
 
 @cache
 def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], Any]:
-    """A compiled run of the scene, and its initial state of shape (3, rows, columns) each."""
+    """Return a compiled run of the scene, and its initial state, (3, rows, columns) each."""
     import diffrax
     import jax
     import jax.numpy as jnp
@@ -125,7 +125,7 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
 
     @jax.jit
     def run(state: Any, duration: float, rtol: float, atol: float) -> Any:
-        found = diffrax.diffeqsolve(
+        solution = diffrax.diffeqsolve(
             diffrax.ODETerm(slope),
             getattr(diffrax, solver)(),
             0.0,
@@ -135,7 +135,7 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
             stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
             max_steps=10**6,
         )
-        return tuple(a[-1] for a in found.ys), found.stats["num_steps"]
+        return tuple(a[-1] for a in solution.ys), solution.stats["num_steps"]
 
     start = tuple(
         jnp.array(np.moveaxis(a, -1, 0)) for a in (scene.initial_position, scene.initial_velocity)
@@ -144,7 +144,7 @@ def _diffrax_program(key: _Identity, solver: str) -> tuple[Callable[..., Any], A
 
 
 def installed_peers(scene: cs.Scene, threads: int | None = None) -> tuple[list[Method], list[str]]:
-    """The peers that can be run here, and a reason for each that cannot.
+    """Return the peers that can be run here, and a reason for each that cannot.
 
     `threads` is the most of numba's kernels, by default one; the parallel kernel is used where it
     is measured faster.

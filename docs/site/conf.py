@@ -78,7 +78,7 @@ def one_attribute_each(
     section, end, after = section.partition("\nExamples\n")
     entry = re.compile(r"^(\w+(?:, \w+)+)((?: :.*)?(?:\n    .*)*)", re.M)
     section = entry.sub(
-        lambda found: "\n".join(each + found[2] for each in found[1].split(", ")), section
+        lambda match: "\n".join(each_name + match[2] for each_name in match[1].split(", ")), section
     )
     lines[:] = (before + heading + section + end + after).split("\n")
 

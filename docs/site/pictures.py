@@ -16,17 +16,17 @@ class PictureFiles:
 
     def __call__(self, block: Any, variables: dict[str, Any], gallery: dict[str, Any]) -> str:
         """Return the lines that show the files; Sphinx-gallery calls this after each code block."""
-        shown = []
+        pictures = []
         for path in sorted(
             Path(variables["src_file"]).parent.glob("*.*"), key=lambda path: path.stat().st_mtime_ns
         ):
             if path.suffix in (".png", ".webp"):
                 still = Path(next(variables["image_path_iterator"]))
-                shown.append(still.with_suffix(path.suffix))
-                shutil.move(path, shown[-1])
+                pictures.append(still.with_suffix(path.suffix))
+                shutil.move(path, pictures[-1])
                 if path.suffix == ".webp":  # the thumbnail is the last frame of a film
-                    with Image.open(shown[-1]) as film:
+                    with Image.open(pictures[-1]) as film:
                         film.seek(film.n_frames - 1)
                         film.save(still)
         title = Path(variables["src_file"]).read_text(encoding="utf8").split("\n")[1]
-        return figure_rst(shown, gallery["src_dir"], title)
+        return figure_rst(pictures, gallery["src_dir"], title)

@@ -59,11 +59,11 @@ def by_use() -> dict[str, list[str]]:
 
 
 def full_names(name: str) -> list[str]:
-    """The full name, or those of a module that are not in `cs.__all__`."""
+    """Return the full name, or those of a module that are not in `cs.__all__`."""
     value = getattr(cs, name, None) or __import__(f"clothsim.{name}", fromlist=["__all__"])
     if not inspect.ismodule(value):
         return [f"clothsim.{name}"]
-    return [f"clothsim.{name}.{one}" for one in value.__all__ if one not in cs.__all__]
+    return [f"clothsim.{name}.{member}" for member in value.__all__ if member not in cs.__all__]
 
 
 def is_called(full: str) -> bool:
@@ -73,7 +73,7 @@ def is_called(full: str) -> bool:
 
 
 def directive(full: str) -> str:
-    """The lines that document one name."""
+    """Return the lines that document one name."""
     module, _, name = full.rpartition(".")
     value = getattr(sys.modules[module], name)
     if not inspect.isclass(value):
@@ -84,12 +84,13 @@ def directive(full: str) -> str:
             if issubclass(value, BaseException)
             else "   :inherited-members: object, tuple, dict\n"
         )
-        kind, options = "autoclass", f"   :members:\n{inherited}"
+        kind = "autoclass"
+        options = f"   :members:\n{inherited}"
     return f".. {kind}:: {full}\n{options}\n"
 
 
 def reference(folder: Path) -> None:
-    """A page for each group, and their list: every name in one line."""
+    """Write a page for each group, and their list: every name in one line."""
     folder.mkdir()
     index = "Reference\n=========\n\n"
     tree = ".. toctree::\n   :hidden:\n\n"
@@ -105,7 +106,7 @@ def reference(folder: Path) -> None:
 
 
 def commands(path: Path) -> None:
-    """The page of the command line: what each `--help` prints."""
+    """Write the page of the command line: what each `--help` prints."""
     page = (
         "# Command line\n\nThis page lists every command with its `--help`. It is for users of "
         "the shell.\n"
@@ -150,7 +151,7 @@ def relink(page: Path) -> None:
     }
     text = page.read_text(encoding="utf8")
     script = re.compile(r"\]\((?:\.\./)*examples/(\w+)\.py\)")
-    text = script.sub(lambda found: f"](/gallery/{group[found[1]]}/{found[1]}.rst)", text)
+    text = script.sub(lambda match: f"](/gallery/{group[match[1]]}/{match[1]}.rst)", text)
     text = re.sub(r"\]\((?:\.\./)*examples\)", "](/gallery/index.rst)", text)
     page.write_text(text.replace("](docs/gpu.md#in-a-browser)", "](live.md)"), encoding="utf8")
 
@@ -158,14 +159,14 @@ def relink(page: Path) -> None:
 def menu(index: str) -> dict[str, list[str]]:
     """Captions of the menu and their pages: headings of docs/index.md, and the links below each."""
     groups: dict[str, list[str]] = {}
-    seen: set[str] = set()
+    listed_pages: set[str] = set()
     for part in index.split("\n## ")[1:]:
         links = re.findall(r"\]\((\.\./)?([\w/-]+)\.(?:md|ipynb)[)#]", part)
-        pages = dict.fromkeys(path if above else f"docs/{path}" for above, path in links)
+        pages = dict.fromkeys(path if prefix else f"docs/{path}" for prefix, path in links)
         groups[part.partition("\n")[0].partition(":")[0]] = [
-            page for page in pages if page not in seen
+            page for page in pages if page not in listed_pages
         ]
-        seen |= set(pages)
+        listed_pages |= set(pages)
     learn, *_, look_up, maintain = groups.values()
     learn += ["gallery/index", "live"]
     look_up[:0] = ["reference/index"]

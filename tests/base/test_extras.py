@@ -14,7 +14,7 @@ MEASURED = (RUN.t[1:], np.zeros((3, 1, 2, 3)))
 HINT = r"pip install 'clothsim\[{}\]'"
 
 
-def never(*arguments, **options):
+def refuse_import(*arguments, **options):
     raise AssertionError("something was computed before the package was missed")
 
 
@@ -26,7 +26,7 @@ def nothing_runs(monkeypatch):
         ("accuracy.work", "reference_for"),
         ("sweeps.sweep", "run_task"),
     ]:
-        monkeypatch.setattr(importlib.import_module(f"clothsim.{module}"), name, never)
+        monkeypatch.setattr(importlib.import_module(f"clothsim.{module}"), name, refuse_import)
 
 
 @pytest.mark.parametrize(
@@ -68,8 +68,8 @@ assert "xarray" not in sys.modules
 data = cs.stability_map(cs.scenes.oscillator(), [1e3], [1e-3], steps=1)
 assert callable(data.clothsim.plot) and "matplotlib" not in sys.modules
 """
-    done = python(program, PYTHONWARNINGS="error")
-    assert done.returncode == 0, done.stderr
+    process = python(program, PYTHONWARNINGS="error")
+    assert process.returncode == 0, process.stderr
 
 
 def test_a_dataset_of_no_sweep_says_so():

@@ -48,13 +48,13 @@ def test_a_full_disk_leaves_the_old_file_and_no_part(name, tmp_path):
     path = tmp_path / name
     write(name, path)
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
-    most, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(before[name]) // 2, hard))
     try:
-        with pytest.raises(Exception) as caught:  # libraries and ffmpeg raise their own
+        with pytest.raises(Exception) as caught:  # libraries and ffmpeg raise errors of their own
             WRITERS[name](path)
     finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     if isinstance(caught.value, OSError) and caught.value.errno == errno.EFBIG:
         assert str(caught.value).endswith(f"{str(path)!r}")
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
@@ -72,18 +72,19 @@ def test_a_missing_folder_is_named_before_any_work(name, tmp_path):
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_symbolic_link_is_replaced_and_not_followed(name, tmp_path):
-    other = tmp_path / "other"
-    other.write_text("mine")
+    target = tmp_path / "other"
+    target.write_text("mine")
     path = tmp_path / name
-    path.symlink_to(other)
+    path.symlink_to(target)
     write(name, path)
-    assert other.read_text() == "mine"
+    assert target.read_text() == "mine"
     assert path.is_file() and not path.is_symlink()
 
 
 @pytest.mark.parametrize("name", ["scene.toml", "run.npz", "page.html"])
 def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
-    path, failed = tmp_path / name, []
+    path = tmp_path / name
+    failures = []
     write(name, path)
     load = {
         "scene.toml": cs.load_scene,
@@ -98,14 +99,14 @@ def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
                 WRITERS[name](path)
                 assert load(path) == expected
         except BaseException as error:
-            failed.append(error)
+            failures.append(error)
 
     threads = [threading.Thread(target=save) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert failed == []
+    assert failures == []
     assert [file.name for file in tmp_path.iterdir()] == [name]
 
 
@@ -115,9 +116,9 @@ def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
 def flips(data, count):
     """Return the file with one bit changed, at up to `count` bytes spread over the file."""
     for place in np.unique(np.linspace(0, len(data) - 1, count).astype(int)):
-        changed = bytearray(data)
-        changed[place] ^= 1 << (int(place) * 5 + 3) % 8
-        yield f"byte {place}", bytes(changed)
+        flipped_file = bytearray(data)
+        flipped_file[place] ^= 1 << (int(place) * 5 + 3) % 8
+        yield f"byte {place}", bytes(flipped_file)
 
 
 def cuts(data, count):
@@ -131,7 +132,7 @@ SAVED = {
     "run.npz": (cs.load_run, lambda run: run == RUN and run.resume(0.001) == RESUMED),
     "snapshot.npz": (
         cs.Snapshot.load,
-        lambda one: one.scene == SCENE and cs.Stepper.restore(one).time == 0,
+        lambda snapshot: snapshot.scene == SCENE and cs.Stepper.restore(snapshot).time == 0,
     ),
 }
 
@@ -142,18 +143,19 @@ def test_damage_is_a_value_error_with_the_path_or_harmless(name, tmp_path):
     load, equal = SAVED[name]
     path = tmp_path / name
     WRITERS[name](path)
-    data, loaded = path.read_bytes(), []
+    data = path.read_bytes()
+    loaded = []
     count = int(os.environ.get("CLOTHSIM_TEST_FLIPS", "1500"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # zipfile warns of names that occur twice
         for what, damaged in (*flips(data, count), *cuts(data, count // 4)):
             path.write_bytes(damaged)
             try:
-                found = load(path)
+                value = load(path)
             except ValueError as error:
                 assert str(error).startswith(str(path)), what
             else:
-                assert equal(found), what
+                assert equal(value), what
                 loaded.append(what)
     assert len(loaded) < count  # how many bytes nothing reads depends on the sizes of the headers
 

@@ -22,15 +22,20 @@ pytest.importorskip("xarray")
 BALL = cs.Sphere((0.5, -9, 0.5), response="ray", offset="edge")
 SCENE = cs.Scene(cs.Cloth((2, 3), mass=6.0, stiffness=100.0, damping=0.1), BALL)
 MOVING = SCENE.replace(spheres=BALL.replace(motion=cs.Linear((0, 1, 0))))
-X, V = SCENE.initial_position.copy(), SCENE.initial_velocity.copy()
+X = SCENE.initial_position.copy()
+V = SCENE.initial_velocity.copy()
 STATE = {"scene": SCENE, "x": X, "v": V}
 RUN = cs.simulate(SCENE, 0.03, dt=0.01, every=1)
-STEPPER, CLOTH = cs.Stepper(SCENE), SCENE.cloth
+STEPPER = cs.Stepper(SCENE)
+CLOTH = SCENE.cloth
 REFERENCE = cs.reference(cs.scenes.oscillator(), 0.1)
 
 EMPTY = [np.array([]), [], (), {}, set(), iter([])]
-COUNTS, TRIPLE, ORIGIN = np.array([1, 2]), range(3), (0, 0, 0)
-MOTION, SIZES = cs.Linear((1, 0, 0)), [(10**9, 10**9), (2.0, 3.0)]
+COUNTS = np.array([1, 2])
+TRIPLE = range(3)
+ORIGIN = (0, 0, 0)
+MOTION = cs.Linear((1, 0, 0))
+SIZES = [(10**9, 10**9), (2.0, 3.0)]
 NUMBERS = [
     0,
     -1,
@@ -285,7 +290,7 @@ def name_of(function):
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
-    """Return what a call that goes well writes; no browser opens."""
+    """Write into a folder of the test, where a call goes well; no browser opens."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("webbrowser.open", lambda *_: True)
 
@@ -295,7 +300,7 @@ def test_every_public_callable_is_judged():
     errors = {
         value for value in public if inspect.isclass(value) and issubclass(value, BaseException)
     }
-    assert public - errors - NO_ARGUMENTS - RESULTS == {one for one in CALLS if one in public}
+    assert public - errors - NO_ARGUMENTS - RESULTS == public & set(CALLS)
 
 
 @pytest.mark.parametrize(
@@ -339,9 +344,9 @@ def faults(function, argument, good):
                 warnings.simplefilter("ignore")
                 function(**{**good, argument: odd})
         except (ValueError, TypeError) as error:
-            named = re.search(rf"\b({argument}|{ALSO.get(case, argument)})\b", str(error))
+            name = re.search(rf"\b({argument}|{ALSO.get(case, argument)})\b", str(error))
             if not (
-                named
+                name
                 and re.search(
                     r"must .*got|(accepted|needed):|must be (given|False)", str(error), re.DOTALL
                 )
@@ -358,10 +363,10 @@ def faults(function, argument, good):
             yield odd, "is changed"
 
 
-def one_far(place, other=0.0):
+def far_state(place, rest=0.0):
     x = X.copy()
     x[1, 1] = place
-    x[0, 0] = other
+    x[0, 0] = rest
     return x
 
 
@@ -373,9 +378,9 @@ DEGENERATE = {
     "two places": np.where(np.arange(3)[:, None] < 1, 0.0, 1.0) * np.ones_like(X),
     "subnormal": X * 1e-320,
     "tiny": X * 1e-44,
-    "float32 overflows": one_far(1e40),
-    "squares overflow": one_far(1e160),
-    "differences overflow": one_far(1.7e308, -1.7e308),
+    "float32 overflows": far_state(1e40),
+    "squares overflow": far_state(1e160),
+    "differences overflow": far_state(1.7e308, -1.7e308),
 }
 OF_STATES = {
     **{function: given for function, given in CALLS.items() if "x" in given},

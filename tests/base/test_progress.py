@@ -17,7 +17,7 @@ class Terminal(io.StringIO):
 
 
 def stderr(monkeypatch, kind):
-    """Set a new stderr; no fixture does so, as pytest sets its own when the test itself begins."""
+    """Set a new stderr; not in a fixture, as pytest sets its own when the test begins."""
     file = kind()
     monkeypatch.setattr(sys, "stderr", file)
     return file
@@ -86,7 +86,7 @@ SWING = ("paper_swing", "--duration", "0.1", "--dt", "1e-3")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "shown"),
+    ("arguments", "text_of_bar"),
     [
         (("run", *SWING, "--every", "0.02", "--out", "{}/r.npz"), "100%"),
         (("run", *SWING, "--film", "{}/r.gif"), "film: 100%"),
@@ -94,11 +94,13 @@ SWING = ("paper_swing", "--duration", "0.1", "--dt", "1e-3")
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else None,
 )
-def test_commands_show_a_bar_in_a_terminal_alone(tmp_path_factory, monkeypatch, arguments, shown):
+def test_commands_show_a_bar_in_a_terminal_alone(
+    tmp_path_factory, monkeypatch, arguments, text_of_bar
+):
     terminal = stderr(monkeypatch, Terminal)
     folder = tmp_path_factory.getbasetemp()
     arguments = [text.format(folder) for text in arguments]
     assert main(arguments) == 0, terminal.getvalue()
-    assert shown in terminal.getvalue()
+    assert text_of_bar in terminal.getvalue()
     pipe = stderr(monkeypatch, io.StringIO)
     assert main(arguments) == 0 and pipe.getvalue() == ""

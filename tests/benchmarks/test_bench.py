@@ -29,7 +29,7 @@ def test_rows_have_times_and_errors_of_rounding(monkeypatch, tmp_path, capsys):
         float(row["error_m"]) <= float(row["frames_error_m"]) for row in rows if row["error_m"]
     )
     errors = {row["by"]: float(row["error_m"]) for row in rows if row["error_m"]}
-    assert errors["edge"] < 1e-15 < 1e-8 < errors["numpy"] < 1e-5  # double; plain float32
+    assert errors["edge"] < 1e-15 < 1e-8 < errors["numpy"] < 1e-5  # double; float32
     out = capsys.readouterr().out
     assert (
         "swing, all springs" in out
@@ -71,7 +71,7 @@ def test_throughput_has_rows_of_batch_and_sweep():
     assert [row[:5] for row in rows] == [
         ("double", by, "2", "1024", "0.0005") for by in ("batch", "sweep")
     ]
-    assert 0 < float(rows[0][5]) < 1e-6 and rows[0][5] == rows[1][5]  # of RK4, over 0.01 s
+    assert 0 < float(rows[0][5]) < 1e-6 and rows[0][5] == rows[1][5]  # error of RK4 over 0.01 s
     rate = float(rows[0][6].replace(",", ""))
     assert (
         float(rows[0][8].replace(",", "")) == pytest.approx(5e-4 * rate, rel=1e-2)

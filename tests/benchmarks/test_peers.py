@@ -17,8 +17,8 @@ def solution():
 
 def test_peers_that_are_not_installed_are_named(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(peers, "find_spec", lambda name: None)
-    found, missing = peers.installed_peers(SCENE)
-    assert found == []
+    methods, missing = peers.installed_peers(SCENE)
+    assert methods == []
     assert missing == [f"{name} is not installed" for name in ("numba", "scipy", "diffrax")]
     pytest.importorskip("xarray")
     image = pytest.importorskip("matplotlib.image")
@@ -66,16 +66,16 @@ def runs():
 
 
 def test_the_figure_has_the_front_of_clothsim_and_the_best_peers():
-    found = best(runs())
-    assert found.solver.values.tolist() == ["clothsim", "c"]
-    assert found.wall_time[0].values.tolist() == [1.0, 3.0, 4.0]
-    assert found.rms_error[0].values.tolist() == [1e-3, 1e-6, 1e-9]
+    lines = best(runs())
+    assert lines.solver.values.tolist() == ["clothsim", "c"]
+    assert lines.wall_time[0].values.tolist() == [1.0, 3.0, 4.0]
+    assert lines.rms_error[0].values.tolist() == [1e-3, 1e-6, 1e-9]
 
 
 def test_a_row_has_spread_both_errors_and_the_ratio():
-    ours, theirs = fastest(runs(), [1e-6])
-    assert ours[1:] == ("clothsim", "b", "3", "3", "5%", "1.0e-06", "2.0e-06", "3000", "")
-    assert theirs[1:] == ("other", "c", "6", "6", "5%", "1.0e-06", "2.0e-06", "6000", "2.0")
+    own_row, other_row = fastest(runs(), [1e-6])
+    assert own_row[1:] == ("clothsim", "b", "3", "3", "5%", "1.0e-06", "2.0e-06", "3000", "")
+    assert other_row[1:] == ("other", "c", "6", "6", "5%", "1.0e-06", "2.0e-06", "6000", "2.0")
 
 
 def _close(method, setting, solution, bound):

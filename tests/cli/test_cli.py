@@ -86,9 +86,9 @@ def test_info(capsys):
     config = cs.build_config()
     code, out, _ = run(capsys, "info", "--json")
     assert code == 0
-    shown = json.loads(out)
-    assert shown.pop("graphics_adapters")
-    assert shown == json.loads(json.dumps(config))
+    facts = json.loads(out)
+    assert facts.pop("graphics_adapters")
+    assert facts == json.loads(json.dumps(config))
     code, out, _ = run(capsys, "info")
     assert code == 0
     for name in ("version", "compiler", "flags", "instruction_set", "eigen", "xsimd"):
@@ -98,11 +98,11 @@ def test_info(capsys):
 
 def test_run_saves_the_result_of_simulate(capsys, tmp_path):
     path = tmp_path / "swing.npz"
-    given = (
+    options = (
         "--duration 0.01 --dt 5e-4 --every 4 --threads 1 --integrator velocity_verlet "
         "--kernel gather"
     )
-    code, out, err = run(capsys, f"run paper_swing {given} --json --out", path)
+    code, out, err = run(capsys, f"run paper_swing {options} --json --out", path)
     assert (code, err) == (0, "")
     report = json.loads(out)
     options = {"integrator": "velocity_verlet", "kernel": "gather", "threads": 1}
@@ -120,10 +120,10 @@ def test_run_prints_the_run_as_text(capsys):
     )
     assert code == 0
     expected = str(cs.simulate(cs.scenes.oscillator(), 0.1, dt=1e-3, precision="single"))
-    shown, expected = (
+    printed_lines, expected = (
         re.sub(r"\d[\d.,e-]* (us|ms|s|steps/s)", "", text) for text in (out.rstrip(), expected)
     )
-    assert shown == expected and len(shown.splitlines()) > 3
+    assert printed_lines == expected and len(printed_lines.splitlines()) > 3
 
 
 @pytest.mark.parametrize(
@@ -207,10 +207,10 @@ def test_reproduce_prints_table_and_folder(capsys, monkeypatch, tmp_path, as_jso
 
 
 def test_module_is_the_command():
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "clothsim", "info", "--json"], capture_output=True, check=True
     )
-    assert json.loads(done.stdout)["version"] == cs.__version__
+    assert json.loads(process.stdout)["version"] == cs.__version__
 
 
 def test_reader_that_leaves_early_is_no_error():

@@ -105,7 +105,7 @@ def test_explain_adds_up():
 
 
 def _objects():
-    """The kernels' object files, where this is a build tree."""
+    """Return the kernels' object files, where this is a build tree."""
     root = Path(__file__).parents[2] / "build"
     return sorted(root.glob("*/CMakeFiles/clothsim_kernels_*.dir/**/*.o"))
 
@@ -139,7 +139,7 @@ def test_an_import_without_the_core_says_how_to_build_it(tmp_path):
         package, tmp_path / "clothsim", ignore=shutil.ignore_patterns("_core*", "__pycache__")
     )
     code = "try:\n    import clothsim\nexcept ImportError as error:\n    print(error)"
-    said = printed(code, PYTHONPATH=str(tmp_path))
-    assert said.startswith(
+    message = printed(code, PYTHONPATH=str(tmp_path))
+    assert message.startswith(
         "the core of clothsim is not built here: run `pip install .` in the clone"
     )

@@ -25,10 +25,12 @@ def cloud(seed=1, shape=(11, 19), reach=1.0):
 
 def answered(x, v, sphere, t, radius=RADIUS):
     """Kim et al., eq 7-12 with errata corrected, restitution and Coulomb friction, per point."""
-    center, velocity = sphere.center_at(t), sphere.velocity_at(t)
+    center = sphere.center_at(t)
+    velocity = sphere.velocity_at(t)
     if sphere.as_printed:
         velocity = np.zeros(3)
-    x, v = x.copy(), v.copy()
+    x = x.copy()
+    v = v.copy()
     for at in np.ndindex(x.shape[:2]):
         m, u = x[at] - center, v[at] - velocity
         if np.linalg.norm(m) >= radius:
@@ -38,7 +40,7 @@ def answered(x, v, sphere, t, radius=RADIUS):
                 continue
             # |m - s u| = radius, the root s > 0
             s = max(np.roots([u @ u, -2 * m @ u, m @ m - radius**2]).real)
-            if not sphere.as_printed:  # no further back than it came in the step
+            if not sphere.as_printed:  # it goes back no further than it came in the step
                 s = min(s, DT)
             m = m - s * u
             x[at] = center + m
@@ -50,8 +52,8 @@ def answered(x, v, sphere, t, radius=RADIUS):
         impulse = (1 + sphere.restitution) * speed
         tangential = u - speed * n
         slip = np.linalg.norm(tangential)
-        taken = min(slip, sphere.friction * abs(impulse))
-        v[at] = v[at] - impulse * n - taken * tangential / slip
+        loss = min(slip, sphere.friction * abs(impulse))
+        v[at] = v[at] - impulse * n - loss * tangential / slip
         if sphere.response == "ray" and travels:  # the rest of the step
             x[at] += s * (v[at] - velocity)
     return x, v
@@ -118,12 +120,12 @@ def test_pinned_points_never_move(variant, response):
     v[pins] = 0
     x = x.astype(np.float32).astype(float)
     sphere = ball(response=response, motion=cs.Linear((0.2, 0.1, 0.0)))
-    inside = np.linalg.norm(x - CENTER, axis=-1) < RADIUS
-    assert (inside & pins).sum() > 10
+    is_inside = np.linalg.norm(x - CENTER, axis=-1) < RADIUS
+    assert (is_inside & pins).sum() > 10
     xt, vt = cs.step(drifting(x, sphere, pins), x, v, DT, 50, t=0.0, **variant.options)
     np.testing.assert_array_equal(xt[pins], x[pins])
     assert (vt[pins] == 0).all()
-    assert (np.abs(vt - v)[inside & ~pins].max(axis=-1) > 0).any()
+    assert (np.abs(vt - v)[is_inside & ~pins].max(axis=-1) > 0).any()
 
 
 @cases(precision=["double"], response=["reflect", "ray"])
@@ -146,10 +148,10 @@ def test_several_spheres_respond_in_their_order(variant, response):
     for sphere, radius in zip(spheres, (RADIUS, 0.42, 0.3)):
         expected = answered(*expected, sphere, DT, radius)
     result = cs.step(drifting(x, spheres), x, v, DT, t=0.0, **variant.options)
-    for part, wanted in zip(result, expected):
-        np.testing.assert_allclose(part, wanted, rtol=0, atol=1e-12)
-    other = cs.step(drifting(x, spheres[::-1]), x, v, DT, t=0.0, **variant.options)
-    assert np.abs(other[0] - result[0]).max() + np.abs(other[1] - result[1]).max() > 1e-3
+    for part, expected_part in zip(result, expected):
+        np.testing.assert_allclose(part, expected_part, rtol=0, atol=1e-12)
+    reverse = cs.step(drifting(x, spheres[::-1]), x, v, DT, t=0.0, **variant.options)
+    assert np.abs(reverse[0] - result[0]).max() + np.abs(reverse[1] - result[1]).max() > 1e-3
 
 
 MOTIONS = [
@@ -247,8 +249,9 @@ def test_a_sphere_is_met_from_every_side(variant, axis, side, response):
     )
     cloth = cs.Cloth((16, 12), stiffness=10.0, damping=0.0, pins=())
     scene = cs.Scene(cloth, sphere, gravity=(0, 0, 0))
-    x, v = cloth.rest_positions, np.zeros((16, 12, 3))
-    steps = 45 if axis == 1 else 15  # into the contact, before it magnifies rounding
+    x = cloth.rest_positions
+    v = np.zeros((16, 12, 3))
+    steps = 45 if axis == 1 else 15  # steps until the contact, which magnifies rounding
     expected = cs.reference_step(scene, x, v, 2e-4, steps, t=0.0)
     assert (np.abs(expected[1]).max(axis=-1) > 10).sum() > 2
     result = cs.step(scene, x, v, 2e-4, steps, t=0.0, **variant.options)
@@ -262,7 +265,8 @@ def test_a_test_per_step_misses_q2_over_3_of_fast_points():
     the second half counts too, q^2/12.
     """
     rng = np.random.default_rng(5)
-    n, q = 40_000, 0.9
+    n = 40_000
+    q = 0.9
     x = np.zeros((n // 200, 200, 3))
     x[..., 1] = RADIUS * np.sqrt(rng.random(x.shape[:2]))
     x[..., 0] = -RADIUS * (1 + q * (0.5 + rng.random(x.shape[:2])))

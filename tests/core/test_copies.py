@@ -25,8 +25,8 @@ def state(shape, dtype):
     return cs.Scene(cloth), x.astype(dtype), v.astype(dtype)
 
 
-def held(values, precision):
-    """What the core holds of numbers: in single a float32 and what it leaves over in another."""
+def stored_values(values, precision):
+    """Return what the core holds of numbers: in single a float32, and the rest in another."""
     values = values.astype(np.float64)
     if precision == "double":
         return values
@@ -42,12 +42,13 @@ def test_a_state_comes_out_as_it_went_in(variant, shape):
         scene, x, v = state(shape, dtype)
         stepper = cs.Stepper(scene, x, v, **{**variant.options, "threads": 2})
         free = ~scene.cloth.pinned[..., None]
-        for got, given in ((stepper.positions, x), (stepper.velocities, np.where(free, v, 0.0))):
-            expected = held(given, variant.precision).astype(dtype)
-            assert got.dtype == dtype
-            np.testing.assert_array_equal(got, expected)
+        pairs = ((stepper.positions, x), (stepper.velocities, np.where(free, v, 0.0)))
+        for result, values in pairs:
+            expected = stored_values(values, variant.precision).astype(dtype)
+            assert result.dtype == dtype
+            np.testing.assert_array_equal(result, expected)
             if variant.precision == "double":
-                np.testing.assert_array_equal(np.signbit(got), np.signbit(expected))
+                np.testing.assert_array_equal(np.signbit(result), np.signbit(expected))
 
 
 @cases(precision=["single"])
@@ -60,6 +61,6 @@ def test_copies_are_exact_far_from_the_origin(variant):
         stepper = cs.Stepper(scene, x, v, **{**variant.options, "threads": 2})
         low, high = (f(x.reshape(-1, 3).astype(np.float64), axis=0) for f in (np.min, np.max))
         middle = low / 2 + high / 2
-        expected = (held(x.astype(np.float64) - middle, "single") + middle).astype(dtype)
+        expected = (stored_values(x.astype(np.float64) - middle, "single") + middle).astype(dtype)
         np.testing.assert_array_equal(stepper.positions, expected)
         assert (np.abs(stepper.positions - x) <= np.spacing(np.abs(x))).all()

@@ -17,8 +17,8 @@ CONTACTS = [
 ]
 
 
-def fallen(obstacle, duration=0.2, **options):
-    """A sheet that is thrown on an obstacle; its stepper."""
+def drape(obstacle, duration=0.2, **options):
+    """Return a sheet that is thrown on an obstacle; its stepper."""
     x = CLOTH.rest_positions + (0, 0.1, 0)
     x[..., 1] += 0.05 * np.sin(5 * x[..., 0])
     scene = cs.Scene(
@@ -33,30 +33,30 @@ def fallen(obstacle, duration=0.2, **options):
 @pytest.mark.parametrize("radius", [1e4, 1e5])
 @pytest.mark.parametrize("offset", ["none", "edge", "cell"])
 def test_a_sheet_above_a_large_sphere_is_not_lifted(radius, offset, kernel, precision):
-    x = CLOTH.rest_positions + (0, 0.03, 0)  # above the layer
+    x = CLOTH.rest_positions + (0, 0.03, 0)  # the sheet begins above the layer
     sphere = cs.Sphere((0.5, -radius, 0.5), radius, offset=offset)
     stepper = cs.Stepper(cs.Scene(CLOTH, sphere, (0, 0, 0), x), precision=precision, kernel=kernel)
     free = cs.Stepper(cs.Scene(CLOTH, (), (0, 0, 0), x), precision=precision, kernel=kernel)
-    for one in (stepper, free):
-        one.advance(100, 1e-3)
+    for sheet in (stepper, free):
+        sheet.advance(100, 1e-3)
     np.testing.assert_array_equal(stepper.positions, free.positions)
     np.testing.assert_array_equal(stepper.velocities, free.velocities)
 
 
 @pytest.mark.parametrize("contact", CONTACTS, ids=str)
 def test_spheres_become_a_plane_as_they_grow(contact):
-    plane = fallen(cs.Plane(**contact))
+    plane = drape(cs.Plane(**contact))
     x, impulse = plane.positions, plane.impulses
     assert impulse[0, 1] < -0.2
-    off = []
+    errors = []
     for radius in (1e2, 1e4, 1e6):
-        sphere = fallen(cs.Sphere((0.5, -radius, 0.5), radius, offset="none", **contact))
-        off.append(np.abs(sphere.positions - x).max())
-    assert off[0] < 0.1 and off[1] < 0.01 and off[2] < 1e-4
+        sphere = drape(cs.Sphere((0.5, -radius, 0.5), radius, offset="none", **contact))
+        errors.append(np.abs(sphere.positions - x).max())
+    assert errors[0] < 0.1 and errors[1] < 0.01 and errors[2] < 1e-4
 
 
 @cases(precision=["double"])
-@pytest.mark.parametrize("contact", CONTACTS[1:], ids=str)  # responses after the step
+@pytest.mark.parametrize("contact", CONTACTS[1:], ids=str)  # these act after the step
 def test_steps_on_a_plane_are_those_of_the_reference(variant, contact):
     rng = np.random.default_rng(5)
     plane = cs.Plane((0.0, 0.1, 0.0), (0.3, 1.0, 0.2), cs.Linear((0.5, 0.3, -0.2)), **contact)
@@ -65,10 +65,10 @@ def test_steps_on_a_plane_are_those_of_the_reference(variant, contact):
     scene = drifting(x, plane)
     expected = cs.reference_step(scene, x, v, 0.1, t=0.0)
     assert 20 < (np.abs(expected[1] - v).max(axis=-1) > 1e-6).sum() < 160
-    for mine, theirs in zip(
+    for answer, part in zip(
         cs.step(scene, x, v, 0.1, t=0.0, **variant.options), expected, strict=True
     ):
-        np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(answer, part, rtol=0, atol=1e-10)
 
 
 def test_a_plane_in_files_batches_and_runs(tmp_path, same_bits):

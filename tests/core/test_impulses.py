@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from variants import FIXED, cases, pairs
 
-DT, STEPS = 5e-4, 240
+DT = 5e-4
+STEPS = 240
 CONTACTS = [("reflect", "edge"), ("ray", "none"), ("ray", 0.01), ("ray", "cell")]
 CLOTH = cs.Cloth(
     (12, 20),
@@ -29,7 +30,7 @@ PLACES = {
 
 
 def scene_of(contact, count, cloth=CLOTH, **material):
-    """A sheet that falls at 2 m/s on one sphere, or on three that overlap."""
+    """Return a sheet that falls at 2 m/s on one sphere, or on three that overlap."""
     response, offset = contact
     material = {"restitution": 0.3, "friction": 0.2, **material}
     spheres = [
@@ -82,12 +83,12 @@ def test_with_every_integrator(integrator, contact, count, precision):
 @pytest.mark.parametrize("contact", CONTACTS)
 def test_members_of_a_batch_with_fewer_spheres_have_no_impulses_of_the_others(contact):
     scenes = [scene_of(contact, count) for count in (1, 3)]
-    batch, *alone = cs.Stepper(scenes), *map(cs.Stepper, scenes)
-    for stepper in (batch, *alone):
+    batch, *singles = cs.Stepper(scenes), *map(cs.Stepper, scenes)
+    for stepper in (batch, *singles):
         stepper.advance(STEPS, DT)
     assert batch.impulses.shape == (2, 3, 3) and np.isnan(batch.impulses[0, 1:]).all()
-    assert (batch.impulses[0, :1] == alone[0].impulses).all() and (
-        batch.impulses[1] == alone[1].impulses
+    assert (batch.impulses[0, :1] == singles[0].impulses).all() and (
+        batch.impulses[1] == singles[1].impulses
     ).all()
 
 
@@ -100,13 +101,13 @@ def test_spheres_apart_get_what_each_gets_alone(contact):
         for x in (0.2, 0.5, 0.8)
     ]
     v = np.zeros((*cloth.shape, 3)) + (0.1, -2.0, 0.0)
-    together = cs.Stepper(cs.Scene(cloth, spheres, velocity=v))
-    together.advance(100, DT)
-    for sphere, impulse in zip(spheres, together.impulses, strict=True):
-        alone = cs.Stepper(cs.Scene(cloth, sphere, velocity=v))
-        alone.advance(100, DT)
+    joint = cs.Stepper(cs.Scene(cloth, spheres, velocity=v))
+    joint.advance(100, DT)
+    for sphere, impulse in zip(spheres, joint.impulses, strict=True):
+        single = cs.Stepper(cs.Scene(cloth, sphere, velocity=v))
+        single.advance(100, DT)
         np.testing.assert_allclose(
-            impulse, alone.impulses[0], rtol=0, atol=np.abs(impulse).max() * 1e-12
+            impulse, single.impulses[0], rtol=0, atol=np.abs(impulse).max() * 1e-12
         )
         assert impulse[1] < -0.01
 
@@ -158,10 +159,10 @@ def test_each_row_of_points_has_sums_of_its_own():
         (0.5, -10.02, 0.5), 10.0, response="ray", offset=0.01, restitution=0.0, friction=0.3
     )
     scene = cs.Scene(cloth, ball, velocity=np.broadcast_to((0.1, -2.0, 0.0), (128, 128, 3)))
-    one, two = (cs.Stepper(scene, threads=threads) for threads in (1, 2))
-    for stepper in (one, two):
+    first, second = (cs.Stepper(scene, threads=threads) for threads in (1, 2))
+    for stepper in (first, second):
         stepper.advance(60, 2e-4)
-    sums, others = (stepper.snapshot().core["impulses"] for stepper in (one, two))
+    sums, second_sums = (stepper.snapshot().core["impulses"] for stepper in (first, second))
     of_rows = sums[0, :, :, 1].sum(axis=-1)
-    assert of_rows.min() > 0.05 * of_rows.sum()  # downwards
-    assert (sums == others).all()
+    assert of_rows.min() > 0.05 * of_rows.sum()  # the sheet pushes downwards
+    assert (sums == second_sums).all()

@@ -28,7 +28,8 @@ COUNTS = {
 
 def oscillation(t, stiffness, mass, amplitude, damping):
     """x and v of the damped oscillator."""
-    w, g = math.sqrt(stiffness / mass), damping / (2 * mass)
+    w = math.sqrt(stiffness / mass)
+    g = damping / (2 * mass)
     u = math.sqrt(w * w - g * g)
     decay = amplitude * math.exp(-g * t)
     x = 1.0 + decay * (math.cos(u * t) + g / u * math.sin(u * t))
@@ -42,7 +43,8 @@ def test_order(integrator, damping, kernel):
     scene = cs.scenes.oscillator(**OSCILLATOR, damping=damping)
     exact = oscillation(1.0, **OSCILLATOR, damping=damping)
     state = scene.initial_position, scene.initial_velocity
-    counts, errors = np.array(COUNTS[method.order]), []
+    counts = np.array(COUNTS[method.order])
+    errors = []
     for n in counts:
         x, v = cs.step(scene, *state, 1 / n, int(n), integrator=integrator, kernel=kernel)
         errors.append(math.hypot(10 * (x[0, 1, 0] - exact[0]), v[0, 1, 0] - exact[1]))
@@ -146,7 +148,10 @@ def test_newtons_method_ends_above_the_rounding_of_the_springs(dt):
 
 
 def test_the_limits_are_those_of_the_literature():
-    limits = {name: (one.imaginary_limit, one.real_limit) for name, one in cs.integrators().items()}
+    limits = {
+        name: (method.imaginary_limit, method.real_limit)
+        for name, method in cs.integrators().items()
+    }
     assert limits["rk4"] == pytest.approx((math.sqrt(8), 2.785293563405282), rel=1e-8)
     assert limits["explicit_euler"] == (0.0, pytest.approx(2.0, rel=1e-8))
     assert limits["semi_implicit_euler"] == pytest.approx((2.0, 2.0), rel=1e-8)

@@ -31,15 +31,15 @@ PACKAGE = os.path.dirname(cs.__file__)
 
 def interrupted_at(line, call):
     """Make a call with Ctrl-C at the given line of the package that it reaches; False behind it."""
-    seen = 0
+    count = 0
 
     def trace(frame, event, argument):
-        nonlocal seen
+        nonlocal count
         if not frame.f_code.co_filename.startswith(PACKAGE):
             return None
         if event == "line":
-            seen += 1
-            if seen == line:
+            count += 1
+            if count == line:
                 signal.raise_signal(signal.SIGINT)
         return trace
 
@@ -51,15 +51,15 @@ def interrupted_at(line, call):
         pass
     finally:
         sys.settrace(before)
-    return seen >= line
+    return count >= line
 
 
 def agrees(stepper):
     """Whether the core does what the stepper's scene says."""
-    other = cs.Stepper(stepper.scene, stepper.x, stepper.v, t=stepper.t)
-    for one in (stepper, other):
-        one.advance(40, 5e-3)
-    return np.abs(stepper.x - other.x).max() < 1e-12
+    fresh = cs.Stepper(stepper.scene, stepper.x, stepper.v, t=stepper.t)
+    for sheet in (stepper, fresh):
+        sheet.advance(40, 5e-3)
+    return np.abs(stepper.x - fresh.x).max() < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -73,14 +73,15 @@ def agrees(stepper):
 )
 def test_ctrl_c_at_any_line_leaves_core_and_scene_together(call):
     call(cs.Stepper(SCENE))  # what is kept on the scenes is made, so that all calls are alike
-    line, together = 1, []
+    line = 1
+    agreements = []
     while True:
         stepper = cs.Stepper(SCENE)
         if not interrupted_at(line, lambda stepper=stepper: call(stepper)):
             break
-        together.append(agrees(stepper))
+        agreements.append(agrees(stepper))
         line += 1
-    assert line > 20 and all(together)
+    assert line > 20 and all(agreements)
 
 
 def test_a_refused_centre_leaves_every_sphere_where_it_is():

@@ -113,8 +113,8 @@ def test_pins(variant, crumpled, relative, pins):
     (scene, x, v, dt), expected = _reference(crumpled, shape=mask.shape, pins=pins)
     result = cs.step(scene, x, v, dt, STEPS, **variant.options)
     # In single a state is two float32: 48 bits of what was given.
-    moved = np.abs(result[0] - x)[mask].max(initial=0)
-    assert moved <= {"double": 0.0, "single": 1.5 * 2.0**-48}[variant.precision]
+    motion = np.abs(result[0] - x)[mask].max(initial=0)
+    assert motion <= {"double": 0.0, "single": 1.5 * 2.0**-48}[variant.precision]
     assert (result[1][mask] == 0).all()
     if pins != "all":
         assert relative(result, expected, x) < BOUND[variant.precision]
@@ -170,8 +170,8 @@ def test_the_reference_is_newton_integrated(crumpled, oracle):
         start + dt * sum(w * slope[i] for w, slope in zip(weights, k))
         for i, start in enumerate((x, v))
     ]
-    for result, wanted in zip(cs.reference_step(scene, x, v, dt), expected):
-        np.testing.assert_allclose(result, wanted, rtol=0, atol=1e-14 * np.abs(wanted).max())
+    for result, part in zip(cs.reference_step(scene, x, v, dt), expected):
+        np.testing.assert_allclose(result, part, rtol=0, atol=1e-14 * np.abs(part).max())
 
 
 def test_the_papers_printed_form_is_rk4_with_the_squared_step(crumpled, relative):
@@ -190,7 +190,8 @@ def test_a_sheet_at_rest_stays_at_rest(variant, shape):
     """
     rows, columns = shape
     cloth = cs.Cloth(shape, size=((rows - 1) / 16 or 1, (columns - 1) / 16 or 1), pins=())
-    x, v = cloth.rest_positions, np.zeros((*shape, 3))
+    x = cloth.rest_positions
+    v = np.zeros((*shape, 3))
     after = cs.step(cs.Scene(cloth, gravity=(0, 0, 0)), x, v, 5e-4, 1000, **variant.options)
     if variant.kernel == "gather" or variant.precision == "double":
         np.testing.assert_array_equal(after[0], x)

@@ -158,20 +158,20 @@ def test_rejected_steps_and_frames_leave_no_impulse():
 @cases(name=["all"])
 def test_bits_depend_on_neither_batch_threads_nor_cuts(variant, name):
     scenes = [falling(SCENES[name], seed=seed) for seed in (1, 2)]
-    whole = [cs.Stepper(scene, **variant.options) for scene in scenes]
-    for stepper in whole:
+    singles = [cs.Stepper(scene, **variant.options) for scene in scenes]
+    for stepper in singles:
         stepper.advance(200, 2e-4)
     batch = cs.Stepper(scenes, **{**variant.options, "threads": 2})
     batch.advance(200, 2e-4)
-    cut = cs.Stepper(scenes[0], **variant.options)
+    pieces = cs.Stepper(scenes[0], **variant.options)
     for steps in (1, 66, 133):
-        cut.advance(steps, 2e-4)
-        cut = cs.Stepper.restore(cut.snapshot())
-    for k, stepper in enumerate(whole):
+        pieces.advance(steps, 2e-4)
+        pieces = cs.Stepper.restore(pieces.snapshot())
+    for k, stepper in enumerate(singles):
         assert np.array_equal(batch.x[k], stepper.x) and np.array_equal(batch.v[k], stepper.v)
         assert np.array_equal(batch.impulses[k], stepper.impulses)
-    assert np.array_equal(cut.x, whole[0].x)
-    assert np.array_equal(cut.impulses, whole[0].impulses)
+    assert np.array_equal(pieces.x, singles[0].x)
+    assert np.array_equal(pieces.impulses, singles[0].impulses)
 
 
 def test_a_drape_comes_to_rest_and_keeps_its_symmetry():

@@ -10,7 +10,7 @@ RESPONSES = ("reflect", "ray")
 G, R = 9.80665, 0.5
 
 
-def alone(spheres, x, v=(0.0, 0.0, 0.0)):
+def slider(spheres, x, v=(0.0, 0.0, 0.0)):
     """One free point; the other of the chain is pinned far away and has no spring."""
     cloth = cs.Cloth((1, 2), mass=2.0, stiffness=0.0, damping=0.0, pins=((0, 1),))
     far = (100.0, 100.0, 100.0)
@@ -22,7 +22,8 @@ def alone(spheres, x, v=(0.0, 0.0, 0.0)):
 def exact_angle(start, duration, steps=100_000):
     """theta'' = g/R sin theta from rest, by second-order steps far finer than those under test."""
     h = duration / steps
-    theta, rate = start, 0.5 * h * G / R * np.sin(start)
+    theta = start
+    rate = 0.5 * h * G / R * np.sin(start)
     for _ in range(steps):
         theta += h * rate
         rate += h * G / R * np.sin(theta)
@@ -32,7 +33,7 @@ def exact_angle(start, duration, steps=100_000):
 def slide(response, restitution, dt, start=0.2, duration=0.4):
     sphere = cs.Sphere((0, 0, 0), R, response=response, offset="none", restitution=restitution)
     place = R * (1 + 1e-12) * np.array((np.sin(start), np.cos(start), 0.0))
-    stepper = cs.Stepper(alone(sphere, place))
+    stepper = cs.Stepper(slider(sphere, place))
     stepper.advance(round(duration / dt), dt)
     x = stepper.positions[0, 0]
     return np.arctan2(x[0], x[1])
@@ -53,7 +54,7 @@ def test_a_frictionless_slide_is_of_first_order(response, restitution):
 @pytest.mark.parametrize("response", RESPONSES)
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_slip_on_a_floor_that_starts_to_move(response, restitution):
-    radius, speed, mu = 1e5, 1.0, 0.5  # flat to 3e-6 m over the way
+    radius, speed, mu = 1e5, 1.0, 0.5  # the sphere is flat to 3e-6 m over the way
     floor = cs.Sphere(
         (0, -radius, 0),
         radius,
@@ -65,7 +66,7 @@ def test_slip_on_a_floor_that_starts_to_move(response, restitution):
     )
     slips = []
     for dt in (1e-3, 1e-4):
-        stepper = cs.Stepper(alone(floor, (0.0, 1e-9, 0.0)))
+        stepper = cs.Stepper(slider(floor, (0.0, 1e-9, 0.0)))
         stepper.advance(round(0.4 / dt), dt)
         slips.append(speed * 0.4 - stepper.positions[0, 0, 0])
         assert stepper.velocities[0, 0, 0] == pytest.approx(speed, abs=5e-3)

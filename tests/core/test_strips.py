@@ -46,7 +46,7 @@ def test_they_agree_with_the_reference(crumpled, relative, same_bits, precision,
             stepper.advance(steps, dt)
         results.append((stepper.positions, stepper.velocities))
     assert relative(results[0], expected, x) < BOUND[precision]
-    assert all(same_bits(other, results[0]) for other in results[1:])
+    assert all(same_bits(result, results[0]) for result in results[1:])
 
 
 @cases(precision=["double"])
@@ -74,15 +74,15 @@ def test_points_in_halos_get_one_response(options, crumpled, relative, response)
     """A sphere that is wider than a strip."""
     ball = cs.Sphere((0.45, -0.2, 0.65), 0.25, response=response, offset="edge", restitution=1.0)
     scene, x, v, dt = crumpled(shape=SHAPES[0], **UNIFORM, spheres=(ball,))
-    found = []
+    results = []
     for kernel, threads in (("gather", 1), ("edge", 1), ("edge", 2)):
         stepper = cs.Stepper(scene, x, v, **{**options, "kernel": kernel}, threads=threads)
         stepper.advance(STEPS, dt)
-        found.append((stepper.positions, stepper.velocities, stepper._state.core.contacts[0]))
-    assert found[0][2] > 1_000
-    for end in found[1:]:
-        assert end[2] == found[0][2]
-        assert relative(end[:2], found[0][:2], x) < 10 * BOUND[options["precision"]]
+        results.append((stepper.positions, stepper.velocities, stepper._state.core.contacts[0]))
+    assert results[0][2] > 1_000
+    for end in results[1:]:
+        assert end[2] == results[0][2]
+        assert relative(end[:2], results[0][:2], x) < 10 * BOUND[options["precision"]]
 
 
 @pairs(
@@ -98,9 +98,10 @@ def test_one_number_that_is_not_finite_is_found(
     """Each thread looks at its rows when the last step of a call is done with them."""
     monkeypatch.setenv("CLOTHSIM_ISA", isa)
     rows, columns = shape
-    middle, inner = rows // 2, min(9, columns - 1)  # two threads share the rows at the middle
-    inside = {(row, inner) for row in (middle - 1, middle, 2 * rows // 3, rows - 1)}
-    for point in inside | {(0, columns - 1), (1, columns // 3)}:
+    middle = rows // 2  # the row at which two threads meet
+    inner = min(9, columns - 1)
+    places = {(row, inner) for row in (middle - 1, middle, 2 * rows // 3, rows - 1)}
+    for point in places | {(0, columns - 1), (1, columns // 3)}:
         scene, v = overflowing(shape, point, precision, mass=float(rows * columns))
         stepper = cs.Stepper(
             scene, scene.initial_position, v, kernel=kernel, precision=precision, threads=threads
@@ -120,9 +121,9 @@ def test_driven_pins_move_in_the_halos_too(crumpled, relative, same_bits, precis
     for pin in pins:
         v[pin] = shake.velocity_at(0.0)
     expected = cs.reference_step(scene, x, v, dt, STEPS, t=0.0)
-    found = [
+    results = [
         cs.step(scene, x, v, dt, STEPS, t=0.0, precision=precision, threads=threads)
         for threads in (1, 2)
     ]
-    assert relative(found[0], expected, x) < BOUND[precision]
-    assert same_bits(*found)
+    assert relative(results[0], expected, x) < BOUND[precision]
+    assert same_bits(*results)

@@ -20,11 +20,11 @@ BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1, response="ray", offset="e
 @each("shape", [(33, 70), (64, 5), (5, 64)])
 def test_any_number_of_threads_gives_the_same_bits(variant, crumpled, same_bits, shape):
     scene, x, v, dt = crumpled(shape=shape, spheres=BALL)
-    one = cs.step(scene, x, v, dt, 15, **variant.options)
+    expected = cs.step(scene, x, v, dt, 15, **variant.options)
     a = cs.acceleration(scene, x, v, **variant.options)
     for threads in (2, 3, 5):
         several = cs.step(scene, x, v, dt, 15, **variant.options | {"threads": threads})
-        assert same_bits(several, one), threads
+        assert same_bits(several, expected), threads
         b = cs.acceleration(scene, x, v, **variant.options | {"threads": threads})
         assert same_bits([b], [a]), threads
 
@@ -46,11 +46,11 @@ FEATURES = [
 def test_threads_exchange_the_halo_rows_of_every_set_of_springs(variant, crumpled, same_bits):
     for feature in FEATURES:
         scene, x, v, dt = crumpled(shape=(32, 32), **feature)
-        one = cs.step(scene, x, v, dt, 6, **variant.options)
+        expected = cs.step(scene, x, v, dt, 6, **variant.options)
         # The second of three meets a neighbour where it begins and where it ends.
         for threads in (2, 3):
             several = cs.step(scene, x, v, dt, 6, **variant.options | {"threads": threads})
-            assert same_bits(several, one), (threads, feature)
+            assert same_bits(several, expected), (threads, feature)
 
 
 @each("members", [3, 5, 7])
@@ -105,33 +105,34 @@ print(cs.build_config()["threads"], report["threads"], len(os.listdir("/proc/sel
 """
 
 
+@pytest.mark.unsanitized("thread", reason="TSan has a thread of its own in the process")
 @pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")
 @each(
     "settings, available, threads",
     [
         ({"OMP_NUM_THREADS": "1,2"}, 1, 3),
         ({"OMP_NUM_THREADS": "many"}, None, 3),
-        ({"OMP_PROC_BIND": "true"}, None, 3),  # which binds the caller to one processor
+        ({"OMP_PROC_BIND": "true"}, None, 3),  # this binds the caller to one processor
         ({"OMP_DYNAMIC": "true"}, None, 3),
         ({"OMP_THREAD_LIMIT": "2"}, None, 2),
     ],
 )
 def test_settings_of_openmp_mean_what_openmp_says(settings, available, threads):
-    others = {"OPENBLAS_NUM_THREADS": "1"}
+    variables = {"OPENBLAS_NUM_THREADS": "1"}
     expected = [available or len(os.sched_getaffinity(0)), threads, threads]
     quiet = "import warnings; warnings.simplefilter('ignore')\n"
-    run = python(quiet + _SETTINGS, **settings, **others)
+    run = python(quiet + _SETTINGS, **settings, **variables)
     assert [*map(int, run.stdout.split())] == expected, run.stderr
 
 
 def test_more_threads_than_processors_warn_once(monkeypatch):
     monkeypatch.setattr("clothsim.engine.options.processors", lambda: 2)
     monkeypatch.setattr("clothsim.engine.options._warned", set())
-    with warnings.catch_warnings(record=True) as given:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         for threads in (2, 3, 8):
             cs.Stepper(cs.scenes.oscillator(), threads=threads)
-    assert [str(one.message)[:60] for one in given] == [
+    assert [str(warning.message)[:60] for warning in caught] == [
         "threads = 3 is above the 2 processors that this process may "
     ]
 
@@ -143,13 +144,13 @@ def test_a_batch_of_scenes_is_each_scene_bit_for_bit(variant, crumpled, same_bit
         scene, x, v, dt = crumpled(seed=k, spheres=BALL if k % 2 else (), **feature)
         scenes.append(scene), xs.append(x), vs.append(v), steps.append(dt)
     dt = min(steps)
-    together = cs.step(scenes, np.stack(xs), np.stack(vs), dt, 15, **variant.options)
-    for k, one in enumerate(zip(scenes, xs, vs)):
-        alone = cs.step(*one, dt, 15, **variant.options)
-        assert same_bits([part[k] for part in together], alone), features[k]
+    batch = cs.step(scenes, np.stack(xs), np.stack(vs), dt, 15, **variant.options)
+    for k, member in enumerate(zip(scenes, xs, vs)):
+        single = cs.step(*member, dt, 15, **variant.options)
+        assert same_bits([part[k] for part in batch], single), features[k]
     a = cs.acceleration(scenes, np.stack(xs), np.stack(vs), **variant.options)
-    for k, one in enumerate(zip(scenes, xs, vs)):
-        assert same_bits([a[k]], [cs.acceleration(*one, **variant.options)])
+    for k, member in enumerate(zip(scenes, xs, vs)):
+        assert same_bits([a[k]], [cs.acceleration(*member, **variant.options)])
 
 
 _FORK = """
@@ -183,16 +184,16 @@ def test_a_forked_child_steps_after_its_parent_used_threads(kernel):
 def test_ctrl_c_ends_a_long_advance_at_a_whole_step(kernel, same_bits, shape, threads):
     scene = cs.Scene(cs.Cloth(shape))
     dt = 0.5 * cs.max_stable_dt(scene)
-    stepper, again = (cs.Stepper(scene, threads=n, kernel=kernel) for n in (threads, 1))
+    stepper, uncut = (cs.Stepper(scene, threads=n, kernel=kernel) for n in (threads, 1))
     with pytest.raises(KeyboardInterrupt):
         timer = threading.Timer(0.15, os.kill, (os.getpid(), signal.SIGINT))
         timer.start()
         stepper.advance(10**6, dt)
     timer.join()
     steps = round(stepper.time / dt)
-    again.advance(steps, dt)
-    assert stepper.time == again.time
-    assert same_bits((again.positions, again.velocities), (stepper.positions, stepper.velocities))
+    uncut.advance(steps, dt)
+    assert stepper.time == uncut.time
+    assert same_bits((uncut.positions, uncut.velocities), (stepper.positions, stepper.velocities))
 
 
 def test_ctrl_c_leaves_the_arrays_of_step_as_they_were(crumpled):

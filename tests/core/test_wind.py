@@ -9,7 +9,7 @@ from clothsim.gpu.shader import check_scenes
 from variants import cases
 
 GRAVITY, SLOW_SPEED = 9.80665, 0.01  # m/s^2, m/s
-GUSTS = cs.Sinusoid((0.1, 0.15, 0.05), 1.7, 0.2)  # of up to 2 m/s
+GUSTS = cs.Sinusoid((0.1, 0.15, 0.05), 1.7, 0.2)  # gusts of up to 2 m/s
 # It carries the sheet, so that no triangle turns through the wind, where forces are hardly smooth.
 WIND = cs.Wind((1.0, 6.0, -2.0), normal=1.1, tangential=0.3, motion=GUSTS)
 SHEET = cs.Cloth((9, 7), (0.8, 0.6), mass=1.0, stiffness=100.0, damping=0.1)
@@ -23,7 +23,8 @@ def flat_cloth(shape, mass, **arguments):
 
 def law(scene, t, x, v):
     """Return the force of the wind on each mass point, written down as in `Wind`."""
-    wind, corners = scene.wind, cs.triangles(scene.cloth.shape)
+    wind = scene.wind
+    corners = cs.triangles(scene.cloth.shape)
     air = np.array(wind.velocity) + (wind.motion.velocity_at(t) if wind.motion else 0.0)
     a, b, c = x.reshape(-1, 3)[corners.T]
     product = np.cross(b - a, c - a)
@@ -59,7 +60,10 @@ def rms(difference):
 def test_a_sheet_falls_at_the_terminal_speed_of_its_attitude(flat, normal, tangential):
     # It starts with the air, and falls across its plane or in it. Its weight comes to balance
     # density / 2 A c sqrt(s^2 + w^2) s; without w, s would be 3e-6 larger.
-    mass, density, size, air = 0.05, 1.1, (0.5, 0.8), np.array([1.0, -2.0, 3.0])
+    mass = 0.05
+    density = 1.1
+    size = (0.5, 0.8)
+    air = np.array([1.0, -2.0, 3.0])
     cloth = flat_cloth((4, 5), mass, size=size, stiffness=200.0, damping=0.05, pins=())
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     down = turn @ ((0, 1, 0) if flat else (0.6, 0, 0.8))
@@ -80,7 +84,10 @@ def test_a_sheet_falls_at_the_terminal_speed_of_its_attitude(flat, normal, tange
 def test_a_hinged_sheet_rests_at_the_angle_of_balance(speed):
     # On each point, so that the sheet stays flat: m g sin a = density / 2 A normal (speed cos a)^2.
     # The springs stretch by some 5e-4. Shear tightens the sheet, which would flutter otherwise.
-    mass, density, normal, size = 0.1, 1.2, 1.3, (0.5, 0.4)
+    mass = 0.1
+    density = 1.2
+    normal = 1.3
+    size = (0.5, 0.4)
     pins = [(0, k) for k in range(3)]
     cloth = flat_cloth((6, 3), mass, size=size, stiffness=1e3, damping=1.0, pins=pins)
     across, _, along = np.moveaxis(cloth.rest_positions, -1, 0)
@@ -107,9 +114,11 @@ def test_the_acceleration_is_that_of_the_law(variant):
     mass = np.random.default_rng(4).uniform(0.002, 0.008, (9, 7))
     cloth = SHEET.replace(mass=mass, drag=0.001, pins=[(0, 0), (4, 3)])
     for k in range(6):
-        scene, t = random_scene(k, cloth, WIND if k % 2 else cs.Wind(tangential=0.4)), 0.1 * k
-        # From slower than w to much faster
-        x, v = scene.initial_position.copy(), scene.initial_velocity * 50.0 ** (k // 2 - 1)
+        scene = random_scene(k, cloth, WIND if k % 2 else cs.Wind(tangential=0.4))
+        t = 0.1 * k
+        # The speeds go from less than w to much more
+        x = scene.initial_position.copy()
+        v = scene.initial_velocity * 50.0 ** (k // 2 - 1)
         if k > 3:
             x[3, 2] = x[2, 3]  # the diagonal of a cell, so that two triangles have no area
         calm = cs.acceleration(scene.replace(wind=None), x, v, t, **variant.options)
@@ -121,7 +130,9 @@ def test_the_acceleration_is_that_of_the_law(variant):
 
 
 def test_blocks_of_damping_are_the_derivative_of_the_law():
-    scene, t, h = random_scene(), 0.2, 1e-5
+    scene = random_scene()
+    t = 0.2
+    h = 1e-5
     x, v = scene.initial_position, scene.initial_velocity
     (points, blocks) = scene.core_forces[0].damping_blocks(scene.cloth.core, x, v, t)
     change = np.random.default_rng(0).normal(size=x.shape)
@@ -136,7 +147,7 @@ def test_blocks_of_damping_are_the_derivative_of_the_law():
 @pytest.mark.parametrize("shape", [(1, 6), (6, 1)])
 def test_a_chain_has_no_triangles(shape):
     scene = random_scene(cloth=SHEET.replace(shape=shape, pins=[(0, 0)]))
-    runs = [cs.simulate(one, 0.1, dt=1e-3) for one in (scene, scene.replace(wind=None))]
+    runs = [cs.simulate(chain, 0.1, dt=1e-3) for chain in (scene, scene.replace(wind=None))]
     assert abs(runs[0].x - runs[1].x).max() < 1e-14 and runs[0].report["wind_work"] == 0
 
 
@@ -215,19 +226,19 @@ def test_single_precision_is_near_double():
 def test_bits_depend_on_neither_batch_threads_nor_cuts(variant):
     cloth = SHEET.replace(shape=(160, 140), mass=10.0)
     scenes = [random_scene(1, cloth), random_scene(2, cloth, cs.Wind((5.0, 1.0, 0.0)))]
-    alone = [cs.Stepper(scene, **variant.options) for scene in scenes]
+    singles = [cs.Stepper(scene, **variant.options) for scene in scenes]
     batch = cs.Stepper(scenes, **{**variant.options, "threads": 2})
     threads = cs.Stepper(scenes[0], **{**variant.options, "threads": 2})
-    for stepper in (*alone, batch, threads):
+    for stepper in (*singles, batch, threads):
         stepper.advance(4, 1e-4)
     parts = cs.Stepper(scenes[0], **variant.options)
     for steps in (1, 3):
         parts.advance(steps, 1e-4)
         parts = cs.Stepper.restore(parts.snapshot())
-    for k, stepper in enumerate(alone):
+    for k, stepper in enumerate(singles):
         assert np.array_equal(batch.x[k], stepper.x) and np.array_equal(batch.v[k], stepper.v)
     for stepper in (threads, parts):
-        assert np.array_equal(stepper.x, alone[0].x) and np.array_equal(stepper.v, alone[0].v)
+        assert np.array_equal(stepper.x, singles[0].x) and np.array_equal(stepper.v, singles[0].v)
 
 
 def test_strong_wind_limits_the_step_of_a_light_cloth():
@@ -242,7 +253,7 @@ def test_strong_wind_limits_the_step_of_a_light_cloth():
     with_half = cs.max_stable_dt(scene, "rk4", rest[0], rest[1] + (0, 10, 0))
     assert with_half == pytest.approx(2 * limit, rel=0.05)
     assert 0.1 * limit < cs.max_stable_dt(scene) <= limit < 0.1 * cs.max_stable_dt(calm)
-    gusts = cs.Sinusoid((0.0, 8.0 / (2 * np.pi), 0.0), 1.0)  # of 8 m/s
+    gusts = cs.Sinusoid((0.0, 8.0 / (2 * np.pi), 0.0), 1.0)  # a wind of 8 m/s
     gusty = scene.replace(wind=storm.replace(velocity=(0.0, 12.0, 0.0), motion=gusts))
     assert cs.max_stable_dt(gusty) == pytest.approx(cs.max_stable_dt(scene), rel=2e-3)
     account = scene.explain()
@@ -290,7 +301,8 @@ def test_errors_name_the_argument(make, error, message):
 
 def test_a_sweep_over_the_wind_has_the_runs_of_its_scenes():
     pytest.importorskip("xarray")
-    scene, over = random_scene(), {"wind_velocity_x": [0.0, 5.0]}
+    scene = random_scene()
+    over = {"wind_velocity_x": [0.0, 5.0]}
     metrics = {"x": lambda run: run.x[-1]}
     grid = cs.sweep(scene, over, duration=0.1, dt=1e-3, progress=False, metrics=metrics)
     for k, speed in enumerate(over["wind_velocity_x"]):
@@ -302,7 +314,8 @@ def test_a_sweep_over_the_wind_has_the_runs_of_its_scenes():
 def test_a_fit_finds_the_coefficients_of_the_wind():
     pytest.importorskip("scipy")
     pytest.importorskip("xarray")
-    times, values = np.linspace(0.05, 0.4, 8), {"wind_normal": 1.1, "wind_tangential": 0.3}
+    times = np.linspace(0.05, 0.4, 8)
+    values = {"wind_normal": 1.1, "wind_tangential": 0.3}
     scene = random_scene(cloth=SHEET.replace(shape=(5, 4)))
     x = cs.simulate(scene, 0.4, rtol=1e-9, times=times).x[1:]
     noise = np.random.default_rng(0).normal(0, 1e-3, x.shape)

@@ -16,9 +16,9 @@ def members():
     for name in cs.__all__:
         value = getattr(cs, name)
         if name == "scenes":
-            for function, made in inspect.getmembers(value, inspect.isfunction):
-                if not function.startswith("_") and made.__module__ == value.__name__:
-                    yield f"scenes.{function}", made
+            for function, method in inspect.getmembers(value, inspect.isfunction):
+                if not function.startswith("_") and method.__module__ == value.__name__:
+                    yield f"scenes.{function}", method
         else:
             yield name, value
             if inspect.isclass(value):
@@ -32,7 +32,7 @@ def members():
 
 def methods(name, cls):
     for attribute, value in inspect.getmembers(
-        cls, lambda one: inspect.isfunction(one) or inspect.ismethod(one)
+        cls, lambda member: inspect.isfunction(member) or inspect.ismethod(member)
     ):
         if not attribute.startswith("_") and value.__module__.startswith("clothsim"):
             yield f"{name}.{attribute}", value
@@ -56,13 +56,13 @@ def test_it_has_an_example(name):
 
 def documented(text):
     """Names of the sections Parameters and Attributes."""
-    found = set()
+    names_of_entries = set()
     for section in re.findall(
         r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=^\w[^\n]*\n---|\Z)", text, re.M | re.S
     ):
         for names in re.findall(r"^(\*{0,2}\w[^:\n]*?)(?: :|$)", section, re.M):
-            found |= {one.strip(" *`") for one in names.split(",")}
-    return found
+            names_of_entries |= {name.strip(" *`") for name in names.split(",")}
+    return names_of_entries
 
 
 @each("name", MEMBERS)
@@ -73,5 +73,6 @@ def test_its_arguments_are_documented(name):
     ):
         return  # users do not call these constructors
     parameters = inspect.signature(value).parameters.items()
-    arguments = {name for name, one in parameters if one.annotation != "NoReturn"} - {"self", "cls"}
+    names = {name for name, parameter in parameters if parameter.annotation != "NoReturn"}
+    arguments = names - {"self", "cls"}
     assert arguments <= documented(inspect.getdoc(value))

@@ -48,10 +48,15 @@ def test_the_notebook_is_the_page():
     pytest.importorskip("nbclient")
     path = ROOT / "notebooks" / "start.ipynb"
     cells = json.loads(path.read_text(encoding="utf8"))["cells"]
-    made = runpy.run_path(str(path.with_name("make.py")))["cells"]()
-    assert ["".join(cell["source"]) for cell in cells] == [cell["source"] for cell in made]
+    cells_of_page = runpy.run_path(str(path.with_name("make.py")))["cells"]()
+    sources = [cell["source"] for cell in cells_of_page]
+    assert ["".join(cell["source"]) for cell in cells] == sources
     printed = [
-        "".join("".join(one["text"]) for one in cell["outputs"] if one["output_type"] == "stream")
+        "".join(
+            "".join(output["text"])
+            for output in cell["outputs"]
+            if output["output_type"] == "stream"
+        )
         for cell in cells
         if cell["cell_type"] == "code"
     ]

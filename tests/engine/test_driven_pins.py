@@ -20,8 +20,8 @@ CURVE = cs.Keyframes(
 )
 
 
-def driven(crumpled, shape=(6, 7), motions=None, **features):
-    """A crumpled sheet that begins at its own state, with two driven pins and one that rests."""
+def driven_sheet(crumpled, shape=(6, 7), motions=None, **features):
+    """Return a crumpled sheet at its own state, with two driven pins and one at rest."""
     pins = (
         {(0, 0): SWING, (-1, -1): cs.Linear((0.2, -0.4, 0.1)), (2, 3): None}
         if motions is None
@@ -43,7 +43,8 @@ def oracle_solution(scene, oracle, duration):
             start = scene.initial_position[pin] - motion.center_at(0.0, (0, 0, 0))
             if isinstance(motion, cs.Keyframes):
                 start = scene.initial_position[pin]
-            x[pin], v[pin] = motion.center_at(t, start), motion.velocity_at(t)
+            x[pin] = motion.center_at(t, start)
+            v[pin] = motion.velocity_at(t)
 
     def rate(t, y):
         x, v = y.reshape(shape).copy()
@@ -75,14 +76,15 @@ def test_every_method_keeps_its_order(integrator, motion, kernel, crumpled, orac
         motion = cs.Keyframes(
             times, offsets=np.outer(np.sin(40 * times), (0.05, -0.02, 0.03)), smooth=True
         )
-    scene, _ = driven(
+    scene, _ = driven_sheet(
         crumpled,
         motions={(0, 0): motion, (-1, -1): cs.Linear((0.2, -0.4, 0.1))},
         damped_by=damped_by,
     )
     exact = oracle_solution(scene, oracle, duration)
     first = {1: 64, 2: 32, 4: 48, 5: 12, 8: 6}[method.order]
-    counts, errors = np.array([first, 3 * first // 2, 2 * first]), []
+    counts = np.array([first, 3 * first // 2, 2 * first])
+    errors = []
     for n in counts:
         stepper = cs.Stepper(scene, integrator=integrator, kernel=kernel)
         stepper.advance(int(n), duration / n)
@@ -98,22 +100,22 @@ def test_steps_agree_with_the_reference(variant, crumpled, relative):
     bound = {"double": 1e-12, "single": 5e-5}[variant.precision]
     side = {(r, 0): CURVE for r in range(9)} | {(4, 19): SWING}
     for motions, shape in ((None, (6, 7)), (side, (9, 20)), ({(0, 1): SHAKE}, (1, 9))):
-        scene, dt = driven(crumpled, shape, motions, damped_by="both")
+        scene, dt = driven_sheet(crumpled, shape, motions, damped_by="both")
         state = scene.initial_position, scene.initial_velocity
         expected = cs.reference_step(scene, *state, dt, 60, t=0.0)
         assert (
             relative(cs.step(scene, *state, dt, 60, t=0.0, **variant.options), expected, state[0])
             < bound
         )
-        resting = scene.replace(
+        still_scene = scene.replace(
             cloth=scene.cloth.replace(pins=list(scene.cloth.pins)), velocity=None
         )
-        still = cs.step(resting, state[0], 0 * state[1], dt, 60, **variant.options)
+        still = cs.step(still_scene, state[0], 0 * state[1], dt, 60, **variant.options)
         assert relative(still, expected, state[0]) > 1e-2
 
 
 def test_the_trusted_solution_agrees_with_scipy_and_runs_reach_it(crumpled, oracle):
-    scene, _ = driven(crumpled, motions={(0, 0): LIFT, (3, 3): SWING})
+    scene, _ = driven_sheet(crumpled, motions={(0, 0): LIFT, (3, 3): SWING})
     solution = cs.reference(scene, 0.2, every=0.1)
     assert solution.error_bound["max"][-1] < 1e-11
     for frame, t in ((1, 0.1), (2, 0.2)):
@@ -123,24 +125,24 @@ def test_the_trusted_solution_agrees_with_scipy_and_runs_reach_it(crumpled, orac
     for t, x, v in zip(run.t, run.x, run.v):
         assert np.abs(x[0, 0] - LIFT.center_at(t, scene.initial_position[0, 0])).max() < 1e-12
         assert np.abs(v[3, 3] - SWING.velocity_at(t)).max() < 1e-9
-    found = cs.convergence(
+    convergence = cs.convergence(
         scene, 0.2, [2e-3, 1e-3, 5e-4], integrator="rk4"
     )  # steps end where a velocity jumps
-    assert abs(found.order - 4) < 0.3
+    assert abs(convergence.order - 4) < 0.3
 
 
 def test_members_have_driven_pins_of_their_own_and_runs_go_on(crumpled, same_bits, tmp_path):
-    scene, dt = driven(crumpled)
-    other = scene.replace(
+    scene, dt = driven_sheet(crumpled)
+    neighbour = scene.replace(
         cloth=scene.cloth.replace(pins={(0, 0): LIFT, (5, 5): None}), velocity=None
     )
     xs, vs = (
-        np.stack([getattr(s, name) for s in (scene, other)])
+        np.stack([getattr(s, name) for s in (scene, neighbour)])
         for name in ("initial_position", "initial_velocity")
     )
-    together = cs.step([scene, other], xs, vs, dt, 9, t=0.0)
-    for k, one in enumerate((scene, other)):
-        assert same_bits([part[k] for part in together], cs.step(one, xs[k], vs[k], dt, 9, t=0.0))
+    batch = cs.step([scene, neighbour], xs, vs, dt, 9, t=0.0)
+    for k, member in enumerate((scene, neighbour)):
+        assert same_bits([part[k] for part in batch], cs.step(member, xs[k], vs[k], dt, 9, t=0.0))
     run = cs.simulate(scene, 20 * dt, dt, every=4)
     part = cs.load_run(cs.simulate(scene, 8 * dt, dt).save(tmp_path / "run.npz")).resume(12 * dt)
     assert same_bits([part.x[-1]], [run.x[-1]])
@@ -152,19 +154,17 @@ def test_members_have_driven_pins_of_their_own_and_runs_go_on(crumpled, same_bit
 
 def test_scenes_with_driven_pins_are_plain_data(tmp_path, crumpled):
     side = {(r, -1): LIFT for r in range(6)} | {(0, 0): None, (3, 0): SWING}
-    scene, _ = driven(crumpled, motions=side)
+    scene, _ = driven_sheet(crumpled, motions=side)
     path = cs.save_scene(scene, tmp_path / "scene.toml")
     assert "[[cloth.pins]]" in path.read_text() and "[cloth.pins.motion]" in path.read_text()
     assert path.read_text().count("offsets") == 1  # a shared motion is written once
-    for again in (
+    for copy in (
         cs.load_scene(path),
         cs.Scene.from_dict(scene.to_dict()),
         pickle.loads(pickle.dumps(scene)),
     ):
         assert (
-            again == scene
-            and hash(again) == hash(scene)
-            and again.cloth.driven == scene.cloth.driven
+            copy == scene and hash(copy) == hash(scene) and copy.cloth.driven == scene.cloth.driven
         )
     assert scene.cloth.pinned.sum() == 8 and set(scene.cloth.driven) == {
         (3, 0),
@@ -188,17 +188,18 @@ PULLED = cs.Scene(cs.Cloth((4, 4), pins={(0, 0): cs.Linear((1, 0, 0)), (3, 0): N
 def test_set_state_leaves_pins_where_they_are():
     stepper = cs.Stepper(PULLED)
     stepper.advance(10, 1e-3)
-    x, v = stepper.positions.copy(), stepper.velocities.copy()
+    x = stepper.positions.copy()
+    v = stepper.velocities.copy()
     stepper.set_state(x, v)
     for array, pin in ((x, (0, 0)), (x, (3, 0)), (v, (0, 0)), (v, (3, 0))):
-        changed = array.copy()
-        changed[pin][1] += 0.01
+        shifted_array = array.copy()
+        shifted_array[pin][1] += 0.01
         name = "x" if array is x else "v"
         with pytest.raises(
             ValueError,
             match=rf"{name} must be \[.*\] at the pin \({pin[0]}, 0\), got .*; driven pins move",
         ):
-            stepper.set_state(**{name: changed})
+            stepper.set_state(**{name: shifted_array})
     x[1, 1, 1] += 0.01
     stepper.set_state(x)
     assert stepper.positions[1, 1, 1] == x[1, 1, 1] and stepper.velocities[0, 0].tolist() == [
@@ -217,12 +218,12 @@ def test_a_frozen_member_keeps_its_driven_pins(same_bits):
     batch = cs.Stepper([scene, scene])
     batch.advance(50, 1e-3)
     batch.freeze(1)
-    kept = batch.positions[1]
+    positions = batch.positions[1]
     batch.advance(30, 1e-3)
     batch.set_state(v=batch.velocities)
     batch.set_scene([scene, scene])
     restored = cs.Stepper.restore(batch.snapshot())
-    assert same_bits((batch.positions[1], restored.positions[1]), (kept, kept))
+    assert same_bits((batch.positions[1], restored.positions[1]), (positions, positions))
     for stepper in (batch, restored):
         assert stepper.velocities[1, 0, 0].tolist() == [0.2, 0.0, 0.0]
     for stepper in (batch, restored):

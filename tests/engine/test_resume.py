@@ -29,7 +29,7 @@ def end(run):
 @pytest.mark.parametrize("integrator", FIXED)
 def test_a_resumed_run_equals_an_uninterrupted_run(integrator, precision, same_bits, tmp_path):
     options = {"dt": 1e-3, "integrator": integrator, "precision": precision, "threads": 1}
-    whole = cs.simulate(SMALL, 0.5, t=0.25, fps=50, **options)
+    uncut = cs.simulate(SMALL, 0.5, t=0.25, fps=50, **options)
     first = cs.simulate(SMALL, 0.3, t=0.25, fps=50, **options)
     assert cs.simulate(SMALL, 0.3, t=0.25, **options).report["penetration"] is not None
     for run in (
@@ -38,27 +38,27 @@ def test_a_resumed_run_equals_an_uninterrupted_run(integrator, precision, same_b
         pickle.loads(pickle.dumps(first)),
     ):
         rest = run.resume(0.2)
-        assert same_bits([rest.t, rest.x, rest.v], [a[15:] for a in (whole.t, whole.x, whole.v)])
+        assert same_bits([rest.t, rest.x, rest.v], [a[15:] for a in (uncut.t, uncut.x, uncut.v)])
         assert rest.report["steps"] == 200
     thirds = first.resume(0.1).resume(0.1)
-    assert same_bits(end(thirds), end(whole)) and thirds.t[-1] == whole.t[-1]
+    assert same_bits(end(thirds), end(uncut)) and thirds.t[-1] == uncut.t[-1]
     # The contact was before and after the break, and the sphere went on from where it was.
-    assert whole.v[15].std() > 0.1
+    assert uncut.v[15].std() > 0.1
     back = cs.simulate(SMALL.replace(position=first.x[-1], velocity=first.v[-1]), 0.2, **options)
-    assert abs(back.x[-1] - whole.x[-1]).max() > 1e-3
+    assert abs(back.x[-1] - uncut.x[-1]).max() > 1e-3
 
 
 def test_frames_go_on_in_their_grid(same_bits):
     for frames in ({"every": 7}, {"every": 0.007}, {"fps": 130}, {"every": 1}):
-        whole = cs.simulate(SMALL, 0.1, dt=1e-3, **frames)
+        uncut = cs.simulate(SMALL, 0.1, dt=1e-3, **frames)
         first = cs.simulate(SMALL, 0.05, dt=1e-3, **frames)
         rest = first.resume(0.05)
-        expected = [t for t in whole.t if t > 0.05 + 1e-9]
+        expected = [t for t in uncut.t if t > 0.05 + 1e-9]
         assert rest.t[1:].tolist() == expected and rest.t[0] == first.t[-1]
-    other = first.resume(0.05, times=[0.06, 0.0701])
-    np.testing.assert_array_equal(other.t, [0.05, 0.06, 0.0701, 0.1])
-    again = cs.simulate(SMALL, 0.1, dt=1e-3, times=[0.05, 0.06, 0.0701])
-    assert same_bits([other.x], [again.x[1:]])
+    second = first.resume(0.05, times=[0.06, 0.0701])
+    np.testing.assert_array_equal(second.t, [0.05, 0.06, 0.0701, 0.1])
+    expected = cs.simulate(SMALL, 0.1, dt=1e-3, times=[0.05, 0.06, 0.0701])
+    assert same_bits([second.x], [expected.x[1:]])
 
 
 @pytest.mark.parametrize("scene", [SMALL.replace(spheres=()), SMALL], ids=["free", "contact"])
@@ -66,23 +66,23 @@ def test_frames_go_on_in_their_grid(same_bits):
 def test_a_stopped_run_with_error_control_goes_on(scene, integrator, same_bits, tmp_path):
     """It stops at a step, in the middle of the work of its controller."""
     options = {"rtol": 1e-4, "integrator": integrator, "every": 2, "threads": 1}
-    whole = cs.simulate(scene, 0.5, **options)
-    found = []
+    uncut = cs.simulate(scene, 0.5, **options)
+    stops = []
 
     def stop(t, x, v):
-        found.append(t)
-        return len(found) == 4
+        stops.append(t)
+        return len(stops) == 4
 
     first = cs.simulate(scene, 0.5, callback=stop, **options)
-    assert first.t.tolist() == found[-4:] and first.report["steps"] == 6
-    left = 0.5 - first.t[-1]
-    assert first.t[-1] + left == 0.5
+    assert first.t.tolist() == stops[-4:] and first.report["steps"] == 6
+    duration = 0.5 - first.t[-1]
+    assert first.t[-1] + duration == 0.5
     for run in (first, cs.load_run(first.save(tmp_path / "first"))):
-        rest = run.resume(left)
-        if whole.report["steps"] == rest.report["steps"] + 6:
-            assert same_bits([rest.t, rest.x, rest.v], [a[3:] for a in (whole.t, whole.x, whole.v)])
+        rest = run.resume(duration)
+        if uncut.report["steps"] == rest.report["steps"] + 6:
+            assert same_bits([rest.t, rest.x, rest.v], [a[3:] for a in (uncut.t, uncut.x, uncut.v)])
         else:  # the whole run was repeated at a smaller tolerance
-            assert whole.report["force_evaluations"] > 2 * whole.report["solution_evaluations"]
+            assert uncut.report["force_evaluations"] > 2 * uncut.report["solution_evaluations"]
     assert rest.report["stopped"] == ""
 
 
@@ -99,14 +99,14 @@ def test_a_snapshot_from_a_file_goes_on_with_the_same_bits(batch, precision, tmp
     snapshot = cs.Snapshot.load(stepper.snapshot().save(tmp_path / "state"))
     stepper.advance(200, 1e-3)
     # A snapshot is not used up.
-    for again in (snapshot, pickle.loads(pickle.dumps(snapshot)), snapshot):
-        other = cs.Stepper.restore(again)
-        other.advance(steps=200, dt=1e-3)
-        assert same_bits((other.x, other.v), (stepper.positions, stepper.velocities))
-    assert other.time == other.t == stepper.time and other.scene == scenes
-    np.testing.assert_array_equal(other.impulses, stepper.impulses)
+    for copy in (snapshot, pickle.loads(pickle.dumps(snapshot)), snapshot):
+        second = cs.Stepper.restore(copy)
+        second.advance(steps=200, dt=1e-3)
+        assert same_bits((second.x, second.v), (stepper.positions, stepper.velocities))
+    assert second.time == second.t == stepper.time and second.scene == scenes
+    np.testing.assert_array_equal(second.impulses, stepper.impulses)
     assert np.all(stepper.impulses.any(axis=-1))
-    np.testing.assert_array_equal(other.frozen, stepper.frozen)
+    np.testing.assert_array_equal(second.frozen, stepper.frozen)
     assert f"{snapshot.time:g} s" in repr(snapshot) and len(repr(snapshot)) < 120
 
 
@@ -117,14 +117,15 @@ class Evil:
 
 @pytest.mark.parametrize("load", [cs.load_run, cs.Snapshot.load])
 def test_files_that_are_not_ours_are_refused(load, tmp_path, capsys):
-    made = {"text": b"time,x\n0,1\n", "empty": b"", "pickle": pickle.dumps(Evil())}
-    for name, content in made.items():
+    contents = {"text": b"time,x\n0,1\n", "empty": b"", "pickle": pickle.dumps(Evil())}
+    for name, content in contents.items():
         (tmp_path / name).write_bytes(content)
     np.savez(tmp_path / "other.npz", a=1)
-    evil, parts = np.array([Evil()], object), {"x": 0, "v": 0, "scene": "{}", "snapshot_state": 0}
+    evil = np.array([Evil()], object)
+    parts = {"x": 0, "v": 0, "scene": "{}", "snapshot_state": 0}
     np.savez(tmp_path / "evil.npz", t=evil, report="{}", snapshot=evil, **parts)
     np.savez(tmp_path / "wrong.npz", t=0, report="{", snapshot="[]", **parts)
-    for name in (*made, "other.npz", "evil.npz", "wrong.npz"):
+    for name in (*contents, "other.npz", "evil.npz", "wrong.npz"):
         with pytest.raises(ValueError, match=f"{name} is no (run|snapshot) of clothsim: "):
             load(tmp_path / name)
     assert capsys.readouterr().out == ""
@@ -149,12 +150,12 @@ def test_set_state(precision, same_bits):
     stepper = cs.Stepper(free, precision=precision, threads=1)
     stepper.advance(150, 1e-3)
     x, v = stepper.positions, stepper.velocities
-    other = cs.Stepper(free, precision=precision, threads=1)
-    other.set_state(x, v, t=stepper.time)
-    assert other.time == stepper.time
-    for one in (stepper, other):
-        one.advance(100, 1e-3)
-    assert same_bits([other.positions], [stepper.positions])
+    fresh = cs.Stepper(free, precision=precision, threads=1)
+    fresh.set_state(x, v, t=stepper.time)
+    assert fresh.time == stepper.time
+    for sheet in (stepper, fresh):
+        sheet.advance(100, 1e-3)
+    assert same_bits([fresh.positions], [stepper.positions])
     # What is not given stays, with the compensation of "single".
     single = cs.Stepper(
         SMALL, x.astype(np.float32), v.astype(np.float32), t=0.0, precision=precision, threads=1
@@ -182,26 +183,26 @@ def test_set_scene_keeps_the_state(precision, same_bits):
     x, v = (a.astype(np.float32) for a in (SMALL.initial_position, SMALL.initial_velocity))
     stepper = cs.Stepper(SMALL, x, v, t=0.0, precision=precision, threads=1)
     stepper.advance(150, 1e-3)
-    there = cs.Stepper.restore(stepper.snapshot())
-    there.set_scene(soft)
-    assert there.scene == soft and there.time == stepper.time
-    assert same_bits([there.positions], [stepper.positions])
-    there.advance(100, 1e-3)
+    copy = cs.Stepper.restore(stepper.snapshot())
+    copy.set_scene(soft)
+    assert copy.scene == soft and copy.time == stepper.time
+    assert same_bits([copy.positions], [stepper.positions])
+    copy.advance(100, 1e-3)
     # float64 arrays hold the compensation, so `step` does the same from the state in float64.
     state = np.empty(x.shape), np.empty(x.shape)
     stepper._state.core.store(*state)
     expected = cs.step(soft, *state, 1e-3, 100, t=0.15, precision=precision, threads=1)
-    assert same_bits([there.positions], [expected[0].astype(np.float32)])
-    there.set_scene(SMALL)
-    assert there.scene == SMALL
+    assert same_bits([copy.positions], [expected[0].astype(np.float32)])
+    copy.set_scene(SMALL)
+    assert copy.scene == SMALL
 
 
 def test_set_scene_can_pin_and_let_go():
     stepper = cs.Stepper(SMALL.replace(spheres=()))
     stepper.advance(200, 1e-3)
     before = stepper.positions
-    held = CLOTH.replace(pins=((0, 0), (-1, 0), (3, 3)))
-    stepper.set_scene(stepper.scene.replace(cloth=held))
+    pinned_cloth = CLOTH.replace(pins=((0, 0), (-1, 0), (3, 3)))
+    stepper.set_scene(stepper.scene.replace(cloth=pinned_cloth))
     assert not stepper.velocities[3, 3].any() and stepper.velocities[3, 4].any()
     stepper.advance(200, 1e-3)
     assert (stepper.positions[3, 3] == before[3, 3]).all()

@@ -11,8 +11,8 @@ BALL = cs.Sphere((0.5, -0.3, 0.5), 0.25, response="ray", restitution=0.0, fricti
 SCENE = cs.Scene(CLOTH, BALL)
 
 
-def resting(scenes=SCENE, **options):
-    """A sheet that lies on the ball."""
+def drape(scenes=SCENE, **options):
+    """Return a sheet that lies on the ball."""
     stepper = cs.Stepper(scenes, **options)
     stepper.advance(1500, 2e-4)
     assert np.abs(stepper.impulses).max() > 0.01
@@ -28,18 +28,20 @@ def continued(stepper, steps=200):
     "scenes", [SCENE, [SCENE, SCENE.replace(spheres=BALL.replace(center=(0.6, -0.4, 0.5)))]]
 )
 def test_the_scene_as_it_is_changes_no_bit_of_a_sheet_in_contact(scenes, precision, same_bits):
-    stepper = resting(scenes, precision=precision)
-    there = cs.Stepper.restore(stepper.snapshot())
-    there.set_scene(scenes)
-    assert there.time == stepper.time
-    assert same_bits(continued(there), continued(stepper))
+    stepper = drape(scenes, precision=precision)
+    copy = cs.Stepper.restore(stepper.snapshot())
+    copy.set_scene(scenes)
+    assert copy.time == stepper.time
+    assert same_bits(continued(copy), continued(stepper))
 
 
 class Advancing:
     """Another thread that advances a stepper for as long as the block runs."""
 
     def __init__(self, stepper):
-        self.stepper, self.steps, self.stop = stepper, 0, threading.Event()
+        self.stepper = stepper
+        self.steps = 0
+        self.stop = threading.Event()
         self.thread = threading.Thread(target=self.work)
 
     def work(self):
@@ -76,12 +78,12 @@ CALLS = {
 @pytest.mark.parametrize("name", CALLS)
 def test_beside_an_advance_of_another_thread_a_call_is_done_or_refused(name, same_bits):
     stepper = cs.Stepper(SHEET, threads=1)
-    refused = done = 0
-    with Advancing(stepper) as other:
+    refused = successes = 0
+    with Advancing(stepper) as advance:
         while refused < 3:
             try:
                 CALLS[name](stepper)
-                done += 1
+                successes += 1
             except RuntimeError as error:
                 assert (
                     str(error)
@@ -90,13 +92,13 @@ def test_beside_an_advance_of_another_thread_a_call_is_done_or_refused(name, sam
                 )
                 refused += 1
     if name == "set_state of the clock":
-        assert stepper.time < 0 if done else round(stepper.time / 1e-4) == other.steps
+        assert stepper.time < 0 if successes else round(stepper.time / 1e-4) == advance.steps
     elif name == "freeze":
-        assert stepper.frozen.tolist() == [done > 0]
+        assert stepper.frozen.tolist() == [successes > 0]
     else:
-        steps = other.steps + (done if name == "advance" else 0)
+        steps = advance.steps + (successes if name == "advance" else 0)
         assert round(stepper.time / 1e-4) == steps
-        if not name.startswith("set_"):  # whole steps, none half done
-            again = cs.Stepper(SHEET, threads=1)
-            again.advance(steps, 1e-4)
-            assert same_bits((stepper.x, stepper.v), (again.x, again.v))
+        if not name.startswith("set_"):  # no step is half done
+            fresh = cs.Stepper(SHEET, threads=1)
+            fresh.advance(steps, 1e-4)
+            assert same_bits((stepper.x, stepper.v), (fresh.x, fresh.v))

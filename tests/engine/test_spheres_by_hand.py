@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 PLACE, VELOCITY = np.array([0.25, -0.25, 0.25]), np.array([0.3, 1.5, -0.2])
-STEPS, DT = 20, 5e-4
+STEPS = 20
+DT = 5e-4
 
 
 def scene_of(response):
@@ -30,11 +31,11 @@ def test_a_frame_per_call_is_the_motion_of_one_run(response, kernel):
         center = PLACE + frame * STEPS * DT * VELOCITY
         by_hand.advance(STEPS, DT, centers={0: center})
         jumps.set_scene(scene.replace(spheres=scene.spheres[0].replace(center=tuple(center))))
-        for one in (jumps, moving):
-            one.advance(STEPS, DT)
+        for stepper in (jumps, moving):
+            stepper.advance(STEPS, DT)
         assert np.abs(by_hand.positions - moving.positions).max() < 1e-9
     assert np.abs(by_hand.positions - jumps.positions).max() > 1e-4
-    assert by_hand.positions[4, 4, 1] > 0.02  # lifted
+    assert by_hand.positions[4, 4, 1] > 0.02  # the sheet is lifted
     assert by_hand.scene == scene.replace(spheres=scene.spheres[0].replace(center=tuple(center)))
 
 

@@ -42,9 +42,9 @@ def fresh(scene, x, v, steps=3, **options):
 def test_later_calls_have_the_bits_of_a_new_engine(scene, options):
     for seed in range(3):
         x, v = state(scene, seed)
-        found = cs.step(scene, x, v, DT, steps=3, **options)
-        for mine, theirs in zip(found, fresh(scene, x, v, **options)):
-            assert np.array_equal(mine, theirs)
+        state_after = cs.step(scene, x, v, DT, steps=3, **options)
+        for answer, expected in zip(state_after, fresh(scene, x, v, **options)):
+            assert np.array_equal(answer, expected)
         a = cs.acceleration(scene, x, v, precision=options.get("precision", "double"))
         assert np.array_equal(
             a,
@@ -61,12 +61,12 @@ def test_later_calls_have_the_bits_of_a_new_engine(scene, options):
 
 def test_one_scene_serves_several_threads(scene):
     x, v = state(scene)
-    wanted = fresh(scene, x, v, 50)[0]
+    expected = fresh(scene, x, v, 50)[0]
     wrong = []
 
     def work():
         for _ in range(20):
-            if not np.array_equal(cs.step(scene, x, v, DT, steps=50)[0], wanted):
+            if not np.array_equal(cs.step(scene, x, v, DT, steps=50)[0], expected):
                 wrong.append(1)
 
     team = [threading.Thread(target=work) for _ in range(4)]
@@ -91,57 +91,60 @@ def test_a_call_that_meets_a_sphere_has_the_bits_of_a_stepper(
     for steps in (60, 127, 300):
         stepper = cs.Stepper(scene, x, v, t=0.0, **options)
         stepper.advance(steps, 1e-4)
-        found = cs.step(scene, x, v, 1e-4, steps, t=0.0, **options)
-        assert same_bits(found, (stepper.positions, stepper.velocities))
-    assert np.abs(found[1]).max() > 1  # the sphere has hit the cloth
+        state_after = cs.step(scene, x, v, 1e-4, steps, t=0.0, **options)
+        assert same_bits(state_after, (stepper.positions, stepper.velocities))
+    assert np.abs(state_after[1]).max() > 1  # the sphere has hit the cloth
 
 
 @pytest.mark.parametrize("batched", [False, True])
 def test_engines_that_wait_do_not_keep_their_scenes(batched):
     """Without the collector of cycles."""
     scene = cs.scenes.paper_swing()
-    other = scene.replace(gravity=(0, -1, 0))
+    second = scene.replace(gravity=(0, -1, 0))
     x, v = state(scene)
-    known = weakref.ref(scene), weakref.ref(other)
+    references = weakref.ref(scene), weakref.ref(second)
     gc.disable()
     try:
-        for scenes in ([scene, other], [other, scene]) if batched else (scene, other):
-            given = (np.stack([x, x]), np.stack([v, v])) if batched else (x, v)
+        for scenes in ([scene, second], [second, scene]) if batched else (scene, second):
+            arrays = (np.stack([x, x]), np.stack([v, v])) if batched else (x, v)
             for _ in range(2):
-                cs.step(scenes, *given, DT)
-                cs.acceleration(scenes, *given)
-        assert scene.engines and other.engines
-        del scene, other, scenes
-        assert [one() for one in known] == [None, None]
+                cs.step(scenes, *arrays, DT)
+                cs.acceleration(scenes, *arrays)
+        assert scene.engines and second.engines
+        del scene, second, scenes
+        assert [reference() for reference in references] == [None, None]
     finally:
         gc.enable()
 
 
 def test_an_engine_of_a_batch_serves_its_own_scenes_alone(scene):
     """A scene that died may leave its identity to another."""
-    x, v = (np.stack([one, one]) for one in state(scene))
+    x, v = (np.stack([array, array]) for array in state(scene))
     for gravity in range(20):
-        other = scene.replace(gravity=(0, -float(gravity), 0))
-        found = cs.step([scene, other], x, v, DT, steps=3)
-        assert np.array_equal(found[0][1], fresh(other, x[1], v[1])[0])
-        del other
+        second = scene.replace(gravity=(0, -float(gravity), 0))
+        state_after = cs.step([scene, second], x, v, DT, steps=3)
+        assert np.array_equal(state_after[0][1], fresh(second, x[1], v[1])[0])
+        del second
 
 
 def test_another_thread_may_add_a_kind_of_call_at_any_moment():
     """At each instruction of Python, where a scene keeps as many kinds already as it may."""
-    scene, at, reached = cs.Scene(cs.Cloth((2, 2))), 0, True
+    scene = cs.Scene(cs.Cloth((2, 2)))
+    at = 0
+    reached = True
     x, v = state(scene)
     while reached:
         kinds = scene.__dict__["engines"] = {k: [] for k in range(8)}
         plans = scene.__dict__["_plans"] = dict.fromkeys(range(8))
-        seen, reached = 0, False
+        count = 0
+        reached = False
 
         def trace(frame, event, argument, at=at, kinds=kinds, plans=plans):
-            nonlocal seen, reached
+            nonlocal count, reached
             frame.f_trace_opcodes = True
             if frame.f_code.co_name in ("_engine", "kept_plan", "make_room"):
-                seen += event == "opcode"
-                if seen == at:
+                count += event == "opcode"
+                if count == at:
                     kinds["more"] = plans["more"] = []
                     reached = True
             return trace

@@ -51,12 +51,13 @@ ERROR_CONTROL = (
 
 def error_control(rtol, integrator, *scene):
     reference = references()[" ".join(("error_control", rtol, integrator, *scene))]
-    asked = None if rtol == "default" else float(rtol)
+    tolerance = None if rtol == "default" else float(rtol)
     integrator = None if integrator == "-" else integrator
     run = cs.simulate(
-        _scene(*scene), DURATION, rtol=asked, integrator=integrator, **arithmetic("gather")
+        _scene(*scene), DURATION, rtol=tolerance, integrator=integrator, **arithmetic("gather")
     )
-    report, estimate = run.report, run.report["error_estimate"]
+    report = run.report
+    estimate = run.report["error_estimate"]
     return {
         "asked": report["tolerance"]["asked"],
         "reached": report["tolerance"]["reached"],
@@ -108,10 +109,8 @@ def sweep(contact):
 
 
 def work_precision():
-    methods, scene = (
-        ["rk4", "velocity_verlet", "dop853 adaptive"],
-        _scene("free", "pins", "linear", "8x5", ALWAYS),
-    )
+    methods = ["rk4", "velocity_verlet", "dop853 adaptive"]
+    scene = _scene("free", "pins", "linear", "8x5", ALWAYS)
     settings = {
         "precisions": ["double", "single"],
         "dts": [2.0**-8, 2.0**-9],

@@ -22,17 +22,17 @@ def hashes():
     for row in (
         [" ".join(row) for row in pairwise(*rows.COLUMNS)] + rows.OF_THREADS + rows.OF_LAYERS
     ):
-        found = {}
+        new_hashes = {}
         for isa in cs.build_config()["instruction_sets_supported"]:
             os.environ["CLOTHSIM_ISA"] = isa
             digest = rows.digest(row)
-            assert found.setdefault(rows.key(row, isa), digest) == digest, (row, isa)
+            assert new_hashes.setdefault(rows.key(row, isa), digest) == digest, (row, isa)
             free = rows.scene_of(row).replace(spheres=())
             assert " free " in row or rows.digest(row, scene=free) != digest, f"no contact: {row}"
-        stored = rows.golden().get(row, {})
-        if all(stored.get(key, digest) == digest for key, digest in found.items()):
-            found = {**stored, **found}  # those of other vendors' processors stay
-        yield row + ": " + " ".join("=".join(pair) for pair in found.items())
+        old_hashes = rows.golden().get(row, {})
+        if all(old_hashes.get(key, digest) == digest for key, digest in new_hashes.items()):
+            new_hashes = {**old_hashes, **new_hashes}  # hashes of other vendors' processors stay
+        yield row + ": " + " ".join("=".join(pair) for pair in new_hashes.items())
     del os.environ["CLOTHSIM_ISA"]
 
 

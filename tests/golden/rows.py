@@ -52,18 +52,18 @@ DAMPING = {"structural": 0.5, "shear": 0.25, "bend": 0.125}
 
 
 def key(row, isa):
-    """What the bits of a row depend on."""
+    """Return what the bits of a row depend on."""
     kernel, precision = row.split()[:2]
     if kernel == "gather":
         return "any"
-    if isa in ("avx2", "sse2") and precision == "double":  # an exact root
+    if isa in ("avx2", "sse2") and precision == "double":  # this root is exact
         return isa
     vendor = re.search(r"vendor_id\s*: *(\S+)", Path("/proc/cpuinfo").read_text())
     return f"{isa}/{vendor[1] if vendor else 'unknown'}"
 
 
 def golden():
-    """The stored hashes of each row, by key."""
+    """Return the stored hashes of each row, by key."""
     lines = (
         line.rsplit(": ", 1) for line in FILE.read_text().splitlines() if line and line[0] != "#"
     )
@@ -71,7 +71,7 @@ def golden():
 
 
 def scene_of(row):
-    """A crumpled sheet, nowhere symmetric, that falls on one sphere or two."""
+    """Return a crumpled sheet, nowhere symmetric, that falls on one sphere or two."""
     _, _, _, contact, feature, motion, shape, springs = row.split()
     rows, columns = shape = tuple(map(int, shape.split("x")))
     springs = springs.split("+")
@@ -101,8 +101,8 @@ def scene_of(row):
     )
     velocity = noise[..., 3:6] / 2 - (0.0, 2.0, 0.0)
     velocity[cloth.pinned] = 0.0
-    for pin, driven in cloth.driven.items():
-        velocity[pin] = driven.velocity_at(0.0)
+    for pin, pin_motion in cloth.driven.items():
+        velocity[pin] = pin_motion.velocity_at(0.0)
     return cs.Scene(
         cloth,
         _spheres(contact, motion, cloth),
@@ -158,14 +158,14 @@ def digest(row, threads=1, scene=None):
     """
     kernel, precision, integrator = row.split()[:3]
     scene = scene or scene_of(row)
-    scenes = [scene, scene.replace(velocity=None)] if " batch " in row else [scene]
+    members = [scene, scene.replace(velocity=None)] if " batch " in row else [scene]
     dt = 2.0**-14 if integrator == "explicit_euler" else 2.0**-12
     steps = 100 if integrator == "implicit_midpoint" else 300
     x, v = (
-        np.stack([getattr(one, f"initial_{name}") for one in scenes])
+        np.stack([getattr(member, f"initial_{name}") for member in members])
         for name in ("position", "velocity")
     )
     x, v = cs.step(
-        scenes, x, v, dt, steps, 0.0, integrator, precision, threads, **arithmetic(kernel)
+        members, x, v, dt, steps, 0.0, integrator, precision, threads, **arithmetic(kernel)
     )
     return hashlib.sha256(x.tobytes() + v.tobytes()).hexdigest()[:16]

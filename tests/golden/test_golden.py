@@ -28,21 +28,19 @@ def test_bits(row, isa, monkeypatch):
 def test_figures(row):
     if not row.startswith(("error_control", "max_stable_dt")):
         pytest.importorskip("xarray")
-    found = figures.compute(row)
+    values = figures.compute(row)
     for name, value in figures.golden()[row].items():
-        rel, least = (
-            figures.TOLERANCES.get(name, figures.ROUNDING),
-            figures.LEAST_ERROR if "error" in name else 1e-12,
-        )
-        np.testing.assert_allclose(found[name], value, rel, least, err_msg=f"{row}: {name}")
-    if found.get("told"):
-        assert found["error"] <= found["estimate"]
+        rel = figures.TOLERANCES.get(name, figures.ROUNDING)
+        least = figures.LEAST_ERROR if "error" in name else 1e-12
+        np.testing.assert_allclose(values[name], value, rel, least, err_msg=f"{row}: {name}")
+    if values.get("told"):
+        assert values["error"] <= values["estimate"]
 
 
 @pytest.mark.parametrize("name", figures.PICTURES)
 def test_pictures(name):
     image = pytest.importorskip("PIL.Image")
     expected = np.asarray(image.open(figures.FOLDER / f"{name}.png").convert("RGB"), int)
-    found = np.asarray(figures.picture(name).pixels, int)
-    assert found.shape == expected.shape
-    assert np.abs(found - expected).mean() <= 0.25, "mean difference of 0 ... 255"
+    pixels = np.asarray(figures.picture(name).pixels, int)
+    assert pixels.shape == expected.shape
+    assert np.abs(pixels - expected).mean() <= 0.25, "mean difference of 0 ... 255"

@@ -8,7 +8,8 @@ import pytest
 def test_energy_is_that_of_the_spring_table(crumpled):
     scene, x, v, _ = crumpled()
     scene = scene.replace(force=np.random.default_rng(3).normal(size=x.shape))
-    table, m = scene.cloth.spring_table(), scene.cloth.mass_per_point
+    table = scene.cloth.spring_table()
+    m = scene.cloth.mass_per_point
     flat = x.reshape(-1, 3)
     stretch = np.linalg.norm(flat[table["j"]] - flat[table["i"]], axis=1) - table["rest_length"]
     expected = {
@@ -27,7 +28,8 @@ def test_energy_is_that_of_the_spring_table(crumpled):
 
 def test_forces_are_the_slope_of_the_energy(double_variant, crumpled):
     scene, x, v, _ = crumpled(damped_by="nothing", pins=())
-    scene, v = scene.replace(force=3.0 * np.random.default_rng(3).normal(size=x.shape)), 0 * v
+    scene = scene.replace(force=3.0 * np.random.default_rng(3).normal(size=x.shape))
+    v = 0 * v
     a = cs.acceleration(scene, x, v, **double_variant.options)
     way = np.random.default_rng(4).normal(size=x.shape)
     h = 1e-6
@@ -46,17 +48,17 @@ def distance(corners):
     divisor = np.where(area2 > 0, area2, 1)
     u = -(np.cross(corners[:, 0], second) * normal).sum(axis=1) / divisor
     v = -(np.cross(first, corners[:, 0]) * normal).sum(axis=1) / divisor
-    inside = (area2 > 0) & (np.stack([1 - u - v, u, v]) >= 0).all(axis=0)
+    is_inside = (area2 > 0) & (np.stack([1 - u - v, u, v]) >= 0).all(axis=0)
     foot = corners[:, 0] + u[:, None] * first + v[:, None] * second
-    found = [np.where(inside, np.linalg.norm(foot, axis=1), np.inf)]
+    distances = [np.where(is_inside, np.linalg.norm(foot, axis=1), np.inf)]
     for k in range(3):
         side = corners[:, (k + 1) % 3] - corners[:, k]
         length2 = (side * side).sum(axis=1)
         part = np.clip(
             -(side * corners[:, k]).sum(axis=1) / np.where(length2 > 0, length2, 1), 0, 1
         )
-        found.append(np.linalg.norm(corners[:, k] + part[:, None] * side, axis=1))
-    return np.min(found, axis=0)
+        distances.append(np.linalg.norm(corners[:, k] + part[:, None] * side, axis=1))
+    return np.min(distances, axis=0)
 
 
 def depths(x, sphere, t=0.0):
@@ -74,7 +76,8 @@ def test_penetration_of_one_cell_of_any_kind(kind):
     regions = set()
     for _ in range(400):
         x = rng.normal(size=(2, 2, 3))
-        a, b = x[0, 0].copy(), x[0, 1].copy()
+        a = x[0, 0].copy()
+        b = x[0, 1].copy()
         if kind == "sliver":
             x[1, 0] = a + 0.6 * (b - a) + 1e-9 * rng.normal(size=3)
         elif kind == "line":

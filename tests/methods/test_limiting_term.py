@@ -8,10 +8,10 @@ from clothsim.methods.bound import limiting_term
 
 
 def given(category, run):
-    with warnings.catch_warnings(record=True) as found:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run()
-    return [str(one.message) for one in found if one.category is category]
+    return [str(warning.message) for warning in caught if warning.category is category]
 
 
 @pytest.mark.parametrize("method", ["rk4", "velocity_verlet", "dop853"])
@@ -44,8 +44,8 @@ def test_the_term_that_limits_is_the_one_that_moves_the_limit(method, features, 
         drag = cloth.drag / 2 if name == "damping" else cloth.drag
         return cs.max_stable_dt(cs.Scene(cloth.replace(**{name: value}, drag=drag)), method)
 
-    other = {"damping": "stiffness", "stiffness": "damping"}[kind]
-    assert halved(kind) > 1.2 * term.max_stable_dt and halved(kind) > halved(other)
+    counterpart = {"damping": "stiffness", "stiffness": "damping"}[kind]
+    assert halved(kind) > 1.2 * term.max_stable_dt and halved(kind) > halved(counterpart)
 
 
 def test_below_the_value_the_other_kind_limits():

@@ -14,15 +14,15 @@ SHAPES = [(32, 32), (2, 2), (3, 5), (17, 4), (2, 1), (1, 7), (1, 2), (16, 33)]
 def springs_by_definition(rows, columns):
     """{(i, j): (family, steps along the rows, along the columns)}, point by point."""
     steps = {"structural": [(0, 1), (1, 0)], "shear": [(1, 1), (1, -1)], "bend": [(0, 2), (2, 0)]}
-    found = {}
+    springs = {}
     for r in range(rows):
         for c in range(columns):
             for family, offsets in steps.items():
                 for dr, dc in offsets:
                     if r + dr < rows and 0 <= c + dc < columns:
                         ends = (r * columns + c, (r + dr) * columns + c + dc)
-                        found[ends] = (family, dr, dc)
-    return found
+                        springs[ends] = (family, dr, dc)
+    return springs
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -32,8 +32,8 @@ def test_springs_are_those_of_the_definition(shape):
     expected = springs_by_definition(*shape)
     assert len(table) == len(expected) == cloth.spring_count()
     assert (table["i"] < table["j"]).all()
-    got = {(int(s["i"]), int(s["j"])): str(s["family"]) for s in table}
-    assert got == {ends: family for ends, (family, _, _) in expected.items()}
+    springs = {(int(s["i"]), int(s["j"])): str(s["family"]) for s in table}
+    assert springs == {ends: family for ends, (family, _, _) in expected.items()}
     for family in DEFAULT:
         assert cloth.spring_count(family) == int((table["family"] == family).sum())
 
@@ -41,7 +41,8 @@ def test_springs_are_those_of_the_definition(shape):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_rest_lengths_are_the_distances_of_the_flat_sheet(shape):
     cloth = Cloth(shape=shape, size=(0.7, 2.1), pins=())
-    table, x = cloth.spring_table(), cloth.rest_positions.reshape(-1, 3)
+    table = cloth.spring_table()
+    x = cloth.rest_positions.reshape(-1, 3)
     distance = np.linalg.norm(x[table["j"]] - x[table["i"]], axis=1)
     # Coordinates up to 2.1 m are rounded to 2.2e-16 m each.
     np.testing.assert_allclose(table["rest_length"], distance, rtol=0, atol=1e-15)
@@ -72,8 +73,8 @@ def test_springs_and_points_are_damped():
     assert not Cloth(damping=0).damped
     assert not Cloth(damping=0.0, drag=0).damped
     assert not Cloth(damping=5.0, springs=()).damped
-    both = Cloth(damping=dict.fromkeys(DEFAULT, 1.0), drag=2.0)
-    assert (both.drag, set(both.family_damping.values())) == (2.0, {1.0})
+    cloth = Cloth(damping=dict.fromkeys(DEFAULT, 1.0), drag=2.0)
+    assert (cloth.drag, set(cloth.family_damping.values())) == (2.0, {1.0})
 
 
 def test_geometry_follows_shape_and_size():

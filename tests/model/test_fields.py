@@ -50,17 +50,17 @@ def test_parts_are_parts_of_the_new_whole(order):
         ("gravity", (1, 1, 1)),
         ("gravity_x", 4.0),
     ]
-    changed = change_scene(SCENE, dict(values[::order]))
-    assert dict(changed.cloth.stiffness) == {"structural": 5.0, "shear": 5.0, "bend": 2.0}
-    assert changed.spheres[0].motion.velocity == (3.0, 0.0, 0.0)
-    assert changed.gravity == (4.0, 1.0, 1.0)
+    scene = change_scene(SCENE, dict(values[::order]))
+    assert dict(scene.cloth.stiffness) == {"structural": 5.0, "shear": 5.0, "bend": 2.0}
+    assert scene.spheres[0].motion.velocity == (3.0, 0.0, 0.0)
+    assert scene.gravity == (4.0, 1.0, 1.0)
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_arguments_of_a_sphere_come_together(order):
-    given = {"sphere_restitution": 0.0, "sphere_response": "ray", "sphere0_radius": 0.1}
+    values = {"sphere_restitution": 0.0, "sphere_response": "ray", "sphere0_radius": 0.1}
     scene = change_scene(
-        cs.Scene(cs.Cloth(), (cs.Sphere(), cs.Sphere())), dict(list(given.items())[::order])
+        cs.Scene(cs.Cloth(), (cs.Sphere(), cs.Sphere())), dict(list(values.items())[::order])
     )
     assert [(s.response, s.restitution, s.radius) for s in scene.spheres] == [
         ("ray", 0.0, 0.1),

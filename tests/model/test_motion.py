@@ -35,27 +35,27 @@ def test_reciprocate_follows_its_formulas():
     for k in (0.0, 1e-9, 3.0, 200.0):
         motion = Reciprocate((0, 3, 4), distance=0.8, period=1.7, deceleration=k, phase=0.3)
         w = (t / 1.7 + 0.3) % 1
-        s, q = np.where(w < 0.5, 1, -1), 2 * w % 1
-        done, slope = (
+        s = np.where(w < 0.5, 1, -1)
+        q = 2 * w % 1
+        displacement, slope = (
             (np.expm1(-k * q) / np.expm1(-k), k * np.exp(-k * q) / -np.expm1(-k))
             if k
             else (q, 1 + 0 * q)
         )
         u = np.array([0, 0.6, 0.8])
-        place, velocity = (
-            CENTER + np.outer(s * (done - 0.5) * 0.8, u),
-            np.outer(s * slope * 2 / 1.7 * 0.8, u),
-        )
+        place = CENTER + np.outer(s * (displacement - 0.5) * 0.8, u)
+        velocity = np.outer(s * slope * 2 / 1.7 * 0.8, u)
         np.testing.assert_allclose(motion.center_at(t, CENTER), place, rtol=0, atol=1e-14)
         np.testing.assert_allclose(motion.velocity_at(t), velocity, rtol=1e-10, atol=1e-13)
     # At a turning point the velocity is that of the way back.
-    there, back = Reciprocate((1, 0, 0), period=2.0).velocity_at([0.0, 1.0])[:, 0]
-    assert there == -back > 0
+    forth, back = Reciprocate((1, 0, 0), period=2.0).velocity_at([0.0, 1.0])[:, 0]
+    assert forth == -back > 0
 
 
 def test_reciprocate_is_repeated_interpolation():
     """Frames that each go the same fraction of the rest of the way, over half a period."""
-    k, frames = 5.0, 100_000
+    k = 5.0
+    frames = 100_000
     x = 0.5 - (1 - k / frames) ** np.arange(frames + 1)
     scaled = -0.5 + (x + 0.5) / (x[-1] + 0.5)
     motion = Reciprocate((1, 0, 0), period=2.0, deceleration=k)
@@ -64,8 +64,10 @@ def test_reciprocate_is_repeated_interpolation():
 
 
 def test_sinusoid():
-    motion, t = Sinusoid((0.3, 0.0, -0.1), frequency=1.3, phase=0.2), np.linspace(-3.0, 9.0, 500)
-    angle, amplitude = 2 * np.pi * (1.3 * t + 0.2)[:, None], np.array([0.3, 0.0, -0.1])
+    motion = Sinusoid((0.3, 0.0, -0.1), frequency=1.3, phase=0.2)
+    t = np.linspace(-3.0, 9.0, 500)
+    angle = 2 * np.pi * (1.3 * t + 0.2)[:, None]
+    amplitude = np.array([0.3, 0.0, -0.1])
     np.testing.assert_allclose(
         motion.center_at(t, CENTER), CENTER + amplitude * np.sin(angle), rtol=0, atol=1e-14
     )
@@ -78,11 +80,10 @@ def test_sinusoid():
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 40])
 def test_smooth_keyframes_are_the_clamped_spline(count):
     rng = np.random.default_rng(count)
-    times, centers = np.cumsum(rng.uniform(0.05, 1.0, count)), rng.normal(size=(count, 3))
-    motion, spline = (
-        Keyframes(times, centers, smooth=True),
-        CubicSpline(times, centers, bc_type="clamped"),
-    )
+    times = np.cumsum(rng.uniform(0.05, 1.0, count))
+    centers = rng.normal(size=(count, 3))
+    motion = Keyframes(times, centers, smooth=True)
+    spline = CubicSpline(times, centers, bc_type="clamped")
     t = np.linspace(times[0], times[-1], 1000, endpoint=False)
     np.testing.assert_allclose(motion.center_at(t, CENTER), spline(t), rtol=0, atol=1e-12)
     np.testing.assert_allclose(motion.velocity_at(t), spline(t, 1), rtol=0, atol=1e-11)

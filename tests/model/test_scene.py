@@ -63,9 +63,9 @@ def test_unstable_error_keeps_its_state_through_pickling():
 
 
 def test_unstable_error_blames_the_step_only_above_the_limit():
-    above = UnstableError(step=1, time=0.1, dt=0.1, max_stable_dt=0.01)
+    error_above = UnstableError(step=1, time=0.1, dt=0.1, max_stable_dt=0.01)
     within = UnstableError(step=1, time=0.1, dt=0.001, max_stable_dt=0.01)
     unknown = UnstableError(step=1, time=0.1, dt=0.1)
-    assert "above the stability limit" in str(above)
+    assert "above the stability limit" in str(error_above)
     assert "above" not in str(within) and "initial state" in str(within)
     assert "above" not in str(unknown) and "smaller dt" in str(unknown)

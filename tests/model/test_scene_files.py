@@ -36,9 +36,9 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_a_saved_file_loads_to_the_same_values(tmp_path, name):
     path = cs.save_scene(SCENES[name], tmp_path / "scene.toml")
-    again = cs.load_scene(path)
-    assert again == SCENES[name]
-    assert cs.save_scene(again, tmp_path / "again.toml").read_text() == path.read_text()
+    copy = cs.load_scene(path)
+    assert copy == SCENES[name]
+    assert cs.save_scene(copy, tmp_path / "again.toml").read_text() == path.read_text()
 
 
 def test_the_layout(tmp_path):
@@ -62,14 +62,9 @@ def test_the_layout(tmp_path):
 def test_a_file_is_edited_by_hand(tmp_path):
     path = cs.save_scene(SCENES["paper"], tmp_path / "scene.toml")
     schema, *lines = [line.partition("#")[0] for line in path.read_text().splitlines()]
-    above, cloth, sphere, end = "\n".join(lines).split("\n[")
+    head, cloth, sphere, end = "\n".join(lines).split("\n[")
     edited = "\n[".join(
-        [
-            f"\ufeff{above}\n{schema}",
-            end,
-            sphere.replace("radius = 0.25", "radius = 0.2 # m"),
-            cloth,
-        ]
+        [f"\ufeff{head}\n{schema}", end, sphere.replace("radius = 0.25", "radius = 0.2 # m"), cloth]
     )
     path.write_bytes(edited.replace("\n", "\r\n").encode())
     expected = SCENES["paper"].spheres[0].replace(radius=0.2)

@@ -62,7 +62,8 @@ def test_paper_moving_sphere_travels_one_metre_about_the_hanging_cloth():
 def test_hanging_rests_at_the_documented_solution(shape, oracle):
     """Every spring carries the weight below it."""
     scene = scenes.hanging(shape)
-    rows, row = shape[0], np.arange(shape[0])
+    rows = shape[0]
+    row = np.arange(shape[0])
     sag = scene.cloth.mass_per_point[0, 0] * 9.80665 / 1_000.0
     x = scene.initial_position.copy()
     x[..., 1] = (-row / (rows - 1) - sag * row * (2 * rows - row - 1) / 2)[:, None]

@@ -13,7 +13,8 @@ from clothsim.model.sphere import Sphere
 def eq_13(rest_length, radius):
     """O = sqrt((D/2)^2 + R^2) - R of Kim et al., in 60 digits."""
     getcontext().prec = 60
-    half, radius = Decimal(rest_length) / 2, Decimal(radius)
+    half = Decimal(rest_length) / 2
+    radius = Decimal(radius)
     return float((half * half + radius * radius).sqrt() - radius)
 
 
@@ -83,8 +84,8 @@ def test_a_restitution_that_was_given_stays_and_a_default_follows_the_response()
         lambda s: pickle.loads(pickle.dumps(s)),
         lambda s: Sphere.from_dict(s.to_dict()),
     ):
-        for given, expected in ((None, 1.0), (0.0, 0.0)):
-            sphere = copied(cs.Sphere(response="reflect", restitution=given).replace(radius=0.1))
+        for value, expected in ((None, 1.0), (0.0, 0.0)):
+            sphere = copied(cs.Sphere(response="reflect", restitution=value).replace(radius=0.1))
             assert sphere.restitution == sphere.replace(response="ray").restitution == expected
     assert cs.scenes.paper_static().spheres[0].replace(response="reflect").restitution == 1.0
     assert cs.Sphere().restitution is None and cs.Sphere().replace(response="ray").restitution == 1

@@ -63,9 +63,9 @@ def test_values_round_trip(value):
         type(value).from_dict(json.loads(json.dumps(value.to_dict()))),
         pickle.loads(pickle.dumps(value)),
     )
-    for one in (*copies, copy.deepcopy(value), value.replace()):
-        assert one == value
-    assert all(value != other for other in VALUES if other is not value)
+    for copied_value in (*copies, copy.deepcopy(value), value.replace()):
+        assert copied_value == value
+    assert all(value != different for different in VALUES if different is not value)
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)

@@ -40,35 +40,37 @@ def unaligned(shape, dtype=np.float64):
 def test_out_is_written_and_returned(variant, crumpled, same_bits):
     scene, x, v, dt = crumpled()
     expected = cs.step(scene, x, v, dt, 20, **variant.options)
-    for one in (scene, scene.replace()):  # by an engine that waits, and by a new one
+    for same_scene in (scene, scene.replace()):  # a waiting engine steps it, then a new one
         out = np.empty_like(x), np.empty_like(v)
-        result = cs.step(one, x, v, dt, 20, out=out, **variant.options)
+        result = cs.step(same_scene, x, v, dt, 20, out=out, **variant.options)
         assert result[0] is out[0] and result[1] is out[1]
         assert same_bits(out, expected)
-    x_in_place, v_in_place = x.copy(), v.copy()
+    x_in_place = x.copy()
+    v_in_place = v.copy()
     cs.step(scene, x_in_place, v_in_place, dt, 20, out=(x_in_place, v_in_place), **variant.options)
     assert same_bits((x_in_place, v_in_place), expected)
-    x_swapped, v_swapped = x.copy(), v.copy()
+    x_swapped = x.copy()
+    v_swapped = v.copy()
     cs.step(scene, x_swapped, v_swapped, dt, 20, out=(v_swapped, x_swapped), **variant.options)
     assert same_bits((v_swapped, x_swapped), expected)
     over = x.copy()
-    for given, a in ((x, np.empty_like(x)), (over, over)):
-        assert cs.acceleration(scene, given, v, out=a, **variant.options) is a
+    for start, a in ((x, np.empty_like(x)), (over, over)):
+        assert cs.acceleration(scene, start, v, out=a, **variant.options) is a
         assert same_bits([a], [cs.acceleration(scene, x, v, **variant.options)])
 
 
 def test_inputs_are_never_changed(variant, crumpled, same_bits):
     scene, x, v, dt = crumpled()
     for dtype in (np.float64, np.float32):
-        given = x.astype(dtype), v.astype(dtype)
-        kept = given[0].copy(), given[1].copy()
-        cs.step(scene, *given, dt, 5, **variant.options)
-        cs.acceleration(scene, *given, **variant.options)
-        cs.Stepper(scene, *given, **variant.options).advance(5, dt)
-        cs.energy(scene, *given)
-        cs.reference_step(scene, *given, dt)
-        cs.penetration(given[0], cs.Sphere())
-        assert same_bits(given, kept)
+        arrays = x.astype(dtype), v.astype(dtype)
+        copies = arrays[0].copy(), arrays[1].copy()
+        cs.step(scene, *arrays, dt, 5, **variant.options)
+        cs.acceleration(scene, *arrays, **variant.options)
+        cs.Stepper(scene, *arrays, **variant.options).advance(5, dt)
+        cs.energy(scene, *arrays)
+        cs.reference_step(scene, *arrays, dt)
+        cs.penetration(arrays[0], cs.Sphere())
+        assert same_bits(arrays, copies)
 
 
 def test_any_layout_and_number_type_is_taken_as_its_values(crumpled, same_bits):
@@ -86,9 +88,9 @@ def test_any_layout_and_number_type_is_taken_as_its_values(crumpled, same_bits):
     shifted = unaligned(x.shape)
     shifted[...] = x
     assert same_bits(cs.step(scene, shifted, v, dt, 5), expected)
-    whole = np.arange(x.size).reshape(x.shape)
+    numbers = np.arange(x.size).reshape(x.shape)
     assert same_bits(
-        cs.step(scene, whole, 0 * whole, dt), cs.step(scene, whole * 1.0, 0.0 * whole, dt)
+        cs.step(scene, numbers, 0 * numbers, dt), cs.step(scene, numbers * 1.0, 0.0 * numbers, dt)
     )
 
 

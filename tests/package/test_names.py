@@ -41,7 +41,7 @@ def test_every_public_function_answers_so():
         value = getattr(cs, name)
         if not inspect.isfunction(value) or name == "view":
             continue
-        kinds = {one.kind for one in inspect.signature(value).parameters.values()}
+        kinds = {parameter.kind for parameter in inspect.signature(value).parameters.values()}
         if kinds and inspect.Parameter.VAR_KEYWORD not in kinds:
             with pytest.raises(TypeError, match=f"{name} has the unknown argument 'cuda'"):
                 value(cuda=1)
@@ -57,8 +57,8 @@ def test_planes_are_called_planes():
     scene = cs.Scene(SHEET, FLOOR)
     run = cs.simulate(scene, 0.01, dt=1e-4)
     assert "1 plane (response" in repr(run) and "sphere" not in repr(run).splitlines()[0]
-    both = scene.replace(spheres=[cs.Sphere((9, 9, 9)), FLOOR, FLOOR])
-    assert "1 sphere and 2 planes (" in repr(cs.Stepper(both))
+    mixed = scene.replace(spheres=[cs.Sphere((9, 9, 9)), FLOOR, FLOOR])
+    assert "1 sphere and 2 planes (" in repr(cs.Stepper(mixed))
     account = scene.explain()
     assert "planes" in account["computed"] and "spheres" in account["left_out"]
     moving = cs.Scene(SHEET, FLOOR.replace(motion=cs.Linear((0, 1, 0))))
@@ -77,9 +77,9 @@ def test_planes_are_swept_by_names_of_their_own():
     ball = cs.Sphere((0, 5, 0))
     scene = cs.Scene(SHEET, [ball, FLOOR])
     values = {"plane_point_y": -2.0, "plane1_normal_x": 0.5, "plane_friction": 0.3}
-    changed = change_scene(scene, values)
+    swept = change_scene(scene, values)
     floor = cs.Plane((0, -2.0, 0), (0.5, 1, 0), friction=0.3)
-    assert changed.spheres == (ball, floor)
+    assert swept.spheres == (ball, floor)
     assert change_scene(scene, {"sphere_radius": 0.1}).spheres[1] == FLOOR
     assert change_scene(cs.Scene(SHEET, FLOOR), {"sphere_center": (0, -2, 0)}).spheres[0] == (
         cs.Plane((0, -2, 0))

@@ -6,21 +6,16 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+CALLERS = [
+    ROOT / name for name in (".ci/run", ".github/workflows/ci.yml", ".pre-commit-config.yaml")
+]
 FILES = [
-    ROOT / name
-    for name in (
-        "CMakeLists.txt",
-        "CITATION.cff",
-        "Makefile",
-        "NOTICE",
-        "conftest.py",
-        "pyproject.toml",
-        "tests/conftest.py",
-        "tools/sanitize.sh",
-        ".ci/run",
-        ".github/workflows/ci.yml",
-        ".pre-commit-config.yaml",
-    )
+    *CALLERS,
+    *(
+        ROOT / name
+        for name in ("CMakeLists.txt", "Makefile", "NOTICE", "conftest.py", "pyproject.toml")
+    ),
+    *sorted((ROOT / "tools").glob("*.*")),
 ]
 TOP = "benchmarks|cmake|cpp|docs|examples|notebooks|python|tests|tools"
 # Words that begin with a folder of the repository; {project} is cibuildwheel's name of it.
@@ -63,10 +58,7 @@ def targets():
 
 @pytest.mark.parametrize(
     "path",
-    [
-        *FILES[-3:],
-        *(ROOT / name for name in ("CONTRIBUTING.md", "README.md", "docs/dev/release.md")),
-    ],
+    [*CALLERS, *(ROOT / name for name in ("CONTRIBUTING.md", "README.md", "docs/dev/release.md"))],
     ids=lambda path: path.name,
 )
 def test_make_has_the_targets_that_are_called(path):

@@ -17,7 +17,7 @@ EVIDENCE = ("paper", "hard_cases")
 
 
 def modules():
-    """Return the text of each module of the package and its folder, by name without "clothsim."."""
+    """Yield each module's name without "clothsim.", its text and its folder."""
     for path in PACKAGE.rglob("*.py"):
         folder = path.relative_to(PACKAGE).parent.parts
         name = ".".join(folder if path.stem == "__init__" else (*folder, path.stem))
@@ -28,8 +28,8 @@ MODULES = dict(modules())
 
 
 def imports(text, folder, late=True):
-    """Return (module, name or "") of every import of clothsim when the text runs, with `late` those
-    in functions too; the module without "clothsim.".
+    """Yield (module, name or "") of every import of clothsim when the text runs, `late` ones in
+    functions too; the module without "clothsim.".
     """
     tree = ast.parse(text)
     blocks = [
@@ -43,29 +43,30 @@ def imports(text, folder, late=True):
         if node in skipped or not isinstance(node, (ast.Import, ast.ImportFrom)):
             continue
         for alias in node.names:
-            source, name = alias.name, ""
+            source = alias.name
+            name = ""
             if isinstance(node, ast.ImportFrom):
-                source, name = (
-                    resolve_name("." * node.level + (node.module or ""), folder),
-                    alias.name,
-                )
+                source = resolve_name("." * node.level + (node.module or ""), folder)
+                name = alias.name
             room, _, module = source.partition(".")
             if room == "clothsim":
-                whole = f"{module}.{name}".strip(".")
-                yield whole if whole in MODULES else module, name
+                full_name = f"{module}.{name}".strip(".")
+                yield full_name if full_name in MODULES else module, name
 
 
 def import_graph(late):
     """Return the modules that each module imports."""
     return {
-        name: {other for other, _ in imports(*code, late) if other}
+        name: {origin for origin, _ in imports(*code, late) if origin}
         for name, code in MODULES.items()
         if name
     }
 
 
 def test_no_circle_of_imports():
-    order = list(TopologicalSorter(import_graph(late=False)).static_order())  # raises CycleError
+    order = list(
+        TopologicalSorter(import_graph(late=False)).static_order()
+    )  # this raises CycleError
     assert order.index("model.cloth") < order.index("model.scene") < order.index("run.simulate")
 
 
@@ -96,35 +97,37 @@ def test_only_evidence_and_command_line_import_the_front_door():
     """Earlier rooms take the core from the root package, nothing else."""
     for module, code in MODULES.items():
         if module.split(".")[0] not in ("", "__main__", *EVIDENCE, "cli"):
-            taken = {name for other, name in imports(*code) if other in ("", "scenes")}
-            assert taken <= {"_core"}, module
+            names = {name for origin, name in imports(*code) if origin in ("", "scenes")}
+            assert names <= {"_core"}, module
 
 
 def public_names(module):
     """Names of a public module; `dir(cs)` are those of the package."""
-    found = import_module(f"clothsim.{module}") if module else cs
+    namespace = import_module(f"clothsim.{module}") if module else cs
     return {
-        *getattr(found, "__all__", [name for name in vars(found) if not name.startswith("_")]),
+        *getattr(
+            namespace, "__all__", [name for name in vars(namespace) if not name.startswith("_")]
+        ),
         *(() if module else (*PUBLIC, "__version__")),
     }
 
 
 def private_uses(text, folder, allowed=()):
-    """Return imports and attributes of `cs` that are neither public nor of allowed rooms."""
-    found = []
-    for other, name in imports(text, folder):
-        if other.split(".")[0] in allowed or (other in PUBLIC and name == other):
+    """Return what a text takes that is neither public nor of an allowed room."""
+    uses = []
+    for origin, name in imports(text, folder):
+        if origin.split(".")[0] in allowed or (origin in PUBLIC and name == origin):
             continue
-        if other not in ("", *PUBLIC) or (name and name not in public_names(other)):
-            found.append(f"{other}.{name}".strip("."))
+        if origin not in ("", *PUBLIC) or (name and name not in public_names(origin)):
+            uses.append(f"{origin}.{name}".strip("."))
     for node in ast.walk(ast.parse(text)):
         if (
             isinstance(node, ast.Attribute)
             and ast.unparse(node.value) == "cs"
             and node.attr not in public_names("")
         ):
-            found.append(f"cs.{node.attr}")
-    return found
+            uses.append(f"cs.{node.attr}")
+    return uses
 
 
 def test_rooms_of_evidence_use_public_names_alone():
@@ -141,8 +144,8 @@ def test_rooms_of_evidence_use_public_names_alone():
         "from .. import _core\nfrom ..gpu.device import using\nfrom ..accuracy import "
         "own_method\ncs._core.Cloth\n"
     )
-    found = private_uses(public + private, "clothsim.paper")
-    assert found == ["_core", "gpu.device.using", "accuracy.own_method", "cs._core"]
+    uses = private_uses(public + private, "clothsim.paper")
+    assert uses == ["_core", "gpu.device.using", "accuracy.own_method", "cs._core"]
 
 
 def test_benchmarks_use_public_names_alone():
@@ -155,9 +158,9 @@ def test_benchmarks_use_public_names_alone():
 
 
 def test_dir_shows_public_names_only():
-    shown = {name for name in dir(cs) if not name.startswith("__")}
-    assert shown == {*cs.__all__, "errors", "typing"}
+    listed_names = {name for name in dir(cs) if not name.startswith("__")}
+    assert listed_names == {*cs.__all__, "errors", "typing"}
     assert not [
         name for name in ("TYPE_CHECKING", "growth", "carried", "on_demand") if hasattr(cs, name)
     ]
-    assert all(hasattr(cs, name) for name in shown)
+    assert all(hasattr(cs, name) for name in listed_names)

@@ -20,7 +20,8 @@ BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1)
 
 
 def test_a_kill_at_any_moment_leaves_a_whole_file_or_the_old_one(tmp_path):
-    rng, path = random.Random(SEED), tmp_path / "run.npz"
+    rng = random.Random(SEED)
+    path = tmp_path / "run.npz"
     runs = [cs.simulate(cs.scenes.hanging(), seconds, dt=1e-3, every=1) for seconds in (0.01, 0.02)]
     runs[0].save(path)
     for _ in range(10 * ROUNDS):
@@ -33,8 +34,8 @@ def test_a_kill_at_any_moment_leaves_a_whole_file_or_the_old_one(tmp_path):
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         assert cs.load_run(path) in runs, f"seed {SEED}"
-    left = {file.name for file in tmp_path.iterdir()} - {"run.npz"}
-    assert all(name.startswith(".clothsim-") for name in left)
+    remains = {file.name for file in tmp_path.iterdir()} - {"run.npz"}
+    assert all(name.startswith(".clothsim-") for name in remains)
 
 
 def test_ctrl_c_at_any_moment_leaves_a_whole_step():
@@ -53,7 +54,7 @@ def test_ctrl_c_at_any_moment_leaves_a_whole_step():
         )
         scenes = [scene] * rng.choice([1, 1, 3, 40])
         dt = 0.4 * cs.max_stable_dt(scene)
-        stepper, whole = (
+        stepper, expected = (
             cs.Stepper(scenes, threads=threads) for threads in (rng.choice([1, 2]), 1)
         )
         for _ in range(rng.randrange(3)):
@@ -65,22 +66,22 @@ def test_ctrl_c_at_any_moment_leaves_a_whole_step():
                 stepper.advance(100_000, dt)
             timer.join()
         steps = round(stepper.time / dt)
-        whole.advance(steps, dt)
-        assert whole.time == stepper.time and np.array_equal(whole.positions, stepper.positions), (
-            f"seed {SEED}"
-        )
-        assert np.array_equal(whole.velocities, stepper.velocities), f"seed {SEED}"
+        expected.advance(steps, dt)
+        assert expected.time == stepper.time, f"seed {SEED}"
+        assert np.array_equal(expected.positions, stepper.positions), f"seed {SEED}"
+        assert np.array_equal(expected.velocities, stepper.velocities), f"seed {SEED}"
 
 
 def _work(seed):
-    """Make calls at random, of a scene at random, and return all arrays that they give."""
+    """Make calls at random, of a scene at random; return all arrays that they give."""
     rng = random.Random(seed)
     shape = rng.choice([(2, 2), (9, 7), (32, 32), (40, 33)])
     kernel, precision = rng.choice(["edge", "gather"]), rng.choice(["double", "single"])
     scene = cs.Scene(cs.Cloth(shape), rng.choice([(), (BALL,)]))
     dt = 0.3 * cs.max_stable_dt(scene)
     options = {"kernel": kernel, "precision": precision, "threads": rng.choice([None, 1, 2, 3])}
-    stepper, found = cs.Stepper(scene, **options), []
+    stepper = cs.Stepper(scene, **options)
+    arrays = []
     for _ in range(30):
         call = rng.randrange(5)
         if call == 0:
@@ -99,21 +100,22 @@ def _work(seed):
             )
             stepper.set_state(x, v, 0.0)
         elif call == 3:
-            found.append(
+            arrays.append(
                 cs.acceleration(scene, stepper.positions, stepper.velocities, precision=precision)
             )
         else:
             stepper.set_scene(scene.replace(gravity=(0.0, -rng.uniform(5, 15), 0.0)))
-        found += [stepper.positions, stepper.velocities]
-    return found
+        arrays += [stepper.positions, stepper.velocities]
+    return arrays
 
 
 def test_calls_from_several_threads_give_the_bits_of_one():
     for first in range(SEED, SEED + 4 * ROUNDS, 4):
-        seeds, together = range(first, first + 4), {}
+        seeds = range(first, first + 4)
+        results = {}
 
-        def work(seed, together=together):
-            together[seed] = _work(seed)
+        def work(seed, results=results):
+            results[seed] = _work(seed)
 
         workers = [threading.Thread(target=work, args=(seed,)) for seed in seeds]
         with warnings.catch_warnings():
@@ -123,5 +125,5 @@ def test_calls_from_several_threads_give_the_bits_of_one():
             for worker in workers:
                 worker.join()
             for seed in seeds:
-                for one, other in zip(_work(seed), together[seed], strict=True):
-                    assert np.array_equal(one, other, equal_nan=True), f"seed {seed}"
+                for expected, array in zip(_work(seed), results[seed], strict=True):
+                    assert np.array_equal(expected, array, equal_nan=True), f"seed {seed}"

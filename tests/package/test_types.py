@@ -14,8 +14,8 @@ STUB = ast.parse((PACKAGE / "_core.pyi").read_text())
 
 
 def declared(body):
-    return {one.name for one in body if isinstance(one, (ast.ClassDef, ast.FunctionDef))} | {
-        one.target.id for one in body if isinstance(one, ast.AnnAssign)
+    return {node.name for node in body if isinstance(node, (ast.ClassDef, ast.FunctionDef))} | {
+        node.target.id for node in body if isinstance(node, ast.AnnAssign)
     }
 
 
@@ -28,7 +28,9 @@ def test_the_stub_has_the_names_of_the_core():
 
 
 @pytest.mark.parametrize(
-    "stub", [one for one in STUB.body if isinstance(one, ast.ClassDef)], ids=lambda one: one.name
+    "stub",
+    [node for node in STUB.body if isinstance(node, ast.ClassDef)],
+    ids=lambda node: node.name,
 )
 def test_the_stub_has_the_members_of_a_class_of_the_core(stub):
     assert public(declared(stub.body)) == public(vars(getattr(_core, stub.name)))

@@ -62,10 +62,10 @@ def folder(report):
 
 def cell(report, experiment, method, variant, frame):
     key = f"method {method}, {variant}", frame
-    (found,) = (
+    (matches,) = (
         c for c in report["experiments"][experiment]["cells"] if (c["case"], c["frame"]) == key
     )
-    return found
+    return matches
 
 
 def test_full_run_takes_the_papers_frames_and_step():
@@ -90,14 +90,14 @@ def test_a_cell_equals_the_stepped_scene(report):
 def test_static_sphere_is_touched_at_all_frames_and_the_cloth_only_loses_energy(report):
     for method in (1, 2):
         for frame in FRAMES["1"]:
-            found = cell(report, "1", method, "corrected", frame)
-            assert found["points_touching"] > 0 and found["energy_gained"] < -10
+            value = cell(report, "1", method, "corrected", frame)
+            assert value["points_touching"] > 0 and value["energy_gained"] < -10
 
 
 def test_printed_methods_fail_on_the_moving_sphere_and_corrected_ones_hold(report):
     assert cell(report, "2", 1, "as printed", 200)["points"] > 0.02
     assert cell(report, "2", 1, "as printed", 3100)["points_passed"] > 40
-    assert cell(report, "2", 2, "as printed", 200)["energy_gained"] > 1e3  # out of nothing
+    assert cell(report, "2", 2, "as printed", 200)["energy_gained"] > 1e3  # energy from nothing
     for method in (1, 2):
         last = cell(report, "2", method, "corrected", 3100)
         assert last["triangles_so_far"] < 2.5e-3
@@ -121,16 +121,18 @@ def test_points_that_leave_on_another_side_have_passed():
         passed.see(np.where([False, True, False], y, x))
     assert passed.count == 2
     passed.see(np.where([False, True, False], -0.5, x))
-    passed.see(np.where([False, True, False], -2.0, x))  # out where they came in
+    passed.see(np.where([False, True, False], -2.0, x))  # they go out where they came in
     assert passed.count == 2
-    passed.see(x)  # through it between two states
+    passed.see(x)  # they go through it between two states
     assert passed.count == 4
 
 
 def test_findings_follow_the_numbers(report):
-    held = [f.verdict for found in findings(report["experiments"]).values() for f in found]
-    assert len(held) == 10 and set(held) <= {"yes", "in part", "no", "not measured"}
-    assert held[0] == "in part" and held[3] == "no"  # of the edge as printed, method 2's folds
+    judgements = findings(report["experiments"])
+    verdicts = [finding.verdict for claims in judgements.values() for finding in claims]
+    assert len(verdicts) == 10 and set(verdicts) <= {"yes", "in part", "no", "not measured"}
+    assert verdicts[0] == "in part"  # the edge as printed
+    assert verdicts[3] == "no"  # method 2's folds
     rows = [{"case": name, "frames_per_second": 500.0 - 100 * (name[7] == "2")} for name in CASES]
     slower, quick = findings({"3": {"rows": rows, "frame_steps": 320}})["3"]
     assert (slower.verdict, quick.verdict) == ("yes", "yes") and "400" in slower.corrected
@@ -202,10 +204,10 @@ def test_the_terminal_ends_with_a_line_for_each_claim(report, monkeypatch, capsy
     monkeypatch.setattr("clothsim.paper.reproduce", lambda *_, **__: report)
     assert main(["reproduce"]) in (0, None)
     lines = capsys.readouterr().out.strip().splitlines()[-10:]
-    found = [f for judged in findings(report["experiments"]).values() for f in judged]
-    assert [line.split(":")[0] for line in lines] == [f.verdict for f in found]
-    assert all(f.claim in line for f, line in zip(found, lines, strict=True))
-    assert all(f.criterion in " ".join(text(report).split()) for f in found)
+    rows = [row for claims in findings(report["experiments"]).values() for row in claims]
+    assert [line.split(":")[0] for line in lines] == [row.verdict for row in rows]
+    assert all(row.claim in line for row, line in zip(rows, lines, strict=True))
+    assert all(row.criterion in " ".join(text(report).split()) for row in rows)
 
 
 def test_depths_are_stored_in_metres_and_shown_in_millimetres(report, folder):
@@ -216,11 +218,11 @@ def test_depths_are_stored_in_metres_and_shown_in_millimetres(report, folder):
 
 
 def test_every_column_and_every_size_is_explained(folder):
-    told = " ".join((folder / "report.txt").read_text().split())
+    content = " ".join((folder / "report.txt").read_text().split())
     for quantity in QUANTITIES.values():
-        assert quantity.definition in told
+        assert quantity.definition in content
     assert SIZES.keys() == {field.name for field in dataclasses.fields(Settings)}
-    assert told.count("Table 3, frames 150") == 1
+    assert content.count("Table 3, frames 150") == 1
 
 
 def test_rounding_is_zero():
@@ -229,9 +231,9 @@ def test_rounding_is_zero():
 
 
 def test_json_is_the_returned_report_and_says_where_it_comes_from(report, folder):
-    stored = json.loads((folder / "report.json").read_text())
-    assert stored["experiments"].keys() == report["experiments"].keys() == set("12345")
-    assert stored["experiments"]["4"]["rows"] == report["experiments"]["4"]["rows"]
+    content = json.loads((folder / "report.json").read_text())
+    assert content["experiments"].keys() == report["experiments"].keys() == set("12345")
+    assert content["experiments"]["4"]["rows"] == report["experiments"]["4"]["rows"]
     assert report["provenance"]["build"]["version"] == cs.__version__
     assert (folder / "report.txt").read_text() == text(report)
 
@@ -241,7 +243,9 @@ class PageReader(HTMLParser):
 
     def __init__(self):
         super().__init__()
-        self.open, self.tags, self.references = [], [], []
+        self.open = []
+        self.tags = []
+        self.references = []
 
     def handle_starttag(self, tag, attributes):
         self.tags.append(tag)
@@ -312,5 +316,5 @@ def test_unstable_run_is_reported_not_hidden(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("key", "12345")
 def test_an_experiment_alone_is_a_report(report, key):
-    alone = text({**report, "experiments": {key: report["experiments"][key]}})
-    assert f"Experiment {key}" in alone and "Did it hold?" in alone
+    single = text({**report, "experiments": {key: report["experiments"][key]}})
+    assert f"Experiment {key}" in single and "Did it hold?" in single

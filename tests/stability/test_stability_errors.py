@@ -16,10 +16,10 @@ def stiff(stiffness=900.0):
 
 
 def caught(run):
-    with warnings.catch_warnings(record=True) as given:
+    with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter("always")
         run()
-    return [one for one in given if one.category is cs.StabilityWarning]
+    return [warning for warning in records if warning.category is cs.StabilityWarning]
 
 
 def test_a_stepper_warns_once_with_the_limit_at_the_callers_line():
@@ -38,8 +38,8 @@ def test_step_and_simulate_warn_at_the_callers_line():
     dt = 1.01 * cs.max_stable_dt(scene)
     x, v = scene.initial_position, scene.initial_velocity
     for call in (lambda: cs.step(scene, x, v, dt), lambda: cs.simulate(scene, 3 * dt, dt)):
-        (one,) = caught(call)
-        assert one.filename == __file__
+        (warning,) = caught(call)
+        assert warning.filename == __file__
     # The second, coarser run of an estimate is not the caller's.
     assert not caught(lambda: cs.simulate(scene, 3 * dt, 0.6 * dt, estimate_error=True))
 
@@ -47,8 +47,8 @@ def test_step_and_simulate_warn_at_the_callers_line():
 def test_a_batch_names_the_member_with_the_lowest_limit():
     scenes = [stiff(), stiff(9e4), stiff(9e3)]
     limit = cs.max_stable_dt(scenes[1])
-    (one,) = caught(lambda: cs.Stepper(scenes).advance(1, 1.1 * limit))
-    assert f"{limit:.3g} s" in str(one.message) and "batch member 1" in str(one.message)
+    (warning,) = caught(lambda: cs.Stepper(scenes).advance(1, 1.1 * limit))
+    assert f"{limit:.3g} s" in str(warning.message) and "batch member 1" in str(warning.message)
 
 
 def test_the_limit_is_that_of_the_integrator():
@@ -56,8 +56,8 @@ def test_the_limit_is_that_of_the_integrator():
     dt = 0.9 * cs.max_stable_dt(scene)
     assert cs.max_stable_dt(scene, "semi_implicit_euler") < dt
     assert not caught(lambda: cs.Stepper(scene).advance(1, dt))
-    (one,) = caught(lambda: cs.Stepper(scene, integrator="semi_implicit_euler").advance(1, dt))
-    assert "semi_implicit_euler" in str(one.message)
+    (warning,) = caught(lambda: cs.Stepper(scene, integrator="semi_implicit_euler").advance(1, dt))
+    assert "semi_implicit_euler" in str(warning.message)
     assert not caught(lambda: cs.Stepper(scene, integrator="implicit_midpoint").advance(1, dt))
 
 
@@ -66,37 +66,39 @@ def test_the_limit_is_that_of_the_integrator():
 def test_the_rest_of_a_batch_goes_on_with_the_bits_it_has_alone(precision, threads, same_bits):
     """Members 1 and 3 blow up one after the other; 0 and 2 do not notice."""
     scenes = [stiff(0.9), stiff(3_000.0), stiff(9.0), stiff(9_000.0)]
-    dt, steps = 0.9 * cs.max_stable_dt(stiff()), 300
+    dt = 0.9 * cs.max_stable_dt(stiff())
+    steps = 300
     options = {"precision": precision, "threads": threads}
     stepper = cs.Stepper(scenes, t=0.5, **options)
-    done, failed = 0, []
-    while done < steps:
+    steps_before = 0
+    failures = []
+    while steps_before < steps:
         try:
-            stepper.advance(steps - done, dt)
-            done = steps
+            stepper.advance(steps - steps_before, dt)
+            steps_before = steps
         except cs.UnstableError as error:
-            done += error.step - 1
-            failed.append(error.member)
+            steps_before += error.step - 1
+            failures.append(error.member)
             assert f"of batch member {error.member}" in str(error)
             np.testing.assert_array_equal(stepper.positions[error.member], error.x)
             for k, scene in enumerate(scenes):  # all of them stand at that step
-                alone = cs.Stepper(scene, t=0.5, **options)
-                if k not in failed[:-1]:
-                    alone.advance(done, dt)
+                single = cs.Stepper(scene, t=0.5, **options)
+                if k not in failures[:-1]:
+                    single.advance(steps_before, dt)
                     assert same_bits(
                         (stepper.positions[k], stepper.velocities[k]),
-                        (alone.positions, alone.velocities),
+                        (single.positions, single.velocities),
                     )
-            kept = error.x
+            positions = error.x
             stepper.freeze(error.member)
-    assert failed == [3, 1]
-    np.testing.assert_array_equal(stepper.positions[1], kept)
+    assert failures == [3, 1]
+    np.testing.assert_array_equal(stepper.positions[1], positions)
     assert stepper.time == 0.5 + steps * dt
     for k in (0, 2):
-        alone = cs.Stepper(scenes[k], t=0.5, **options)
-        alone.advance(steps, dt)
+        single = cs.Stepper(scenes[k], t=0.5, **options)
+        single.advance(steps, dt)
         assert same_bits(
-            (stepper.positions[k], stepper.velocities[k]), (alone.positions, alone.velocities)
+            (stepper.positions[k], stepper.velocities[k]), (single.positions, single.velocities)
         )
 
 

@@ -20,7 +20,7 @@ def sweep(*args, **options):
     return cs.sweep(*args, progress=False, **options)
 
 
-# The same bits as alone
+# A member has the bits of its run
 
 
 def test_members_have_the_bits_of_simulate(crumpled):
@@ -42,14 +42,14 @@ def test_members_have_the_bits_of_simulate(crumpled):
     result = sweep(scene, over, duration=0.1, every=0.033, metrics=metrics)
     assert result.stable.all()
     for k, damping in enumerate(over["damping_shear"]):
-        changed = scene.replace(
+        member_scene = scene.replace(
             cloth=scene.cloth.replace(damping={**scene.cloth.damping, "shear": damping})
         )
         for precision in over["precision"]:
             for dt in over["dt"]:
                 for kernel in over["kernel"]:
-                    alone = cs.simulate(
-                        changed,
+                    single = cs.simulate(
+                        member_scene,
                         0.1,
                         dt=dt,
                         every=0.033,
@@ -57,14 +57,14 @@ def test_members_have_the_bits_of_simulate(crumpled):
                         kernel=kernel,
                         threads=1,
                     )
-                    mine = result.isel(damping_shear=k).sel(
+                    member_run = result.isel(damping_shear=k).sel(
                         precision=precision, dt=dt, kernel=kernel
                     )
                     assert (
-                        mine.x.values.tobytes() == alone.x.tobytes()
-                        and mine.v.values.tobytes() == alone.v.tobytes()
+                        member_run.x.values.tobytes() == single.x.tobytes()
+                        and member_run.v.values.tobytes() == single.v.tobytes()
                     )
-                    assert np.array_equal(mine.t, alone.t) and len(alone.t) == 5
+                    assert np.array_equal(member_run.t, single.t) and len(single.t) == 5
 
 
 UNDAMPED = cs.Scene(cs.Cloth((6, 7), mass=2.56, stiffness=1e3, damping=0))
@@ -123,9 +123,9 @@ def test_error_is_the_distance_from_the_solution(solution):
     for dt in dts:
         run = cs.simulate(LOOSE, 0.15, dt=dt)
         distance = np.linalg.norm(run.x[-1] - solution, axis=-1)
-        mine = result.sel(dt=dt)
-        assert float(mine.error) == pytest.approx(distance.max(), rel=1e-4, abs=0)
-        assert float(mine.error_rms) == pytest.approx(
+        member_run = result.sel(dt=dt)
+        assert float(member_run.error) == pytest.approx(distance.max(), rel=1e-4, abs=0)
+        assert float(member_run.error_rms) == pytest.approx(
             np.sqrt((distance**2).mean()), rel=1e-4, abs=0
         )
     orders = np.log2(result.error.values[:-1] / result.error.values[1:])
@@ -148,7 +148,8 @@ def test_after_a_contact_there_is_no_error_but_a_reason(response):
 def test_members_that_differ_only_in_numerics_use_one_reference(monkeypatch):
     from clothsim.sweeps import metrics
 
-    solved, solve = [], metrics.solve_in_double
+    solved = []
+    solve = metrics.solve_in_double
     metrics._kept_reference.cache_clear()
     monkeypatch.setattr(
         metrics,
@@ -160,8 +161,8 @@ def test_members_that_differ_only_in_numerics_use_one_reference(monkeypatch):
     shared = sweep(BALL, over, duration=0.05, metrics="error")
     assert sorted(solved) == [100.0, 200.0]
     # and what a member gets does not depend on which others there are
-    alone = sweep(BALL, {"dt": [2e-3]}, duration=0.05, metrics="error").isel(dt=0)
-    assert float(alone.error) == float(
+    single = sweep(BALL, {"dt": [2e-3]}, duration=0.05, metrics="error").isel(dt=0)
+    assert float(single.error) == float(
         shared.error.sel(stiffness=200.0, dt=2e-3, precision="double")
     )
 
@@ -169,12 +170,12 @@ def test_members_that_differ_only_in_numerics_use_one_reference(monkeypatch):
 @pytest.mark.parametrize("step", [{"dt": 1e-3}, {"rtol": 1e-3}])
 def test_the_impulse_is_that_of_the_run_over_all_spheres(step):
     scene = BALL.replace(spheres=[*BALL.spheres, BALL.spheres[0].replace(center=(0.2, -0.3, 0.3))])
-    found = sweep(scene, duration=0.4, metrics="impulse", **step)
+    result = sweep(scene, duration=0.4, metrics="impulse", **step)
     impulse = np.sum(cs.simulate(scene, 0.4, **step).report["impulse"], axis=0)
     assert impulse[1] < -0.1
-    np.testing.assert_allclose([float(found[f"impulse_{k}"]) for k in "xyz"], impulse, rtol=1e-14)
-    assert float(found.impulse) == pytest.approx(np.linalg.norm(impulse), rel=1e-14)
-    assert found.impulse.attrs["units"] == "N s"
+    np.testing.assert_allclose([float(result[f"impulse_{k}"]) for k in "xyz"], impulse, rtol=1e-14)
+    assert float(result.impulse) == pytest.approx(np.linalg.norm(impulse), rel=1e-14)
+    assert result.impulse.attrs["units"] == "N s"
     assert (
         float(sweep(scene.replace(spheres=()), duration=0.01, dt=1e-3, metrics="impulse").impulse)
         == 0
@@ -207,8 +208,8 @@ def test_coordinates_have_units():
     assert result.stiffness.attrs == {"long_name": "stiffness", "units": "N/m"}
     assert result.dt.attrs["units"] == "s" and result.largest_stretch.attrs["units"] == "1"
     assert result.sel(stiffness=2e3, dt=1e-3).stable
-    own = {"status", "max_stable_dt", "unstable_step", "unstable_time", "message"}
-    assert set(result.data_vars) == own | {"stable", "energy_drift", "largest_stretch"}
+    variables = {"status", "max_stable_dt", "unstable_step", "unstable_time", "message"}
+    assert set(result.data_vars) == variables | {"stable", "energy_drift", "largest_stretch"}
 
 
 def test_shapes_of_many_sizes():
@@ -258,8 +259,8 @@ def test_given_samples():
             assert kind == "records"
             return samples
 
-    for given in (samples, Table()):
-        result = sweep(SMALL, given, duration=0.05, metrics=ends)
+    for table in (samples, Table()):
+        result = sweep(SMALL, table, duration=0.05, metrics=ends)
         assert result.ends_steps.dims == ("sample",)
         assert result.ends_steps.values.tolist() == [50, 25, 50]
         assert result.mass.values.tolist() == [1, 2, 3]

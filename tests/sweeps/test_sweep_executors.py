@@ -45,55 +45,57 @@ def small_tasks(monkeypatch):
 
 
 @pytest.fixture
-def recorded(monkeypatch):
+def member_log(monkeypatch):
     """Return indices of the members whose results came in, in order."""
-    record, indices = store.Results.record, []
+    record = store.Results.record
+    indices = []
 
     def recording(self, records):
-        indices.extend(one.index for one in records)
+        indices.extend(member.index for member in records)
         record(self, records)
 
     monkeypatch.setattr(store.Results, "record", recording)
     return indices
 
 
-def check(result, expected, recorded):
-    assert sorted(recorded) == list(range(24)), "nothing lost, nothing twice"
+def check(result, expected, member_log):
+    assert sorted(member_log) == list(range(24)), "nothing lost, nothing twice"
     for name in expected.data_vars:
         assert np.array_equal(
             result[name], expected[name], equal_nan=expected[name].dtype.kind == "f"
         )
 
 
-def test_a_thread_pool(expected, small_tasks, recorded):
+def test_a_thread_pool(expected, small_tasks, member_log):
     with ThreadPoolExecutor(3) as pool:
-        check(sweep(executor=pool), expected, recorded)
+        check(sweep(executor=pool), expected, member_log)
         assert pool.submit(int).result() == 0  # it is not ours to shut down
     assert set(expected.status.values.ravel().tolist()) == {1, 2}
 
 
 @pytest.mark.parametrize("start", ["fork", "spawn"])
-@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # fork with threads about
-def test_a_process_pool(expected, small_tasks, recorded, start):
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # fork warns of threads
+def test_a_process_pool(expected, small_tasks, member_log, start):
     if start not in multiprocessing.get_all_start_methods():
         pytest.skip(f"no {start} on this system")
     cs.step(SCENE, SCENE.initial_position, SCENE.initial_velocity, 1e-3, 10, threads=2)
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context(start)) as pool:
-        check(sweep(executor=pool), expected, recorded)
+        check(sweep(executor=pool), expected, member_log)
 
 
 @pytest.mark.torture
 def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
-    expected, small_tasks, recorded, tmp_path, monkeypatch
+    expected, small_tasks, member_log, tmp_path, monkeypatch
 ):
     pytest.importorskip("zarr")
     path = tmp_path / "s.zarr"
-    flush, killed = store.Store.flush, []
+    flush = store.Store.flush
+    killed = []
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("fork")) as pool:
 
         def killing(self, final=False):
             flush(self, final)
-            if len(recorded) >= 4 and not killed:
+            if len(member_log) >= 4 and not killed:
                 killed.append(next(iter(pool._processes)))
                 os.kill(killed[0], signal.SIGKILL)
                 # Or the other process might do what is left before it is noticed.
@@ -103,13 +105,15 @@ def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
         with monkeypatch.context() as patch, pytest.raises(BrokenProcessPool):
             patch.setattr(store.Store, "flush", killing)
             sweep(executor=pool, store=path)
-    assert 4 <= len(recorded) < 24
-    assert int((cs.open_sweep(path).status > 0).sum()) == len(recorded)
-    check(sweep(store=path), expected, recorded)
+    assert 4 <= len(member_log) < 24
+    assert int((cs.open_sweep(path).status > 0).sum()) == len(member_log)
+    check(sweep(store=path), expected, member_log)
 
 
 @pytest.mark.torture
-def test_a_dask_cluster_that_loses_a_worker_half_way(expected, small_tasks, recorded, monkeypatch):
+def test_a_dask_cluster_that_loses_a_worker_half_way(
+    expected, small_tasks, member_log, monkeypatch
+):
     distributed = pytest.importorskip("distributed")
     killed = []
     with (
@@ -126,22 +130,22 @@ def test_a_dask_cluster_that_loses_a_worker_half_way(expected, small_tasks, reco
         assert len(set(pids)) == 2 and os.getpid() not in pids
 
         def killing(self, final=False):
-            if len(recorded) >= 12 and not killed:
+            if len(member_log) >= 12 and not killed:
                 killed.append(pids[0])
                 os.kill(pids[0], signal.SIGKILL)
 
         monkeypatch.setattr(store.Results, "flush", killing)
         result = sweep(executor=client)
         assert killed and client.status == "running"  # it is not ours to close
-    check(result, expected, recorded)
+    check(result, expected, member_log)
 
 
-def test_an_interrupt_keeps_what_is_finished(small_tasks, recorded, monkeypatch):
+def test_an_interrupt_keeps_what_is_finished(small_tasks, member_log, monkeypatch):
     """Tasks under way on our own threads stop, and hand over the members they have finished."""
     gathered, raised = [], []
 
     def interrupting(self, final=False):
-        if len(recorded) >= 5 and not raised:
+        if len(member_log) >= 5 and not raised:
             raised.append(True)
             raise KeyboardInterrupt
 
@@ -154,7 +158,7 @@ def test_an_interrupt_keeps_what_is_finished(small_tasks, recorded, monkeypatch)
     ):
         sweep(threads=2)
     (pending,) = gathered
-    assert sorted([*pending, *recorded]) == list(range(24)) and 0 < len(pending) < 24
+    assert sorted([*pending, *member_log]) == list(range(24)) and 0 < len(pending) < 24
 
 
 def test_a_stopped_task_returns_its_finished_members():
@@ -172,10 +176,10 @@ def test_a_stopped_task_returns_its_finished_members():
 
 
 def test_a_batch_stops_within_a_step_or_two_of_the_clock():
-    asked = itertools.count(1)
+    calls = itertools.count(1)
 
     def pause():
-        if next(asked) >= 4:
+        if next(calls) >= 4:
             raise Stopped
 
     make = Maker(SCENE, SweepOptions(100.0, 1e-6))
@@ -185,9 +189,10 @@ def test_a_batch_stops_within_a_step_or_two_of_the_clock():
 # Tasks
 
 
-def cut(over, count=2, metrics="stable"):
+def tasks_of(over, count=2, metrics="stable"):
     """Return the tasks of a sweep for an executor with `count` workers."""
-    grid, options = make_grid(over), SweepOptions()
+    grid = make_grid(over)
+    options = SweepOptions()
     with ThreadPoolExecutor(count) as pool:
         what = Maker(SCENE, options), grid, choose_metrics(metrics), options, np.arange(grid.size)
         return grid, list(tasks(*what, Workers(pool, None), {}))
@@ -199,47 +204,55 @@ def test_a_task_has_members_of_one_shape_and_method():
         "scene": {str(n): cs.Scene(cs.Cloth((n, n))) for n in (4, 5)},
         "integrator": ["rk4", "velocity_verlet"],
     }
-    grid, found = cut(over)
-    assert sorted(member.index for task in found for member in task.members) == list(
+    grid, tasks = tasks_of(over)
+    assert sorted(member.index for task in tasks for member in task.members) == list(
         range(grid.size)
     )
-    assert max(len(task.members) for task in found) == 64 and len(found) == 4 * 7
-    for task in found:
+    assert max(len(task.members) for task in tasks) == 64 and len(tasks) == 4 * 7
+    for task in tasks:
         assert (
-            len({(one.scene.cloth.shape, one.settings["integrator"]) for one in task.members}) == 1
+            len(
+                {
+                    (member.scene.cloth.shape, member.settings["integrator"])
+                    for member in task.members
+                }
+            )
+            == 1
         )
 
 
 def test_few_members_are_tasks_of_all_workers():
     assert (
-        sorted(len(task.members) for task in cut({"mass": np.linspace(1, 2, 60)}, 3)[1]) == [5] * 12
+        sorted(len(task.members) for task in tasks_of({"mass": np.linspace(1, 2, 60)}, 3)[1])
+        == [5] * 12
     )
-    assert len(cut({"mass": [1.0, 2.0]}, 3)[1]) == 2
+    assert len(tasks_of({"mass": [1.0, 2.0]}, 3)[1]) == 2
 
 
 def test_members_of_one_reference_come_together():
     over = {"dt": [1e-3, 5e-4, 2e-4], "mass": np.linspace(1, 2, 32)}
-    _, found = cut(over, metrics="error")
-    assert len(found) == 32
-    for task in found:
-        assert len({one.scene for one in task.members}) == 1
+    _, tasks = tasks_of(over, metrics="error")
+    assert len(tasks) == 32
+    for task in tasks:
+        assert len({member.scene for member in task.members}) == 1
 
 
 def test_a_member_is_made_once(monkeypatch):
-    made, make = [], Maker.__call__
+    makes = []
+    make = Maker.__call__
     monkeypatch.setattr(
-        Maker, "__call__", lambda self, *args: made.append(args[0]) or make(self, *args)
+        Maker, "__call__", lambda self, *args: makes.append(args[0]) or make(self, *args)
     )
     sweep()
-    assert sorted(made) == list(range(24))
+    assert sorted(makes) == list(range(24))
 
 
 def test_one_member_has_all_threads_and_many_have_one_each():
-    alone, given = Workers(None, None), Workers(None, 2)
-    assert alone.threads_of(1) is None and alone.threads_of(5) == 1
-    assert given.threads_of(1) == 2 and given.threads_of(2) == 1 and given.count == 2
-    alone.close()
-    given.close()
+    default, explicit = Workers(None, None), Workers(None, 2)
+    assert default.threads_of(1) is None and default.threads_of(5) == 1
+    assert explicit.threads_of(1) == 2 and explicit.threads_of(2) == 1 and explicit.count == 2
+    default.close()
+    explicit.close()
     with ThreadPoolExecutor(5) as pool:
-        others = Workers(pool, None)
-        assert others.threads_of(1) == 1 and others.count == 5
+        pooled = Workers(pool, None)
+        assert pooled.threads_of(1) == 1 and pooled.count == 5

@@ -14,11 +14,11 @@ plt = pytest.importorskip("matplotlib.pyplot")
 
 
 def terminal_of(monkeypatch):
-    """Return what a terminal gets."""
-    shown = io.StringIO()
-    shown.isatty = lambda: True
-    monkeypatch.setattr(sys, "stderr", shown)
-    return shown
+    """Return a function that makes a terminal and returns what it gets."""
+    screen = io.StringIO()
+    screen.isatty = lambda: True
+    monkeypatch.setattr(sys, "stderr", screen)
+    return screen
 
 
 def test_the_bar_shows_members_rate_and_time_left(monkeypatch):
@@ -112,18 +112,18 @@ def test_heat_maps(swept):
     framed = cs.sweep(
         cs.scenes.hanging(), {"dt": [1e-3, 2e-3]}, duration=0.01, metrics=corners, progress=False
     )
-    axes = framed.clothsim.plot("heatmap")  # of a metric with one number a member, not of an array
+    axes = framed.clothsim.plot("heatmap")  # it takes one number a member
     assert np.array_equal(axes.get_lines()[0].get_ydata(), framed.height)
     assert plots.suggested(swept.drop_vars("error")) == "stability"
     assert plots.suggested(swept.isel(dt=[0]).drop_vars("error")) == "heatmap"
-    named = swept.drop_vars("error").assign(energy_drift=swept.largest_stretch)
+    renamed = swept.drop_vars("error").assign(energy_drift=swept.largest_stretch)
     for metric in ("largest_stretch", "penetration", "sag"):  # the more telling one comes later
-        named[metric] = swept.largest_stretch * 1
-        axes = named.isel(dt=[0]).clothsim.plot()
+        renamed[metric] = swept.largest_stretch * 1
+        axes = renamed.isel(dt=[0]).clothsim.plot()
         assert axes.get_ylabel().startswith(metric.replace("_", " "))
-    assert plots.suggested(named) == "heatmap"
-    named["sag"] = named.sag * np.nan  # of scenes that do not rest
-    assert named.isel(dt=[0]).clothsim.plot().get_ylabel().startswith("penetration")
+    assert plots.suggested(renamed) == "heatmap"
+    renamed["sag"] = renamed.sag * np.nan  # of scenes that do not rest
+    assert renamed.isel(dt=[0]).clothsim.plot().get_ylabel().startswith("penetration")
 
 
 def test_a_heat_map_marks_errors_below_the_reference(swept):
@@ -137,9 +137,9 @@ def test_a_heat_map_marks_errors_below_the_reference(swept):
         and not drawn[unsure].any()
         and drawn.sum() == np.isfinite(swept.error).sum() - unsure.sum()
     )
-    for shown in (axes, swept.isel(stiffness=0).clothsim.plot("heatmap", variable="error")):
-        (hollow,) = (line for line in shown.get_lines() if line.get_label() == plots.UNSURE)
-        expected = unsure if shown is axes else unsure[0]
+    for panels in (axes, swept.isel(stiffness=0).clothsim.plot("heatmap", variable="error")):
+        (hollow,) = (line for line in panels.get_lines() if line.get_label() == plots.UNSURE)
+        expected = unsure if panels is axes else unsure[0]
         assert len(hollow.get_xdata()) == expected.sum() and hollow.get_markerfacecolor() == "white"
 
 

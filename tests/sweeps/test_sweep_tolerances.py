@@ -30,7 +30,8 @@ def test_members_are_those_of_simulate(scene, options):
     result = sweep(scene, {"rtol": [2e-5, 1e-3]}, metrics=metrics, **options)
     for rtol in (2e-5, 1e-3):
         run = cs.simulate(scene, 0.3, rtol=rtol, every=options.get("every"), threads=1)
-        report, mine = run.report, result.sel(rtol=rtol)
+        report = run.report
+        mine = result.sel(rtol=rtol)
         assert (
             float(mine.energy_drift)
             == report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
@@ -43,11 +44,11 @@ def test_members_are_those_of_simulate(scene, options):
 
 
 def test_the_error_is_within_the_request():
-    asked = [1e-4, 1e-6, 1e-8]
-    result = sweep(SCENE, {"atol": asked}, metrics="error", integrator="dop853")
+    tolerances = [1e-4, 1e-6, 1e-8]
+    result = sweep(SCENE, {"atol": tolerances}, metrics="error", integrator="dop853")
     assert result.atol.attrs["units"] == "m"
     assert (result.error_rms <= result.atol).all() and (result.error_rms > 1e-4 * result.atol).all()
-    relative = sweep(SCENE, {"rtol": asked}, metrics="error", integrator="dop853")
+    relative = sweep(SCENE, {"rtol": tolerances}, metrics="error", integrator="dop853")
     assert max(SCENE.cloth.size) == 1.0 and np.array_equal(relative.error, result.error)
     assert relative.rtol.attrs["units"] == "1"
 
