@@ -254,17 +254,3 @@ def test_data_in_another_unit_and_a_coarse_rtol_are_refused():
         cs.fit(SCENE, TIMES, 1000 * DATA, ["stiffness"])
     with pytest.raises(ValueError, match="rtol must be at most 6e-08 with sigma = 1e-07 m"):
         cs.fit(SCENE, TIMES, EXACT, ["stiffness"], sigma=1e-7)
-
-
-def test_it_draws_itself():
-    matplotlib = pytest.importorskip("matplotlib")
-    matplotlib.use("Agg")
-    found = cs.fit(SCENE, TIMES, DATA, ["stiffness", "drag", "sphere_radius"], sigma=1e-3)
-    curves, residuals, matrix = found.plot()
-    assert len(curves.lines) == 6 and residuals.get_ylabel() == "measured less fitted [mm]"
-    assert [one.get_text() for one in matrix.get_xticklabels()] == [
-        "stiffness",
-        "drag",
-        "sphere_radius (unknown)",
-    ]
-    matplotlib.pyplot.close(curves.figure)

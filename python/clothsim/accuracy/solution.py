@@ -118,7 +118,7 @@ class Reference:
         --------
         >>> solution = cs.reference(cs.scenes.oscillator(), 0.1, every=0.01)
         >>> [axes.get_ylabel() for axes in solution.plot()]
-        ['position [m]', 'error [m]']
+        ['way from the start [m]', 'error [m]']
         """
         from ..viewing.plots.reference import draw_reference
 

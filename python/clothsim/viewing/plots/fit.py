@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,12 +10,10 @@ import numpy as np
 from ...accuracy.fit import parameters_of
 from ...model.fields import units
 from .points import distant_points
-from .style import BLACK, BLUE, COLORS, GREY, MARKERS, shown_axes
+from .style import BLACK, BLUE, COLORS, GREY, MARKERS, shown_axes, wrapped
 
 if TYPE_CHECKING:
     from ...accuracy.fit import Fit
-
-_WIDTH = 52  # characters of a line of a reason
 
 
 def draw_fit(result: Fit, ax: Any = None) -> Any:
@@ -76,7 +73,7 @@ def _draw_values(result: Fit, axes: Any) -> None:
         if not math.isfinite(errors[row]):
             reason = result.report["reasons"][name] or result.report["reason"]
             where = {"transform": axes.get_yaxis_transform(), "ha": "center", "va": "center"}
-            axes.text(0.5, row, fill(reason, _WIDTH), fontsize="small", **where)
+            axes.text(0.5, row, wrapped(reason, axes), fontsize="small", **where)
     finite = np.isfinite(parts)
     if finite.any():
         widest = 1.2 * parts[finite].max()

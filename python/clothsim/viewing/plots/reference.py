@@ -18,12 +18,15 @@ def draw_reference(result: Reference, ax: Any = None) -> Any:
     motion, error = shown_axes(ax, 2, width=11.0, height=4.4)
     few = len(result.t) < FEW
     x = result.x.reshape(len(result.t), -1, 3)
+    ways = x - x[0]
     for n, (k, component) in enumerate(distant_points(x)):
         place = tuple(map(int, np.unravel_index(k, result.x.shape[1:-1])))
         label = f"{'xyz'[component]} of point {place}"
         marker = MARKERS[n] if few else None
-        motion.plot(result.t, x[:, k, component], color=COLORS[n], marker=marker, ms=4, label=label)
-    motion.set(xlabel="time [s]", ylabel="position [m]", title="the solution")
+        motion.plot(
+            result.t, ways[:, k, component], color=COLORS[n], marker=marker, ms=4, label=label
+        )
+    motion.set(xlabel="time [s]", ylabel="way from the start [m]", title="the solution")
     motion.legend(fontsize="small")
     for numbers, name, color in (
         (result.error_bound, "bound", BLUE),
