@@ -5,7 +5,7 @@ no meaning.
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy.fit import Clock, checked_times
+from clothsim.accuracy.sensitivity import Schedule, checked_times
 
 pytest.importorskip("xarray")
 integrate = pytest.importorskip("scipy.integrate")
@@ -199,7 +199,7 @@ def test_a_plane_has_a_friction_alone():
 
 
 def test_an_unstable_run_ends_what_is_known(monkeypatch):
-    monkeypatch.setattr("clothsim.accuracy.fit._LONGEST", 4.0)
+    monkeypatch.setattr("clothsim.accuracy.sensitivity._LONGEST", 4.0)
     with pytest.warns(cs.StabilityWarning):
         found = cs.sensitivity(
             SCENE.replace(cloth=CLOTH.replace(stiffness=1e5)), [0.2, 2.0], ["stiffness"]
@@ -212,17 +212,17 @@ def test_steps_end_where_a_pin_turns():
     scene = cs.Scene(
         cs.Cloth((3, 3), mass=0.1, stiffness=50.0, damping=0.01, pins={(0, 0): turn, (2, 0): None})
     )
-    clock = Clock(scene, checked_times([0.3]), 1e-9)
-    assert clock.stops == [0.1234, 0.3]
-    x = clock.run([scene], clock.counts(scene)).x[0, 0]
+    schedule = Schedule(scene, checked_times([0.3]), 1e-9)
+    assert schedule.stops == [0.1234, 0.3]
+    x = schedule.run([scene], schedule.counts(scene)).x[0, 0]
     assert np.abs(x - cs.reference(scene, 0.3).x[-1]).max() < 1e-9
 
 
 def test_the_cost_in_runs(monkeypatch):
-    taken, run = [], Clock.run
+    taken, run = [], Schedule.run
     monkeypatch.setattr(
-        Clock, "run", lambda *given: taken.append(len(given[1]) * given[2].sum()) or run(*given)
+        Schedule, "run", lambda *given: taken.append(len(given[1]) * given[2].sum()) or run(*given)
     )
     cs.sensitivity(SCENE, TIMES, ["stiffness_shear", "drag", "mass"])
-    spent, one = sum(taken), Clock(SCENE, TIMES, 1e-11).counts(SCENE).sum()
+    spent, one = sum(taken), Schedule(SCENE, TIMES, 1e-11).counts(SCENE).sum()
     assert 0 < spent <= (3 * 3 + 2.8) * one * 1.05

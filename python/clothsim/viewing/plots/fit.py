@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...accuracy.fit import parameters_of
+from ...accuracy.parameters import parameters_of
 from ...model.fields import units
 from .points import distant_points
 from .style import BLACK, BLUE, COLORS, GREY, MARKERS, shown_axes, wrapped
