@@ -173,5 +173,5 @@ def test_a_tolerance_below_rounding_ends(scene, monkeypatch):
 
 
 def test_five_methods_in_double_are_compared_by_default():
-    compared = work._chosen(None, ["double"], None, None)
+    compared = work._solvers(None, ["double"], None, None)
     assert len(compared) == 5 and {"rk4", "dop853 adaptive"} < {one.name for one in compared}
