@@ -114,6 +114,10 @@ def fit(
 ) -> Fit:
     """Fit parameters of a scene to a measured motion, with the error of every number.
 
+    The parameters p minimise the sum of ((measured - x(p)) / sigma)**2 over all measured numbers.
+    Their covariance is that of the linearised problem, the inverse of J^T J with J = dx/dp / sigma.
+    Several starts are compared, among them the aliases of an oscillation.
+
     Parameters
     ----------
     scene : Scene
@@ -141,10 +145,16 @@ def fit(
     Returns
     -------
     Fit
-        A parameter that the data does not determine is NaN, with a reason, also where another
-        value fits as well. After a contact all are NaN. Errors are NaN if the residuals are not
-        noise: then the model does not describe the measured motion. Correlated residuals widen
-        errors where `sigma` is given; without it errors are those of Student's t.
+        It prints as a table, and its method `plot` draws it. A parameter that the data does not
+        determine is NaN, with a reason, also where another value fits as well. After a response of
+        "ray" or "reflect" all are NaN. Errors are NaN if the residuals are not noise: then the
+        model does not describe the measured motion. Correlated residuals widen errors where `sigma`
+        is given; without it errors are those of Student's t.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above, or positions are in another unit than metres.
 
     Examples
     --------
@@ -154,8 +164,8 @@ def fit(
     >>> tracked = cs.simulate(scene, 0.5, rtol=1e-8, times=times).x[1:, -1:, -1]
     >>> noise = np.random.default_rng(0).normal(0, 1e-4, tracked.shape)
     >>> guess = cs.scenes.hanging(shape=(4, 4), stiffness=300.0)
-    >>> found = cs.fit(guess, times, tracked + noise, over=["stiffness"], points=[(-1, -1)])
-    >>> abs(found.values["stiffness"] - 1000) < 3 * found.errors["stiffness"]
+    >>> result = cs.fit(guess, times, tracked + noise, over=["stiffness"], points=[(-1, -1)])
+    >>> abs(result.values["stiffness"] - 1000) < 3 * result.errors["stiffness"]
     True
     """
     check.instance("scene", scene, Scene)
