@@ -28,7 +28,7 @@ from .residuals import (
 from .search import Outcome, Problem
 from .sensitivity import checked_times, known_derivatives
 
-_COARSE = 0.3  # of sigma: the largest error of simulated positions
+_COARSE = 0.3  # largest error of simulated positions over sigma
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,11 +198,11 @@ def fit(
     best = outcome.best
     scene = problem.at(best.x)
     parameters = parameters_of(scene, names, "over")
-    known = known_derivatives(scene, parameters, problem.schedule(scene, times))
+    slopes = known_derivatives(scene, parameters, problem.schedule(scene, times))
     run = simulate(scene, float(times[-1]), rtol=rtol, times=times, force=force)
     wall_time = perf_counter() - begin
-    jacobian = problem.columns(known.change, parameters, best.x) / outcome.quality["sigma"]
-    covariance, condition, reasons = determination(jacobian, known.reasons, best.x, problem.bounds)
+    jacobian = problem.columns(slopes.change, parameters, best.x) / outcome.quality["sigma"]
+    covariance, condition, reasons = determination(jacobian, slopes.reasons, best.x, problem.bounds)
     correlation = outcome.quality["correlation"]
     if sigma is None:
         covariance *= student(count - len(names)) ** 2
@@ -212,10 +212,10 @@ def fit(
     for k, other in rivals(best, outcome.minima, scale, covariance).items():
         text = f"{problem.values(other)[k]:.4g} fits as well as {problem.values(best.x)[k]:.4g}"
         reasons[k] = reasons[k] or f"{text}; bounds exclude one of them"
-    slopes = problem.slopes(best.x)
+    rates = problem.slopes(best.x)
     values = np.where([bool(reason) for reason in reasons], np.nan, problem.values(best.x))
-    covariance = covariance * np.outer(slopes, slopes) + 0 * np.add.outer(values, values)
-    text, meaningless = _reason(problem, outcome, reasons, known.reasons)
+    covariance = covariance * np.outer(rates, rates) + 0 * np.add.outer(values, values)
+    text, meaningless = _reason(problem, outcome, reasons, slopes.reasons)
     if meaningless:
         covariance = np.full_like(covariance, np.nan)
     report = {

@@ -170,8 +170,8 @@ def convergence(
             errors.append((math.inf, math.inf))
     rms, largest = np.array(errors).T
     floor = _floor(scene, precision, solution, steps, rms)
-    moved = solution.error_of(scene.initial_position)["rms"]
-    fitted = (rms >= floor / _FLOOR_PART) & (rms <= _ASYMPTOTIC * moved)
+    way = solution.error_of(scene.initial_position)["rms"]
+    fitted = (rms >= floor / _FLOOR_PART) & (rms <= _ASYMPTOTIC * way)
     order = math.nan
     if fitted.sum() > 1:
         order = float(np.polyfit(np.log(dt[fitted]), np.log(rms[fitted]), 1)[0])

@@ -20,10 +20,10 @@ STEP = 7e-5
 class Parameter(NamedTuple):
     """A number of a scene that can vary continuously."""
 
-    name: str  # as the caller wrote it
-    field: str  # as in a sweep
+    name: str  # the spelling of the caller
+    field: str  # the spelling of a sweep
     value: float
-    scale: float  # a change of it changes the motion visibly
+    scale: float  # size of a change that changes the motion visibly
     least: float
     most: float
 
@@ -43,7 +43,7 @@ def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
         )
     numbers = _numbers(scene)
     scales = {"m": max(scene.cloth.size), "m/s^2": 9.80665, "1": 1.0}
-    scales["N s/m"] = float(scene.cloth.mass_per_point.min())  # a drag that acts within a second
+    scales["N s/m"] = float(scene.cloth.mass_per_point.min())  # Such a drag acts within a second.
     parameters = []
     for name in names:
         field = check_name(name.replace(".", "_") if isinstance(name, str) else name)
@@ -78,7 +78,7 @@ def with_values(
 ) -> Scene:
     """Return a copy of `scene` with new values of the parameters."""
     fields: dict[str, Any] = {p.field: float(value) for p, value in zip(parameters, values)}
-    if "mass" in fields:  # the masses of the points keep their ratios
+    if "mass" in fields:  # The masses of the points keep their ratios.
         fields["mass"] *= scene.cloth.mass_per_point / scene.cloth.mass_per_point.sum()
     return change_scene(scene, fields)
 
@@ -105,7 +105,7 @@ def _numbers(scene: Scene) -> dict[str, list[float]]:
     obstacles = {f"sphere{k}": sphere for k, sphere in enumerate(scene.spheres)}
     for prefix, members in _groups("sphere", obstacles).items():
         numbers |= _contact_numbers(prefix, members, cloth)
-        if all(sphere._kind == "sphere" for sphere in members):  # no plane
+        if all(sphere._kind == "sphere" for sphere in members):
             vectors[f"{prefix}_center"] = [sphere.center for sphere in members]
             numbers[f"{prefix}_radius"] = [sphere.radius for sphere in members]
     if scene.wind:

@@ -11,16 +11,18 @@ import numpy as np
 from ..base import Floats
 from ..base.extras import needed
 
-EDGE = 1e-3  # logarithms or scales from a bound, within which a value is at it
-LARGE = 0.02  # of the motion, rms: larger residuals are part of it where no sigma is given
-# Singular value over the largest, of columns of length 1: below, the data cannot tell parameters
+EDGE = 1e-3  # distance [logarithms or scales] from a bound at which a value ends at it
+# rms of the residuals over that of the motion. Larger ones are part of the motion where no sigma is
+# given.
+LARGE = 0.02
+# Singular value over the largest, of columns of length 1. Below it the data cannot tell parameters
 # apart.
 _SINGULAR = 1e-5
-_PART = 1e-2  # of a parameter in a direction that is not determined
-_SIGMAS = 5.0  # from which on a chi-square, or a correlation of residuals, is no chance
-_CORRELATED = 0.2  # of residuals at neighbouring times
-_SIGNIFICANT = 3.0  # sigmas, from which on such a correlation widens errors
-_LEAST_FREE = 3  # numbers more than parameters from which sigma can be estimated
+_PART = 1e-2  # least part of a parameter in a direction that is not determined
+_SIGMAS = 5.0  # deviation [sigmas] of chi-square, or of a correlation, that is no chance
+_CORRELATED = 0.2  # least correlation of residuals at neighbouring times that is no noise
+_SIGNIFICANT = 3.0  # deviation [sigmas] of such a correlation that widens errors
+_LEAST_FREE = 3  # least excess of numbers over parameters that tells sigma
 _NO_SUCH = "no such cloth moves like this, or the noise is not independent; errors have no meaning"
 
 
@@ -137,9 +139,9 @@ def rivals(best: Any, minima: list[Any], scale: float, covariance: Floats) -> di
 class Determination(NamedTuple):
     """What a Jacobian says about the parameters."""
 
-    covariance: Floats  # of the coordinates
-    condition: float  # of the Jacobian with columns of length 1
-    reasons: list[str]  # why a parameter is not determined, "" where it is
+    covariance: Floats  # covariance of the coordinates
+    condition: float  # condition of the Jacobian with columns of length 1
+    reasons: list[str]  # reason why a parameter is not determined, or ""
 
 
 def determination(

@@ -27,32 +27,34 @@ from .residuals import EDGE, LARGE, quality_of
 from .sensitivity import Schedule, derivatives
 from .solution import METHOD
 
-_FEWEST = 4  # times of the first stage
+_FEWEST = 4  # number of times of the first stage
 _PRIOR = 3.0  # width of the prior, in logarithms or scales
 _WIDEST = 1e3  # factor, or scales, that a parameter without bounds may move
-_STARTS = 8  # further starts where a minimum does not explain the data
-_SURE = 4  # further starts where no sigma tells whether it does; one in eight ends elsewhere
-_FAR = math.log(10)  # of a logarithm from its start, within which starts and aliases lie
-_MOST_RUNS = 60  # evaluations of the residuals of all times
-_MOST_RUNS_OF_STAGE = 20  # of those of the first times
-_UNIT = 1e-3  # of the motion, rms: in which residuals are taken where sigma is not given
-# Factors between units of length. One is meant if data then is ten times nearer to the motion.
+_STARTS = 8  # most further starts where a minimum does not explain the data
+# Further starts where no sigma tells whether a minimum explains the data. One start in eight ends
+# in another minimum.
+_SURE = 4
+_FAR = math.log(10)  # largest change of a logarithm to a further start or an alias
+_MOST_RUNS = 60  # most evaluations of the residuals of all times
+_MOST_RUNS_OF_STAGE = 20  # most evaluations of the residuals of the first times
+_UNIT = 1e-3  # unit of the residuals over the motion, rms, where sigma is not given
+# Factors from metres. A unit is meant if data then is ten times nearer to the motion.
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 39.37, "feet": 3.281}
 _NEARER = 10.0
-_MISFIT = 4.0  # chi-square per number of the first times, from which the clock is asked
-_EARLY = 8  # times, of which a clock that is off is asked
-_MOST_TURNS = 3  # between two times, of which aliases are looked for
-_LEAST_FRAMES = 64  # of a spectrum
-_MOST_FRAMES = 4096
+_MISFIT = 4.0  # least chi-square per number of the first times that asks for a shift of the times
+_EARLY = 8  # number of the times that tell a shift
+_MOST_TURNS = 3  # most turns between two times of an alias
+_LEAST_FRAMES = 64  # least number of frames of a spectrum
+_MOST_FRAMES = 4096  # largest number of frames of a spectrum
 
 
 class Outcome(NamedTuple):
     """What a search ends with."""
 
-    minima: list[Any]  # of scipy.optimize.least_squares, one a start
-    quality: dict[str, float]  # of the best
-    misfit: str  # why its residuals are not noise, or ""
-    late: float = 0.0  # what has to be added to the times [s], where the clock is off
+    minima: list[Any]  # result of scipy.optimize.least_squares for each start
+    quality: dict[str, float]  # quality of the best
+    misfit: str  # reason why its residuals are not noise, or ""
+    late: float = 0.0  # s, the shift that the times need
 
     @property
     def best(self) -> Any:
@@ -81,7 +83,7 @@ class Problem:
         self.scene = scene
         self.times = times
         self.data = data  # m, shape (times, rows, columns, 3)
-        self.mask = mask  # of the same shape: whether a number counts
+        self.mask = mask  # the same shape; True where a number counts
         self.sigma = sigma
         self.rtol = rtol
         self.force = force
@@ -92,9 +94,9 @@ class Problem:
         ends = np.array([(parameter.least, parameter.most) for parameter in self.parameters]).T
         self.logarithmic = (ends[0] == 0) & (self.start > 0)
         self.bounds = self._bounds(over, ends)
-        self.least = rtol * max(scene.cloth.size)  # m, what residuals can show
+        self.least = rtol * max(scene.cloth.size)  # m, the least residual that has a meaning
         self.way = float(np.sqrt(np.mean((data - scene.initial_position)[mask] ** 2)))  # m
-        self.unit = sigma or max(_UNIT * self.way, self.least)  # m, of residuals
+        self.unit = sigma or max(_UNIT * self.way, self.least)  # m
         self.evaluations = 0
         self.jacobians = 0
 
@@ -171,9 +173,9 @@ class Problem:
         while True:
             minima.append(self._minimum_in_stages(u))
             result = outcome()
-            further = len(minima) - 1
-            unsure = self.sigma is None and further < _SURE
-            if further >= _STARTS or not (result.misfit or unsure):
+            restarts = len(minima) - 1
+            unsure = self.sigma is None and restarts < _SURE
+            if restarts >= _STARTS or not (result.misfit or unsure):
                 break
             u = random.uniform(-_FAR, _FAR, len(self.names)) * self.logarithmic
         if result.misfit:

@@ -25,11 +25,11 @@ from .solution import METHOD, ORDER, Motion, motion
 if TYPE_CHECKING:
     import xarray
 
-_PARTED = 1e-3  # error over the largest derivative so far, from which on neither is believed
-_VISIBLE = 1e-4  # of the cloth's size: the least derivative of which that part is asked
-_ROUNDING = 2e-14  # of positions, over the cloth's size
-_LONGEST = 0.9  # of the guaranteed stable step
-_FINEST = 64.0  # times as many steps, at most
+_PARTED = 1e-3  # largest error, over the largest derivative so far, that is believed
+_VISIBLE = 1e-4  # least derivative over the cloth's size of which that part is asked
+_ROUNDING = 2e-14  # rounding of positions over the cloth's size
+_LONGEST = 0.9  # longest step over the guaranteed stable step
+_FINEST = 64.0  # largest factor of the number of steps
 _DIGITS = 1e-11  # error of positions over the cloth's size that `sensitivity` asks for
 
 
@@ -57,8 +57,8 @@ class Schedule:
         self.stops = sorted({*times.tolist(), *stops_of(scene, 0.0, float(times[-1]))} - {0.0})
         coarse = self.counts(scene)
         x, y = (self.run([scene], counts) for counts in (coarse + -(-coarse // 4), coarse))
-        known = times <= min(x.known, y.known)
-        error = np.abs(x.x - y.x)[:, known].max(initial=0.0) / (rtol * self.size)
+        common = times <= min(x.known, y.known)
+        error = np.abs(x.x - y.x)[:, common].max(initial=0.0) / (rtol * self.size)
         # The coarse steps are longer by a fourth, which is not counted on.
         self.finer = float(np.clip(error ** (1 / ORDER), 1.0, _FINEST)) * 1.25
 
@@ -85,9 +85,9 @@ class Schedule:
 class Derivatives(NamedTuple):
     """A motion and its changes by parameters."""
 
-    motion: Motion  # of the scene alone: x has the shape (times, rows, columns, 3)
+    motion: Motion  # motion of the scene; x has the shape (times, rows, columns, 3)
     change: Floats  # m per scale, shape (parameters, times, rows, columns, 3)
-    term: Floats  # of the same shape: the last term of each change
+    term: Floats  # last term of each change, in the same shape
 
 
 def derivatives(
@@ -111,10 +111,10 @@ def derivatives(
     result = schedule.run([scene, *members], schedule.counts(scene))
     change = np.empty((len(parameters), *result.x.shape[1:]))
     term = np.zeros_like(change)
-    moved = iter(result.x[1:])
+    shifted = iter(result.x[1:])
     for n, (parameter, steps) in enumerate(zip(parameters, places)):
         side = parameter.side
-        x = [next(moved) if k else result.x[0] for k in steps]
+        x = [next(shifted) if k else result.x[0] for k in steps]
         if side:
             change[n] = (4 * (x[1] - x[0]) - (x[2] - x[0])) / 2 * side
         else:
@@ -129,9 +129,9 @@ class KnownDerivatives(NamedTuple):
 
     x: Floats  # m, shape (times, rows, columns, 3)
     change: Floats  # m per scale, shape (parameters, times, rows, columns, 3)
-    error: Floats  # of the change, shape (parameters, times)
+    error: Floats  # m per scale, shape (parameters, times)
     until: Floats  # s, shape (parameters,)
-    reasons: list[str]  # why they are not known later, "" where they are
+    reasons: list[str]  # reason why a derivative is not known later, or ""
 
 
 def known_derivatives(
@@ -144,9 +144,9 @@ def known_derivatives(
     rounding = _ROUNDING * schedule.size / STEP
     error = np.abs(term).max(axis=(2, 3, 4)) + rounding + _DIGITS * largest
     bad = np.isnan(error) | (times > result.known)
-    parted = ~bad & (error > _PARTED * (largest + _VISIBLE * schedule.size))
+    apart = ~bad & (error > _PARTED * (largest + _VISIBLE * schedule.size))
     reasons = []
-    for row, late in zip(parted, bad):
+    for row, late in zip(apart, bad):
         if row.any():
             reasons.append(
                 f"differences of two orders disagree from {times[row.argmax()]:.4g} s on: "
@@ -154,7 +154,7 @@ def known_derivatives(
             )
         else:
             reasons.append(result.reason if late.any() else "")
-    bad |= np.logical_or.accumulate(parted, axis=1)
+    bad |= np.logical_or.accumulate(apart, axis=1)
     change[bad] = np.nan
     error[bad] = np.nan
     until = np.where(bad, 0.0, times).max(axis=1)
@@ -215,18 +215,18 @@ def sensitivity(
     check.instance("scene", scene, Scene)
     parameters = parameters_of(scene, of, "of")
     schedule = Schedule(scene, checked_times(times), _DIGITS, force)
-    known = known_derivatives(scene, parameters, schedule)
+    slopes = known_derivatives(scene, parameters, schedule)
     scales = np.array([parameter.scale for parameter in parameters])
     place = ("time", "row", "column", "component")
     data: xarray.Dataset = xr.Dataset(
         {
-            "dx": (("parameter", *place), known.change / scales.reshape(-1, 1, 1, 1, 1)),
-            "error": (("parameter", "time"), known.error / scales[:, None]),
-            "x": (place, known.x, {"units": "m"}),
+            "dx": (("parameter", *place), slopes.change / scales.reshape(-1, 1, 1, 1, 1)),
+            "error": (("parameter", "time"), slopes.error / scales[:, None]),
+            "x": (place, slopes.x, {"units": "m"}),
             "value": ("parameter", [parameter.value for parameter in parameters]),
             "unit": ("parameter", [units(parameter.field) for parameter in parameters]),
-            "known_until": ("parameter", known.until, {"units": "s"}),
-            "reason": ("parameter", known.reasons),
+            "known_until": ("parameter", slopes.until, {"units": "s"}),
+            "reason": ("parameter", slopes.reasons),
         },
         {
             "parameter": [parameter.name for parameter in parameters],

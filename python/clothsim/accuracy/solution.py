@@ -29,9 +29,9 @@ from ..typing import Force
 
 METHOD = "dop853"
 ORDER = 8
-_COARSEST = 0.5  # of RK4's stable step, well below the stable step of dop853
-_FEWEST_STEPS = 8  # of the coarsest run
-_MOST_HALVINGS = 8  # of its steps
+_COARSEST = 0.5  # coarsest step over RK4's stable step, well below the stable step of dop853
+_FEWEST_STEPS = 8  # least number of steps of the coarsest run
+_MOST_HALVINGS = 8  # largest number of halvings of its steps
 _STEPS_BETWEEN_PAUSES = 512
 
 # The extrapolation that is returned, and the one that it is compared with; tolerances are per step
@@ -301,8 +301,8 @@ class InDouble(NamedTuple):
     """Positions of a scene at some times, and their error."""
 
     x: Floats  # [m], shape (times, rows, columns, 3); NaN after a failure
-    # By the last halving: the largest distance of a mass point [m], shape (times,); infinite
-    # without one.
+    # The largest distance of a mass point by the last halving [m], shape (times,). It is infinite
+    # without a halving.
     change: Floats
     ended: Motion
 

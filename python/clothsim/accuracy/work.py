@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
 OWN = "clothsim"  # library of the integrators
 _COMPARED = ("semi_implicit_euler", "velocity_verlet", "rk4", "dopri5 adaptive", "dop853 adaptive")
-_SAFETY = 0.95  # of the guaranteed stable step: an explicit method's coarsest
-_IMPLICIT = 8.0  # times the stable step of rk4: an implicit method's coarsest
+_SAFETY = 0.95  # coarsest step of an explicit method over the guaranteed stable step
+_IMPLICIT = 8.0  # coarsest step of an implicit method over the stable step of rk4
 _HALVINGS = 7  # settings of a method
 _RTOLS = tuple(10.0**-k for k in range(3, 14))
-_ONCE = 2.0  # s; a run that takes longer is timed once
+_ONCE = 2.0  # s; a longer run is timed once
 _LONGEST = 10.0  # s; after a longer run the finer settings of its method are left out
 _COLUMNS = {
     "setting": ("dt [s] or relative tolerance", ""),
@@ -205,7 +205,7 @@ def work_precision(
                     stable.append((m, n))
                 bar.advance()
         seconds: dict[tuple[int, int], list[float]] = {place: [] for place in stable}
-        # Another order in each round: a slow spell of the machine affects all methods, and none
+        # Each round has another order, so a slow spell of the machine affects all methods, and none
         # always follows another.
         shuffle = Random(0).shuffle
         for _ in range(windows):
@@ -268,7 +268,7 @@ def _errors(method: Method, setting: float, scene: Scene, solution: Reference) -
     exact = energy(scene, solution.x[-1], solution.v[-1], duration)["total"]
     row["rms_error"] = error["rms"]
     row["max_error"] = error["max"]
-    row["frames_rms_error"] = float(np.max(frames))  # NaN if one is unstable
+    row["frames_rms_error"] = float(np.max(frames))  # NaN if a run is unstable
     row["force_evaluations"] = solved.evaluations
     row["energy_drift"] = float(total - exact)
     return row
@@ -380,7 +380,7 @@ def _settings(method: Method, scene: Scene, duration: float, dts: Any, rtols: An
         return list(_RTOLS)
     integrator = method.name if method.library == OWN else "rk4"
     explicit = METHODS[integrator].explicit
-    # A step that nothing limits: from well above what an explicit method could take.
+    # Nothing limits an implicit step: it begins well above what an explicit method could take.
     largest = (stable_dt(scene, integrator) if explicit else 0.0) or stable_dt(scene, "rk4")
     largest = min(_SAFETY * largest if explicit else _IMPLICIT * largest, duration / 4)
     return [largest / 2**k for k in range(_HALVINGS)]

@@ -1,6 +1,4 @@
-"""What the colours and lengths of a picture mean: values of mass points, colour scales, and the
-label below a picture.
-"""
+"""Values and colours of mass points, and the label below a picture that says what they mean."""
 
 from __future__ import annotations
 
@@ -16,15 +14,15 @@ from ..base.extras import needed
 
 Pixels = npt.NDArray[np.uint8]
 
-# Stops at equal distances, dark to light or light to dark: lightness alone orders them. The pages
-# have the same.
+# The stops have equal distances, from dark to light or from light to dark, so lightness alone
+# orders them. The pages have the same.
 VIRIDIS = ("440154", "472c7a", "3b518b", "2c718e", "21908d", "27ad81", "5cc863", "aadc32", "fde725")
 HEAT = ("ddc377", "dfa95c", "df8545", "d75d33", "c73a27", "b02521", "99181f", "7c0e1b", "5f0515")
-# Part of all values that a scale holds. At half, folds are lost above it; pins stretch the last
-# hundredth five times as far.
+# Part of all values that a scale holds. At a half, folds would be lost above it; pins stretch the
+# last hundredth five times as far.
 TOP_PART = 0.99
-LEAST_DEPTH = 1e-3  # m, at the end of the scale where nothing is inside
-UNKNOWN = np.array([0.5, 0.5, 0.5])  # a value that is not finite
+LEAST_DEPTH = 1e-3  # m, end of the scale where nothing is inside
+UNKNOWN = np.array([0.5, 0.5, 0.5])  # colour of a value that is not finite
 TITLES = {
     "stretch": ("stretch", "%", 100.0),
     "speed": ("speed", "m/s", 1.0),
@@ -39,20 +37,19 @@ class Scale:
 
     title: str
     unit: str
-    factor: float  # from SI to `unit`
+    factor: float  # factor from SI to `unit`
     low: float
     high: float
     stops: tuple[str, ...] = VIRIDIS
-    open_end: bool = False  # whether a value lies above `high`
+    open_end: bool = False  # True if a value lies above `high`
 
     def rgb(self) -> Floats:
-        """Colours of the stops as RGB in [0, 1]."""
-        return (
-            np.array([[int(stop[k : k + 2], 16) for k in (0, 2, 4)] for stop in self.stops]) / 255
-        )
+        """Return the colours of the stops as RGB in [0, 1]."""
+        stops = [[int(stop[k : k + 2], 16) for k in (0, 2, 4)] for stop in self.stops]
+        return np.array(stops) / 255
 
     def colors(self, values: Floats) -> Floats:
-        """The colours of values, shape (..., 3), 0 to 1."""
+        """Return the colours of values, shape (..., 3), 0 to 1."""
         part = (np.asarray(values, float) - self.low) / ((self.high - self.low) or 1.0)
         places = np.linspace(0, 1, len(self.stops))
         colors = np.stack([np.interp(part, places, stop) for stop in self.rgb().T], -1)
@@ -60,8 +57,9 @@ class Scale:
 
 
 def values_of(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats | None:
-    """The value at each mass point of states of shape (frames, rows, columns, 3), or None where
-    points have none.
+    """Return the value of each mass point, or None where points have none.
+
+    States have the shape (frames, rows, columns, 3).
     """
     if isinstance(color, str):
         check.choice("color", color, NAMES)
@@ -71,7 +69,7 @@ def values_of(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats | N
             return None
         if v is None:
             raise ValueError('v must be given with color="speed", got None')
-        return np.array([np.linalg.norm(one, axis=-1) for one in v])
+        return np.array([np.linalg.norm(frame, axis=-1) for frame in v])
     accepted = f"one of {', '.join(map(repr, NAMES))}, or numbers of shape {x.shape[1:-1]}"
     accepted += f" or {x.shape[:-1]}" if len(x) > 1 else ""
     values = check.as_array("color", color, accepted, "iufb")
@@ -81,38 +79,53 @@ def values_of(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats | N
 
 
 def scale_of(color: Any, values: Floats, limits: Any) -> Scale:
-    """The scale of all `values`, which begins at 0 for the named ones, or lies between `limits` in
-    SI units.
+    """Return the scale of all `values`: between `limits` [SI] if there are any.
+
+    Without limits, the scale of a named value begins at 0.
     """
-    known = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     title, unit, factor = TITLES[color] if isinstance(color, str) else ("", "", 1.0)
-    named = (title, unit, factor)
     if limits is not None:
         low, high = (check.number("limits", k) for k in check.items("limits", limits, 2, "numbers"))
         if low >= high:
             raise ValueError(f"limits must be two rising numbers, got {limits!r}")
-    elif not known.size:
-        low, high = 0.0, 1.0
+    elif not finite.size:
+        low = 0.0
+        high = 1.0
     elif title == "depth":
-        low, high = 0.0, float(known.max()) or LEAST_DEPTH
+        low = 0.0
+        high = float(finite.max()) or LEAST_DEPTH
     elif title:
-        low, high = 0.0, float(np.quantile(known, TOP_PART)) or float(known.max()) or 1 / factor
+        low = 0.0
+        high = float(np.quantile(finite, TOP_PART)) or float(finite.max()) or 1 / factor
     else:
-        low, high = float(known.min()), float(known.max())
-    above = bool(known.size and known.max() > high)
-    return Scale(*named, low, high, HEAT if title == "depth" else VIRIDIS, above)
+        low = float(finite.min())
+        high = float(finite.max())
+    return Scale(
+        title=title,
+        unit=unit,
+        factor=factor,
+        low=low,
+        high=high,
+        stops=HEAT if title == "depth" else VIRIDIS,
+        open_end=bool(finite.size and finite.max() > high),
+    )
 
 
 def point_stretch(scene: Any, x: Floats) -> Floats:
-    """Stretch l/L - 1 of the most stretched spring at each point, shape (frames, points), >= 0."""
+    """Return the stretch l/L - 1 of the most stretched spring at each point, >= 0.
+
+    The shape is (frames, points).
+    """
     table = scene.cloth.spring_table()
-    i, j, rest = table["i"], table["j"], table["rest_length"]
-    found = np.zeros((len(x), x.shape[1] * x.shape[2]))
-    for values, points in zip(found, x.reshape(len(x), -1, 3), strict=True):
-        stretch = np.linalg.norm(points[j] - points[i], axis=-1) / rest - 1
+    i = table["i"]
+    j = table["j"]
+    largest = np.zeros((len(x), x.shape[1] * x.shape[2]))
+    for values, points in zip(largest, x.reshape(len(x), -1, 3), strict=True):
+        stretch = np.linalg.norm(points[j] - points[i], axis=-1) / table["rest_length"] - 1
         np.maximum.at(values, i, stretch)
         np.maximum.at(values, j, stretch)
-    return found
+    return largest
 
 
 INK = (40, 40, 40)
@@ -120,13 +133,13 @@ LEAST_WIDTH = 320  # pixels; in a narrower picture the label cannot be read
 
 
 def nice_length(most: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is at most `most`."""
+    """Return the largest of 1, 2 and 5 times a power of ten that is at most `most`."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(k * power for k in (1, 2, 5) if k * power <= most * (1 + 1e-9))
 
 
 def length_in_words(length: float) -> str:
-    """A length in m, cm or mm."""
+    """Return a length in m, cm or mm."""
     for unit, size in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
         if length >= size * (1 - 1e-9):
             return f"{length / size:g} {unit}"
@@ -134,7 +147,7 @@ def length_in_words(length: float) -> str:
 
 
 def titled(pixels: Pixels, title: str) -> Pixels:
-    """The picture below a strip that shows its title, or as much of it as there is room for."""
+    """Return the picture below a strip with its title, or as much of it as there is room for."""
     image, pen, fonts = (
         needed(f"PIL.{name}", "a picture of several runs", "plot")
         for name in ("Image", "ImageDraw", "ImageFont")
@@ -142,7 +155,8 @@ def titled(pixels: Pixels, title: str) -> Pixels:
     width = pixels.shape[1]
     size = max(10.0, width / 32)
     font = fonts.load_default(size)
-    shown, end = title, len(title)
+    shown = title
+    end = len(title)
     while font.getlength(shown) > 0.96 * width:
         end -= 1
         shown = f"{title[:end]}..."
@@ -154,26 +168,26 @@ def titled(pixels: Pixels, title: str) -> Pixels:
 def labelled(
     pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | None, note: str = ""
 ) -> Pixels:
-    """The picture above a strip that shows the time [s], a length, and the colour scale; a note has
-    a line above it.
+    """Return the picture above a strip that shows the time [s], a length, and the colour scale.
+
+    A note has a line above these.
     """
     image, pen, fonts = (
         needed(f"PIL.{name}", "label=True", "plot") for name in ("Image", "ImageDraw", "ImageFont")
     )
     width = pixels.shape[1]
     cell = width / LEAST_WIDTH
-    base, edge, font = (
-        (13 if note else 0) * cell + 12 * cell,
-        5 * cell,
-        fonts.load_default(10 * cell),
-    )
+    base = (25 if note else 12) * cell
+    edge = 5 * cell
+    font = fonts.load_default(10 * cell)
     strip = image.new("RGB", (width, round(base + 5 * cell)), "white")
     draw = pen.Draw(strip)
     if note:
         draw.text((edge, 10 * cell), note, INK, font, anchor="ls")
     draw.text((edge, base), f"t = {t:.4f} s", INK, font, anchor="ls")
     length = nice_length(0.17 * width / pixels_per_metre)
-    left, right = 0.26 * width, 0.26 * width + length * pixels_per_metre
+    left = 0.26 * width
+    right = left + length * pixels_per_metre
     line = max(1, round(0.8 * cell))
     for x0, x1, high in (
         (left, right, line),
