@@ -117,7 +117,8 @@ def _draw_correlation(result: Fit, names: list[str], axes: Any) -> None:
         color = "white" if abs(correlation[i, j]) > 0.6 else BLACK
         where = {"ha": "center", "va": "center"}
         axes.text(j, i, f"{correlation[i, j]:.2f}", fontsize="small", color=color, **where)
-    axes.set_xticks(range(len(names)), names, rotation=30, ha="right")
+    turn = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
+    axes.set_xticks(range(len(names)), names, **turn)
     axes.set_yticks(range(len(names)), names)
     axes.set_title("correlation of the parameters")
     axes.grid(False)
