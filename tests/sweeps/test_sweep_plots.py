@@ -14,7 +14,7 @@ plt = pytest.importorskip("matplotlib.pyplot")
 
 
 def terminal_of(monkeypatch):
-    """What a terminal gets."""
+    """Return what a terminal gets."""
     shown = io.StringIO()
     shown.isatty = lambda: True
     monkeypatch.setattr(sys, "stderr", shown)
@@ -113,7 +113,7 @@ def test_the_stability_map(swept):
     axes = swept.clothsim.plot("stability")
     (mesh,) = axes.collections
     assert np.array_equal(mesh.get_array(), swept.status.values.T)
-    (line,) = (one for one in axes.get_lines() if one.get_label() == "guaranteed\nstable dt")
+    (line,) = (line for line in axes.get_lines() if line.get_label() == "guaranteed\nstable dt")
     assert np.array_equal(line.get_ydata(), swept.max_stable_dt.isel(dt=0))
     assert np.array_equal(line.get_xdata(), swept.stiffness)
 

@@ -1,7 +1,7 @@
 """Plots of fits, derivatives, references and differences, and the labels of all plots."""
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import clothsim as cs
 import numpy as np
@@ -13,7 +13,7 @@ pytest.importorskip("xarray")
 
 from clothsim.viewing.plots.fit import value_text
 from clothsim.viewing.plots.points import distant_points
-from clothsim.viewing.plots.style import separate_ticks
+from clothsim.viewing.plots.style import label_lines, separate_ticks
 from colors import check_lines
 from matplotlib import pyplot
 
@@ -109,10 +109,10 @@ def test_a_fit_says_why_a_value_is_unknown(data):
 
 
 def test_derivatives_are_drawn_over_time_and_points():
-    found = cs.sensitivity(SCENE, TIMES, of=["stiffness.shear", "drag", "gravity_x"])
-    panels = found.clothsim.plot()
+    slopes = cs.sensitivity(SCENE, TIMES, of=["stiffness.shear", "drag", "gravity_x"])
+    panels = slopes.clothsim.plot()
     assert panels.shape == (3, 2)
-    length = np.linalg.norm(found.dx.values, axis=-1)  # (parameters, times, rows, columns)
+    length = np.linalg.norm(slopes.dx.values, axis=-1)  # (parameters, times, rows, columns)
     for k, (name, unit) in enumerate(
         (("stiffness.shear", "N/m"), ("drag", "N s/m"), ("gravity_x", "m/s^2"))
     ):
@@ -120,24 +120,24 @@ def test_derivatives_are_drawn_over_time_and_points():
         largest, error = check_lines(over_time)
         assert over_time.get_ylabel() == f"d x / d {name}\n[m per {unit}]"
         np.testing.assert_array_equal(largest.get_ydata(), length[k].max(axis=(1, 2)))
-        np.testing.assert_array_equal(error.get_ydata(), found.error.values[k])
+        np.testing.assert_array_equal(error.get_ydata(), slopes.error.values[k])
         last = length[k].max(axis=(1, 2)).argmax()
         np.testing.assert_array_equal(over_points.images[0].get_array(), length[k, last])
         assert over_points.images[0].colorbar.ax.get_ylabel() == f"[m per {unit}]"
     axes = pyplot.subplots(3, 2)[1]
-    assert (found.clothsim.plot(ax=axes) == axes).all()
+    assert (slopes.clothsim.plot(ax=axes) == axes).all()
 
 
 def test_derivatives_that_are_zero_or_not_known_have_a_text():
     times = [0.1, 0.2, 0.3]
-    found = cs.sensitivity(SCENE.replace(spheres=cs.Sphere((9, 9, 9))), times, ["sphere_radius"])
-    ((over_time, over_points),) = found.clothsim.plot()
+    slopes = cs.sensitivity(SCENE.replace(spheres=cs.Sphere((9, 9, 9))), times, ["sphere_radius"])
+    ((over_time, over_points),) = slopes.clothsim.plot()
     assert [line.get_label() for line in check_lines(over_time)] == ["error"]
     assert texts(over_points) == ["no effect on any point"]
-    found["dx"] *= np.nan
-    found["error"] *= np.nan
-    found["reason"] = ("parameter", ["a sphere responds after the step that begins at 0.01 s"])
-    ((over_time, over_points),) = found.clothsim.plot()
+    slopes["dx"] *= np.nan
+    slopes["error"] *= np.nan
+    slopes["reason"] = ("parameter", ["a sphere responds after the step that begins at 0.01 s"])
+    ((over_time, over_points),) = slopes.clothsim.plot()
     assert over_time.get_title().startswith("a sphere responds")
     assert texts(over_points) == ["not known at any time"]
 
@@ -180,3 +180,17 @@ def test_long_labels_of_a_narrow_axis_do_not_overlap():
     assert {label.get_rotation() for label in wide.get_xticklabels()} == {0.0}
     spans = sorted((box.x0, box.x1) for box in boxes(wide.get_xticklabels()))
     assert all(a[1] < b[0] for a, b in pairwise(spans))
+
+
+def test_labels_of_many_lines_do_not_overlap():
+    axes = pyplot.subplots(figsize=(5, 5), layout="constrained")[1]
+    x = np.geomspace(1, 100, 5)
+    for k in range(14):
+        axes.loglog(x, 1e-3 * 3.0 ** (k % 7) * x ** -(1 + k // 7), label=f"method number {k}")
+    axes.set_xlim(1, 1e4)  # room for labels
+    label_lines(axes)
+    axes.figure.draw_without_rendering()
+    spans = boxes(axes.texts)
+    assert len(spans) == 14
+    assert not any(a.overlaps(b) for a, b in combinations(spans, 2))
+    assert all(axes.bbox.count_contains(box.corners()) == 4 for box in spans)
