@@ -113,7 +113,7 @@ def test_threads_that_save_to_one_path_leave_one_whole_file(name, tmp_path):
 
 
 def flips(data, count):
-    """The file with one bit changed, at up to `count` bytes spread over the file."""
+    """Return the file with one bit changed, at up to `count` bytes spread over the file."""
     for place in np.unique(np.linspace(0, len(data) - 1, count).astype(int)):
         changed = bytearray(data)
         changed[place] ^= 1 << (int(place) * 5 + 3) % 8
@@ -121,7 +121,7 @@ def flips(data, count):
 
 
 def cuts(data, count):
-    """The file cut after up to `count` lengths."""
+    """Return the file cut after up to `count` lengths."""
     for length in np.unique(np.linspace(0, len(data) - 1, count).astype(int)):
         yield f"cut at {length}", data[:length]
 

@@ -285,7 +285,7 @@ def name_of(function):
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
-    """What is written by a call that goes well; no browser opens."""
+    """Return what a call that goes well writes; no browser opens."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("webbrowser.open", lambda *_: True)
 

@@ -7,6 +7,7 @@ from importlib.util import resolve_name
 from pathlib import Path
 
 import clothsim as cs
+from clothsim.base import services
 
 PACKAGE = Path(cs.__file__).parent
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -16,7 +17,7 @@ EVIDENCE = ("paper", "hard_cases")
 
 
 def modules():
-    """The text of each module of the package and its folder, by name without "clothsim."."""
+    """Return the text of each module of the package and its folder, by name without "clothsim."."""
     for path in PACKAGE.rglob("*.py"):
         folder = path.relative_to(PACKAGE).parent.parts
         name = ".".join(folder if path.stem == "__init__" else (*folder, path.stem))
@@ -27,8 +28,8 @@ MODULES = dict(modules())
 
 
 def imports(text, folder, late=True):
-    """(module, name or "") of every import of clothsim when the text runs, `late` ones in functions
-    too; the module without "clothsim.".
+    """Return (module, name or "") of every import of clothsim when the text runs, with `late` those
+    in functions too; the module without "clothsim.".
     """
     tree = ast.parse(text)
     blocks = [
@@ -54,14 +55,41 @@ def imports(text, folder, late=True):
                 yield whole if whole in MODULES else module, name
 
 
-def test_no_circle_of_imports():
-    graph = {
-        name: {other for other, _ in imports(*code, late=False) if other}
+def import_graph(late):
+    """Return the modules that each module imports."""
+    return {
+        name: {other for other, _ in imports(*code, late) if other}
         for name, code in MODULES.items()
         if name
     }
-    order = list(TopologicalSorter(graph).static_order())  # raises CycleError
+
+
+def test_no_circle_of_imports():
+    order = list(TopologicalSorter(import_graph(late=False)).static_order())  # raises CycleError
     assert order.index("model.cloth") < order.index("model.scene") < order.index("run.simulate")
+
+
+def reachable(graph, start):
+    """Return the modules that `start` imports in the end, late imports included."""
+    reached = set()
+    waiting = [start]
+    while waiting:
+        new = graph[waiting.pop()] - reached
+        reached |= new
+        waiting += new
+    return reached
+
+
+def test_late_imports_put_few_modules_into_a_circle():
+    graph = import_graph(late=True)
+    circle = [name for name in graph if name in reachable(graph, name)]
+    assert len(circle) <= 4, circle
+
+
+def test_functions_of_later_rooms_exist():
+    assert {"explain", "picture_of_run"} <= services._MODULES.keys()
+    for name in services._MODULES:
+        assert callable(services.service(name)), name
 
 
 def test_only_evidence_and_command_line_import_the_front_door():
@@ -82,7 +110,7 @@ def public_names(module):
 
 
 def private_uses(text, folder, allowed=()):
-    """What a text takes, neither public nor of an allowed room: imports, and attributes of `cs`."""
+    """Return imports and attributes of `cs` in a text that are neither public nor of allowed rooms."""
     found = []
     for other, name in imports(text, folder):
         if other.split(".")[0] in allowed or (other in PUBLIC and name == other):

@@ -73,7 +73,7 @@ def test_ctrl_c_at_any_moment_leaves_a_whole_step():
 
 
 def _work(seed):
-    """Calls at random, of a scene at random; all arrays that they give."""
+    """Make calls at random, of a scene at random, and return all arrays that they give."""
     rng = random.Random(seed)
     shape = rng.choice([(2, 2), (9, 7), (32, 32), (40, 33)])
     kernel, precision = rng.choice(["edge", "gather"]), rng.choice(["double", "single"])

@@ -27,7 +27,7 @@ def sweep(path, over=OVER):
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):
-    """The folder of a store, and what is in it."""
+    """Return the folder of a store, and what is in it."""
     path = tmp_path_factory.mktemp("store") / "s.zarr"
     return path, sweep(path)
 

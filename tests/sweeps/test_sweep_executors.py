@@ -40,13 +40,13 @@ def expected():
 
 @pytest.fixture
 def small_tasks(monkeypatch):
-    """A task for every member, so that there are enough of them to go wrong."""
+    """Make a task for every member, so that there are enough of them to go wrong."""
     monkeypatch.setattr(sweeps, "LARGEST_BATCH", 1)
 
 
 @pytest.fixture
 def recorded(monkeypatch):
-    """Indices of the members whose results came in, in order."""
+    """Return indices of the members whose results came in, in order."""
     record, indices = store.Results.record, []
 
     def recording(self, records):
@@ -186,7 +186,7 @@ def test_a_batch_stops_within_a_step_or_two_of_the_clock():
 
 
 def cut(over, count=2, metrics="stable"):
-    """The tasks of a sweep for an executor with `count` workers."""
+    """Return the tasks of a sweep for an executor with `count` workers."""
     grid, options = make_grid(over), SweepOptions()
     with ThreadPoolExecutor(count) as pool:
         what = Maker(SCENE, options), grid, choose_metrics(metrics), options, np.arange(grid.size)

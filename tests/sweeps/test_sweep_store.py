@@ -43,7 +43,7 @@ def same(a, b):
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
-    """A store that nothing changes."""
+    """Make a store that nothing changes."""
     path = tmp_path_factory.mktemp("stores") / "s.zarr"
     sweep(path)
     return path
@@ -51,7 +51,9 @@ def stored(tmp_path_factory):
 
 @pytest.fixture
 def counted(monkeypatch):
-    """Indices of the members that are run, in order; each task has one, to be stopped anywhere."""
+    """Return indices of the members that are run, in order; each task has a member, to be stopped
+    anywhere.
+    """
     run_task, indices = sweeps.run_task, []
 
     def counting(task, **options):

@@ -129,10 +129,8 @@ def test_view_is_a_cell_of_a_notebook(opened, monkeypatch, tmp_path):
 def test_view_says_what_it_does_not_take_and_where_no_browser_is(monkeypatch, tmp_path):
     monkeypatch.setattr("clothsim.gpu.live_page.mkdtemp", lambda prefix: str(tmp_path))
     monkeypatch.setattr("webbrowser.open", lambda url: False)
-    with pytest.raises(
-        TypeError, match=r"got block, port: .* the page that cs.view\(scene\) opens"
-    ):
-        cs.view(cs.scenes.paper_static(), block=False, port=8080)
+    with pytest.raises(TypeError, match="view has the unknown argument 'port'; accepted: 'scene'"):
+        cs.view(cs.scenes.paper_static(), port=8080)
     with pytest.raises(TypeError, match="scene must be"):
         cs.view("paper_static")
     assert not list(tmp_path.iterdir())

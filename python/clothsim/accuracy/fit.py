@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
+from ..base.progress import ProgressBar
+from ..base.services import service
 from ..base.text import aligned
 from ..model.scene import Scene
 from ..run.result import Run
@@ -95,9 +97,7 @@ class Fit:
         >>> len(cs.fit(guess, motion.t, motion.x, over=["stiffness"]).plot())
         3
         """
-        from ..viewing.plots.fit import draw_fit
-
-        return draw_fit(self, ax)
+        return service("draw_fit")(self, ax)
 
 
 @check.named
@@ -111,6 +111,7 @@ def fit(
     rtol: float = 1e-6,
     *,
     force: Force | None = None,
+    progress: bool = False,
 ) -> Fit:
     """Fit parameters of a scene to a measured motion, with the error of every number.
 
@@ -141,6 +142,8 @@ def fit(
         Error of the simulated positions over the size of the cloth, well below `sigma`.
     force : callable, optional
         As for `simulate`.
+    progress : bool, default False
+        True shows a progress bar: the simulated time up to which each start is fitted.
 
     Returns
     -------
@@ -192,15 +195,18 @@ def fit(
             f"rtol must be at most {_COARSE * sigma / max(scene.cloth.size):.2g} with sigma = "
             f"{sigma:g} m, so that simulated positions err by less than that, got {rtol:g}"
         )
-    problem.check_units()
-    begin = perf_counter()
-    outcome = problem.search()
-    best = outcome.best
-    scene = problem.at(best.x)
-    parameters = parameters_of(scene, names, "over")
-    slopes = known_derivatives(scene, parameters, problem.schedule(scene, times))
-    run = simulate(scene, float(times[-1]), rtol=rtol, times=times, force=force)
-    wall_time = perf_counter() - begin
+    # The times count once for the first start, and once for the derivatives and the run at the end.
+    with ProgressBar.of_time(progress, 2 * float(times[-1]), "fit") as bar:
+        problem.check_units()
+        begin = perf_counter()
+        outcome = problem.search(bar)
+        best = outcome.best
+        scene = problem.at(best.x)
+        parameters = parameters_of(scene, names, "over")
+        slopes = known_derivatives(scene, parameters, problem.schedule(scene, times))
+        run = simulate(scene, float(times[-1]), rtol=rtol, times=times, force=force)
+        wall_time = perf_counter() - begin
+        bar.advance(times[-1])
     jacobian = problem.columns(slopes.change, parameters, best.x) / outcome.quality["sigma"]
     covariance, condition, reasons = determination(jacobian, slopes.reasons, best.x, problem.bounds)
     correlation = outcome.quality["correlation"]

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
+from ..base.services import service
 from ..base.text import aligned
 from ..errors import UnstableError
 from ..methods.integrators import integrator_name
@@ -77,9 +78,7 @@ class Convergence:
         >>> cs.convergence(cs.scenes.oscillator(), 0.1, [0.01, 0.005]).plot().get_xlabel()
         'time step dt [s]'
         """
-        from ..viewing.plots.convergence import draw_convergence
-
-        return draw_convergence(self, ax)
+        return service("draw_convergence")(self, ax)
 
     def __str__(self) -> str:
         title = f"order {self.order:.2f} (* fitted)"

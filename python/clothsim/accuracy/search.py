@@ -18,6 +18,7 @@ import numpy as np
 
 from ..base import Floats, check
 from ..base.extras import needed
+from ..base.progress import ProgressBar
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
 from ..run.simulate import simulate
@@ -149,8 +150,12 @@ class Problem:
         slopes = self.slopes(u) / [parameter.scale for parameter in parameters]
         return np.nan_to_num(change[:, self.mask[: change.shape[1]]].T * slopes)
 
-    def search(self) -> Outcome:
-        """Return the minima of all starts, and the quality of the best."""
+    def search(self, bar: ProgressBar) -> Outcome:
+        """Return the minima of all starts, and the quality of the best.
+
+        The bar counts the time up to which each start is fitted.
+        """
+        end = float(self.times[-1])
         random = np.random.default_rng(0)
         minima: list[Any] = []
 
@@ -169,28 +174,35 @@ class Problem:
             if late:
                 schedule = self.schedule(self.at(early.x), self.times)
                 minima.append(self._minimum(early.x, schedule, most=1))
+                bar.advance(end)
                 return outcome(late)
         while True:
-            minima.append(self._minimum_in_stages(u))
+            minima.append(self._minimum_in_stages(u, bar))
             result = outcome()
             restarts = len(minima) - 1
             unsure = self.sigma is None and restarts < _SURE
             if restarts >= _STARTS or not (result.misfit or unsure):
                 break
             u = random.uniform(-_FAR, _FAR, len(self.names)) * self.logarithmic
+            bar.expect(end)
         if result.misfit:
             return result
         for place in self._aliases(result.best.x):
+            bar.expect(end)
             minima.append(self._minimum(place, self.schedule(self.at(place), self.times)))
+            bar.advance(end)
         return outcome()
 
-    def _minimum_in_stages(self, u: Floats) -> Any:
+    def _minimum_in_stages(self, u: Floats, bar: ProgressBar) -> Any:
         """Return the minimum over all times that is found from `u` by way of the first times."""
         total = len(self.times)
         counts = [-(-total // 2**k) for k in range(int(math.log2(total)), 0, -1)]
+        before = 0.0
         for count in [*(n for n in counts if n >= _FEWEST), total]:
             minimum = self._minimum(u, self.schedule(self.at(u), self.times[:count]))
             u = minimum.x
+            bar.advance(self.times[count - 1] - before)
+            before = self.times[count - 1]
         return minimum
 
     def _minimum(self, middle: Floats, schedule: Schedule, most: int = _MOST_RUNS) -> Any:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check, frozen
 from ..base.build import available_threads
+from ..base.services import service
 from ..engine.force import checked_force, is_python, with_force
 from ..engine.options import Options, core_plan
 from ..engine.stepper import Stepper
@@ -120,9 +121,7 @@ class Reference:
         >>> [axes.get_ylabel() for axes in solution.plot()]
         ['way from the start [m]', 'error [m]']
         """
-        from ..viewing.plots.reference import draw_reference
-
-        return draw_reference(self, ax)
+        return service("draw_reference")(self, ax)
 
 
 @check.named

@@ -192,7 +192,8 @@ def work_precision(
     places = [(m, n) for m, n in np.ndindex(shape) if n < len(levels[m])]
     stable = []
     spent = 0.0  # wall time of the last run [s]
-    with ProgressBar(progress, total=sum(map(len, levels)) * (1 + windows), unit="run") as bar:
+    most = duration * len(places) * (1 + windows)
+    with ProgressBar.of_time(progress, most, "work_precision") as bar:
         solution = reference_for(scene, duration, reference, force)
         for m, n in places:
             # The first run is not timed: it compiles code and fills caches.
@@ -203,11 +204,12 @@ def work_precision(
                     table[name][m, n] = value
                 if math.isfinite(row["rms_error"]):
                     stable.append((m, n))
-                bar.advance()
+                bar.advance(duration)
         seconds: dict[tuple[int, int], list[float]] = {place: [] for place in stable}
         # Each round has another order, so a slow spell of the machine affects all methods, and none
         # always follows another.
         shuffle = Random(0).shuffle
+        bar.expect(-duration * windows * (len(places) - len(stable)))
         for _ in range(windows):
             shuffle(stable)
             for m, n in stable:
@@ -215,7 +217,7 @@ def work_precision(
                 if not (times and min(times) > _ONCE / duration):
                     solved = _solved(solvers[m], scene, duration, levels[m][n])
                     times.append(solved.wall_time / duration)
-                bar.advance()
+                bar.advance(duration)
     for place, times in seconds.items():
         lower, upper = np.quantile(times, (0.25, 0.75))
         table["wall_time"][place] = min(times)

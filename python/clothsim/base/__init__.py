@@ -20,6 +20,6 @@ Floats = npt.NDArray[np.float64]
 
 
 def frozen(array: np.ndarray) -> np.ndarray:
-    """`array` itself, made read-only."""
+    """Make `array` read-only, and return it."""
     array.flags.writeable = False
     return array

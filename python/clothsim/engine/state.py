@@ -14,6 +14,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..base.interrupts import Interrupts
+from ..base.services import service
 from ..errors import ContactWarning, warn_caller
 from ..methods.bound import stable_depths, stable_dt
 from ..methods.integrators import METHODS, integrator_name, warn_of_order
@@ -302,10 +303,8 @@ class State:
             raise ValueError("force must be None with backend 'gpu'; backend='cpu' has it")
         plans, limits = self._compiled(scenes)
         if options.backend == "gpu":
-            from ..gpu.simulation import Simulation
-
-            simulation = Simulation(scenes, t, options.precision)
-            self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
+            # The shader's simulation has the methods of the core's that are used here.
+            self.core = service("Simulation")(scenes, t, options.precision)
         else:
             self.threads = _core.granted_threads(
                 options.threads_for(scenes[0].cloth.shape, len(scenes))

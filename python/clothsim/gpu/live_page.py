@@ -85,7 +85,8 @@ def live_page(
     return write_bytes(path, _page(scene, dt, title).encode())
 
 
-def view(scene: Scene, **unknown: Any) -> Path | Frame:
+@check.named
+def view(scene: Scene) -> Path | Frame:
     """Open the live page of a scene in the browser, or show it in a notebook.
 
     The page is that of `Scene.to_live_html`, which says what it does.
@@ -93,8 +94,6 @@ def view(scene: Scene, **unknown: Any) -> Path | Frame:
     Parameters
     ----------
     scene : Scene
-    **unknown
-        Refused by name.
 
     Returns
     -------
@@ -113,11 +112,6 @@ def view(scene: Scene, **unknown: Any) -> Path | Frame:
     --------
     >>> page = cs.view(cs.scenes.paper_static())  # doctest: +SKIP
     """
-    if unknown:
-        raise TypeError(
-            f"view takes a scene alone, got {', '.join(unknown)}: its controls are on the "
-            "page that cs.view(scene) opens"
-        )
     page = _page(check.instance("scene", scene, Scene))
     if in_notebook():
         return Frame(page, "<live page, to be shown in a notebook>", HEIGHT)

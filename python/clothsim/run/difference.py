@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
+from ..base.services import service
 from ..base.text import counted
 from .result import Run
 from .trajectory import NEGLIGIBLE
@@ -37,9 +38,7 @@ class Difference(dict[str, Any]):
         >>> cs.difference(a, b).plot().get_ylabel()
         'distance of the mass points [m]'
         """
-        from ..viewing.plots.difference import draw_difference
-
-        return draw_difference(self, ax)
+        return service("draw_difference")(self, ax)
 
 
 @check.named

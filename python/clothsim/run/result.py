@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base import files as _files
 from ..base.extras import needed
+from ..base.services import service
 from ..base.text import counted, joules, quantity
 from ..engine import snapshot
 from ..engine.snapshot import Snapshot
@@ -398,9 +399,7 @@ class Run:
         >>> run.picture(t=0.01, width=200)
         <Picture of 200 x 129 pixels>
         """
-        from ..viewing.picture import picture_of_run
-
-        return picture_of_run(self, frame, t, path, **style)
+        return service("picture_of_run")(self, frame, t, path, **style)
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
@@ -424,12 +423,16 @@ class Run:
         >>> [axes.get_ylabel() for axes in run.plot().axes]
         ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
         """
-        from ..viewing.plots.run import draw_run
-
-        return draw_run(self, path)
+        return service("draw_run")(self, path)
 
     def animate(
-        self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, **style: Any
+        self,
+        path: str | Path,
+        fps: float = 30.0,
+        *,
+        speed: float = 1.0,
+        progress: bool = False,
+        **style: Any,
     ) -> Path:
         """Write a film of the run.
 
@@ -446,6 +449,8 @@ class Run:
             faster ones.
         speed : float, default 1.0
             Simulated seconds in a second of the film, > 0.
+        progress : bool, default False
+            True shows a progress bar of simulated seconds.
         **style
             As for `picture`. The view, the colour scale and the ground are the same for all frames.
 
@@ -457,9 +462,8 @@ class Run:
         ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
         'swing.gif'
         """
-        from ..viewing.animation import animate
-
-        return animate(self, path, fps, speed, **style)
+        film: Path = service("animate")(self, path, fps, speed, progress, **style)
+        return film
 
     @check.named
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
@@ -486,9 +490,8 @@ class Run:
         ...     path.name, path.stat().st_size < 500_000
         ('run.html', True)
         """
-        from ..viewing.page import alone
-
-        return alone(self, title).to_html(path)
+        page: Path = service("alone")(self, title).to_html(path)
+        return page
 
     @check.named
     def show(self, *, height: int = 760) -> Any:
@@ -504,15 +507,12 @@ class Run:
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
-        from ..viewing.page import alone
-
-        return alone(self).show(height)
+        return service("alone")(self).show(height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """The lines of `print`, and a picture of the last frame, for a notebook."""
-        from ..viewing.notebook import run_bundle
-
-        return run_bundle(self)
+        bundle: dict[str, Any] = service("run_bundle")(self)
+        return bundle
 
     @check.named
     def export(
@@ -566,9 +566,8 @@ class Run:
         ...     [file.name for file in run.export(folder + "/cloth.pc2")]
         ['cloth.pc2', 'cloth.obj']
         """
-        from ..viewing.exports import export
-
-        return export(self, path, fps, z_up)
+        files: list[Path] = service("export")(self, path, fps, z_up)
+        return files
 
 
 @check.named

@@ -8,6 +8,7 @@ from typing import Any
 
 import xarray
 
+from ..base.services import service
 from ..errors import ContactError, UnstableError
 from ..model.motion import motion_from_dict
 from ..model.scene import Scene
@@ -51,9 +52,7 @@ class ClothsimAccessor:
         >>> ds.clothsim.plot().shape
         (1, 2)
         """
-        from ..viewing.plots import plot
-
-        return plot(self._dataset, kind, **options)
+        return service("plot")(self._dataset, kind, **options)
 
     @property
     def provenance(self) -> dict[str, Any]:
@@ -71,7 +70,7 @@ class ClothsimAccessor:
     def member(
         self, *, every: float | None = None, force: Force | None = None, **selection: Any
     ) -> Run:
-        """The `Run` of one member, to show, play and export, computed again with equal bits.
+        """Compute the `Run` of a member again, with equal bits, to show, play and export it.
 
         `every` is as for `simulate`; default: that of the sweep. `force`: that of the sweep, which
         keeps no function. `selection` has labels as for
@@ -88,13 +87,16 @@ class ClothsimAccessor:
         (4.0, [0.0, 0.05, 0.1])
         """
         identity = self.provenance["identity"]
-        given = {name: value for name, value in identity["settings"].items() if name != "metrics"}
-        if given["force"] is not None and force is None:
+        settings = dict(identity["settings"])
+        del settings["metrics"]
+        if settings["force"] is not None and force is None:
             raise ValueError(
-                f"force must be given: the sweep had {given['force']}, and functions are not kept"
+                f"force must be given: the sweep had {settings['force']}, and functions are not "
+                "kept"
             )
-        given["force"] = force
-        every = given["every"] if every is None else every
+        settings["force"] = force
+        if every is not None:
+            settings["every"] = every
         grid = Grid([_axis(entry) for entry in identity["over"]])
         chosen = self._dataset.sel(selection)["member"]
         for name, size in chosen.sizes.items():
@@ -103,10 +105,11 @@ class ClothsimAccessor:
                     f"a member needs one value of {name!r}, got {size}: give member({name}=...)"
                 )
         index = chosen.item()
-        make = Maker(Scene.from_dict(identity["scene"]), SweepOptions(**{**given, "every": every}))
+        make = Maker(Scene.from_dict(identity["scene"]), SweepOptions(**settings))
         member = make(index, grid.values(index))
+        options = {**member.settings, "dt": member.dt}
         try:
-            return simulate(member.scene, every=every, **{**member.settings, "dt": member.dt})
+            return simulate(member.scene, every=settings["every"], **options)
         except (UnstableError, ContactError) as error:
             if not isinstance(error.run, Run):
                 raise
@@ -119,7 +122,7 @@ class ClothsimAccessor:
 
 
 def _axis(entry: Mapping[str, Any]) -> Axis:
-    """The axis that `Grid.describe` described."""
+    """Make the axis that `Grid.describe` described."""
     columns = [
         [_value(name, value) for value in values] for name, values in entry["values"].items()
     ]
@@ -130,7 +133,7 @@ def _axis(entry: Mapping[str, Any]) -> Axis:
 
 
 def _value(name: str, value: Any) -> Any:
-    """A swept value from its plain form."""
+    """Make a swept value from its plain form."""
     if isinstance(value, Mapping) and "sha256" in value:
         raise ValueError(
             f"a member cannot be run again where {name} is swept over arrays, which a "
