@@ -120,7 +120,8 @@ from .engine.stepping import acceleration, reference_step, step
 
 if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
-    from .accuracy.fit import Fit, fit, sensitivity
+    from .accuracy.fit import Fit, fit
+    from .accuracy.sensitivity import sensitivity
     from .gpu.live_page import view
     from .stability.map import stability_map
     from .sweeps.sweep import sweep
@@ -162,7 +163,8 @@ __getattr__, __dir__ = _extras.on_demand(
     globals(),
     {
         ".accuracy": ("Convergence", "Reference", "convergence", "reference", "work_precision"),
-        ".accuracy.fit": ("Fit", "fit", "sensitivity"),
+        ".accuracy.fit": ("Fit", "fit"),
+        ".accuracy.sensitivity": ("sensitivity",),
         ".stability.map": ("stability_map",),
         ".sweeps.store": ("open_sweep",),
         ".sweeps.sweep": ("sweep",),

@@ -14,7 +14,7 @@ import numpy as np
 from ..base import Floats, check, files
 from ..base.extras import needed
 from ..base.progress import ProgressBar
-from .legend import Pixels
+from .label import Pixels
 from .picture import Drawing, file_path, style_of
 
 # Effort, 0 to 6; at 4 a film of 181 pictures is 2 % smaller and takes 1.5 times as long, at 6 15

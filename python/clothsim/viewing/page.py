@@ -30,11 +30,12 @@ from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for, nearest, reach
-from .legend import HEAT, TOP_PART, VIRIDIS, point_stretch, titled
+from .label import titled
 from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
 from .plots.run import curves
 from .plots.style import COLORS
+from .scale import HEAT, TOP_PART, VIRIDIS, point_stretch
 
 # Times the narrowest view of the runs of a page. A cloth that was thrown off is wider; at twice it
 # makes others small, at half two scenes of different size do not both fit.

@@ -10,7 +10,7 @@ from .style import BLACK, HOLLOW, shown_axes
 from .work_precision import look_of
 
 if TYPE_CHECKING:
-    from ...accuracy.work import Convergence
+    from ...accuracy.order import Convergence
 
 
 def draw_convergence(result: Convergence, ax: Any = None) -> Any:

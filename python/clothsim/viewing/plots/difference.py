@@ -22,8 +22,10 @@ def draw_difference(result: Mapping[str, Any], ax: Any = None) -> Any:
     axes.set(xlabel="time [s]", ylabel="distance of the mass points [m]")
     if apart:
         axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0)
+    note = None
     if result["unmatched"]:
-        note = f"{counted(result['unmatched'], 'frame')} of both runs without a partner"
-        axes.set_title(note, fontsize="medium")
-    axes.legend(fontsize="small")
+        note = f"{counted(result['unmatched'], 'frame')} without a partner"
+    axes.legend(title=note, fontsize="small", title_fontsize="small")
     return axes

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...accuracy.fit import parameters_of
+from ...accuracy.parameters import parameters_of
 from ...model.fields import units
 from .points import distant_points
-from .style import BLACK, BLUE, COLORS, GREY, MARKERS, shown_axes
+from .style import BLACK, BLUE, COLORS, GREY, MARKERS, shown_axes, wrapped
 
 if TYPE_CHECKING:
     from ...accuracy.fit import Fit
-
-_WIDTH = 52  # characters of a line of a reason
 
 
 def draw_fit(result: Fit, ax: Any = None) -> Any:
@@ -76,7 +73,7 @@ def _draw_values(result: Fit, axes: Any) -> None:
         if not math.isfinite(errors[row]):
             reason = result.report["reasons"][name] or result.report["reason"]
             where = {"transform": axes.get_yaxis_transform(), "ha": "center", "va": "center"}
-            axes.text(0.5, row, fill(reason, _WIDTH), fontsize="small", **where)
+            axes.text(0.5, row, wrapped(reason, axes), fontsize="small", **where)
     finite = np.isfinite(parts)
     if finite.any():
         widest = 1.2 * parts[finite].max()
@@ -120,7 +117,8 @@ def _draw_correlation(result: Fit, names: list[str], axes: Any) -> None:
         color = "white" if abs(correlation[i, j]) > 0.6 else BLACK
         where = {"ha": "center", "va": "center"}
         axes.text(j, i, f"{correlation[i, j]:.2f}", fontsize="small", color=color, **where)
-    axes.set_xticks(range(len(names)), names, rotation=30, ha="right")
+    turn = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
+    axes.set_xticks(range(len(names)), names, **turn)
     axes.set_yticks(range(len(names)), names)
     axes.set_title("correlation of the parameters")
     axes.grid(False)

@@ -17,7 +17,7 @@ def distant_points(x: Floats, count: int = 3) -> list[tuple[int, int]]:
     most; each further one is as far as possible from those before. The component is that in which
     the point moves most.
     """
-    way = np.fmax.reduce(x, axis=0) - np.fmin.reduce(x, axis=0)  # NaN where never measured
+    way = np.fmax.reduce(x, axis=0) - np.fmin.reduce(x, axis=0)  # NaN where there are no numbers
     longest = np.nan_to_num(way, nan=-1.0).max(axis=1)
     times = np.isfinite(x).all(axis=2).sum(axis=0)
     useful = (longest >= _STILL * longest.max()) & (times >= _MISSING * times.max())

@@ -16,14 +16,17 @@ if TYPE_CHECKING:
 def draw_reference(result: Reference, ax: Any = None) -> Any:
     """Draw `Reference.plot`."""
     motion, error = shown_axes(ax, 2, width=11.0, height=4.4)
-    few = len(result.t) < FEW
+    sparse = len(result.t) < FEW
     x = result.x.reshape(len(result.t), -1, 3)
+    ways = x - x[0]
     for n, (k, component) in enumerate(distant_points(x)):
         place = tuple(map(int, np.unravel_index(k, result.x.shape[1:-1])))
         label = f"{'xyz'[component]} of point {place}"
-        marker = MARKERS[n] if few else None
-        motion.plot(result.t, x[:, k, component], color=COLORS[n], marker=marker, ms=4, label=label)
-    motion.set(xlabel="time [s]", ylabel="position [m]", title="the solution")
+        marker = MARKERS[n] if sparse else None
+        motion.plot(
+            result.t, ways[:, k, component], color=COLORS[n], marker=marker, ms=4, label=label
+        )
+    motion.set(xlabel="time [s]", ylabel="way from the start [m]", title="the solution")
     motion.legend(fontsize="small")
     for numbers, name, color in (
         (result.error_bound, "bound", BLUE),
@@ -32,7 +35,7 @@ def draw_reference(result: Reference, ax: Any = None) -> Any:
         for key, text, dash, marker in (("max", "largest", "-", "o"), ("rms", "rms", "--", "s")):
             positive = numbers[key] > 0
             if positive.any():
-                look = {"color": color, "ls": dash, "marker": marker if few else None, "ms": 4}
+                look = {"color": color, "ls": dash, "marker": marker if sparse else None, "ms": 4}
                 values = np.where(positive, numbers[key], np.nan)
                 error.plot(result.t, values, label=f"{name}, {text}", **look)
     error.set(xlabel="time [s]", ylabel="error [m]", title="its error", yscale="log")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from textwrap import fill
 from typing import Any
 
 import numpy as np
 
-from .style import BLACK, BLUE, FEW, RED, shown_axes
+from .style import BLACK, BLUE, FEW, RED, shown_axes, wrapped
 
-_WIDTH = 60  # characters of a line of a reason
+_MOST_TICKS = 8  # numbers of rows or columns
 
 
 def draw_sensitivity(data: Any, ax: Any = None) -> Any:
@@ -26,10 +25,11 @@ def draw_sensitivity(data: Any, ax: Any = None) -> Any:
         parameter = data.isel(parameter=row)
         name = str(parameter["parameter"].item())
         unit = str(parameter["unit"].item())
-        label = f"d x / d {name}\n[m per {unit}]" if unit else f"d x / d {name}\n[m]"
+        label = f"d x / d {name}"
+        per = "[m]" if unit in ("", "1") else f"[m per {unit}]"
         length = np.linalg.norm(parameter["dx"].values, axis=-1)  # (times, rows, columns)
-        _draw_over_time(parameter, length, label, over_time)
-        _draw_over_points(parameter, length, label, over_points)
+        _draw_over_time(parameter, length, f"{label}\n{per}", over_time)
+        _draw_over_points(parameter, length, label, per, over_points)
     grid[-1, 0].set_xlabel("time [s]")
     return grid
 
@@ -43,30 +43,32 @@ def _draw_over_time(parameter: Any, length: np.ndarray, label: str, axes: Any) -
         (largest, "largest of a point", BLUE, "-"),
         (parameter["error"].values, "error", RED, "--"),
     ):
-        positive = np.where(values > 0, values, np.nan)
-        axes.plot(times, positive, label=text, color=color, ls=dash, **marks)
+        if (values > 0).any():
+            positive = np.where(values > 0, values, np.nan)
+            axes.plot(times, positive, label=text, color=color, ls=dash, **marks)
     axes.set(ylabel=label, yscale="log", xlim=(0, 1.05 * times[-1]))
-    axes.legend(fontsize="small", loc="lower right")
+    if axes.lines:
+        axes.legend(fontsize="small")
     if parameter["reason"].item():
         end = parameter["known_until"].item()
         axes.axvline(end, color=BLACK, ls=":", lw=1)
-        axes.set_title(fill(parameter["reason"].item(), _WIDTH), fontsize="small")
+        axes.set_title(wrapped(parameter["reason"].item(), axes), fontsize="small")
 
 
-def _draw_over_points(parameter: Any, length: np.ndarray, label: str, axes: Any) -> None:
+def _draw_over_points(parameter: Any, length: np.ndarray, label: str, unit: str, axes: Any) -> None:
     """Draw the derivative of each point at the time at which the largest is."""
     largest = np.nan_to_num(length.max(axis=(1, 2)), nan=-1.0)
     k = int(largest.argmax())
     values = length[k]
     axes.grid(False)
     if not largest[k] > 0:
-        text = "not known at any time" if largest[k] < 0 else "no point moves"
+        text = "not known at any time" if largest[k] < 0 else "no effect on any point"
         axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
         axes.set_axis_off()
         return
     image = axes.imshow(values, vmin=0.0, cmap="viridis", aspect="auto")
-    axes.figure.colorbar(image, ax=axes, label=label)
+    axes.figure.colorbar(image, ax=axes, label=unit)
     time = parameter["time"].values[k]
-    axes.set(xlabel="column", ylabel="row", title=f"points at {time:.4g} s")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.get_major_locator().set_params(integer=True)
+    axes.set(xlabel="column", ylabel="row", title=f"{label} at {time:.4g} s")
+    for axis, count in ((axes.xaxis, values.shape[1]), (axes.yaxis, values.shape[0])):
+        axis.set_ticks(np.arange(0, count, -(-count // _MOST_TICKS)))

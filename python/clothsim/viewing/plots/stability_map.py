@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .style import BLACK, BLUE, RED, shown_axes
+from .style import BLACK, BLUE, RED, legend_beside, separate_ticks, shown_axes, wrapped
 
 
 def draw_map(data: Any, ax: Any = None) -> Any:
@@ -22,7 +22,7 @@ def draw_map(data: Any, ax: Any = None) -> Any:
         axes.plot(k[mask], dt[mask], marker, color=color, markersize=5, label=label, clip_on=False)
     rising = data.sortby("stiffness")
     for name, dash, label in (
-        ("limit", "-", "predicted at the start"),
+        ("limit", "-", "predicted\nat the start"),
         ("guarantee", "--", "guaranteed"),
     ):
         if np.isfinite(rising[name]).any():
@@ -36,13 +36,14 @@ def draw_map(data: Any, ax: Any = None) -> Any:
         title=title,
     )
     if (~stable & predicted).any():
-        note = (
+        note = wrapped(
             "Crosses below the predicted limit: it is that of the initial state, and the cloth "
-            "moves on to others"
+            "moves on to others",
+            axes,
         )
-        axes.text(
-            0.5, 1.0, note, transform=axes.transAxes, ha="center", va="bottom", fontsize="small"
-        )
-        axes.set_title(title, pad=20)
-    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)
+        look = {"ha": "center", "va": "bottom", "fontsize": "small"}
+        axes.text(0.5, 1.0, note, transform=axes.transAxes, **look)
+        axes.set_title(title, pad=8 + 12 * (1 + note.count("\n")))
+    legend_beside(axes)
+    separate_ticks(axes)
     return axes

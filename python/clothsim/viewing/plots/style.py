@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import product
+import math
+from itertools import pairwise, product
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -31,6 +33,12 @@ DPI = 120
 
 HOLLOW = {"mfc": "white", "ls": "none", "zorder": 3}
 """Look of points whose value is not certain, over that of their line."""
+
+_MOST_ROWS = 16
+"""Rows of a legend, which is as high as axes of the default size."""
+
+_LETTERS = 13.0
+"""Small letters per inch."""
 
 FEW = 20
 """Below this number of points a line has a marker at each."""
@@ -82,14 +90,34 @@ def tidy(axes: Any) -> None:
 
 def legend_beside(axes: Any, title: str | None = None) -> None:
     """Put the legend to the right of the axes: inside, some line would always be under it."""
+    count = len(axes.get_legend_handles_labels()[0])
     axes.legend(
         title=title,
         fontsize="small",
+        title_fontsize="small",
+        ncols=-(-count // _MOST_ROWS),
         frameon=False,
         loc="upper left",
         bbox_to_anchor=(1.01, 1.0),
         borderaxespad=0.0,
     )
+
+
+def wrapped(text: str, axes: Any) -> str:
+    """Return a text in lines of small letters that are as wide as the axes at most."""
+    inches = axes.get_window_extent().width / axes.figure.dpi
+    return fill(text, max(20, int(_LETTERS * inches)))
+
+
+def separate_ticks(axes: Any) -> None:
+    """Turn the labels of the x axis where they overlap."""
+    axes.figure.draw_without_rendering()  # lays out the axes
+    labels = axes.xaxis.get_ticklabels(which="both")
+    boxes = [label.get_window_extent() for label in labels if label.get_text()]
+    boxes.sort(key=lambda box: box.x0)
+    if any(b.x0 < a.x1 + 2 for a, b in pairwise(boxes)):
+        for label in labels:
+            label.set(rotation=30, ha="right", rotation_mode="anchor")
 
 
 # Offsets from a point of a line [points] to its label; the signs say on which side the text is. The
@@ -110,8 +138,19 @@ PLACES = [
 ]
 
 
+# Costs of a place of a label in samples of lines that it covers: another label is worse than lines,
+# and the edge of the axes worse than all.
+_OVERLAP = 1e3
+_OUTSIDE = 1e6
+
+
+_INK = 0.75
+"""Factor from the colour of a line to that of its label: yellow letters are hard to read."""
+
+
 def label_lines(axes: Any) -> None:
-    """Label each line at a point, if possible an end, without overlap with lines or labels."""
+    """Label each line at a point, if possible an end, where least lines and labels overlap."""
+    to_rgb = needed("matplotlib.colors", "plot", "plot").to_rgb
     axes.figure.draw_without_rendering()  # lays out the axes
     paths = [
         line.get_transform().transform(line.get_xydata())
@@ -129,21 +168,27 @@ def label_lines(axes: Any) -> None:
         look = {
             "textcoords": "offset points",
             "fontsize": "small",
-            "color": line.get_color(),
+            "color": _INK * np.array(to_rgb(line.get_color())),
             "va": "center",
         }
         text = axes.annotate(line.get_label(), points[-1], PLACES[0], annotation_clip=False, **look)
         size = text.get_window_extent().size
         pixels = axes.transData.transform(points)
         from_ends = sorted(range(len(points)), key=lambda k: min(k + 0.5, len(points) - 1 - k))
+        least = math.inf
         for k, (dx, dy) in product(from_ends, PLACES):
             offset = np.multiply((dx, dy), axes.figure.dpi / 72)
             low = pixels[k] + offset - size * (0.5 - 0.5 * np.sign(dx), 0.5)
-            crossed = ((ink > low - 2) & (ink < low + size + 2)).all(axis=1).any()
-            crossed |= ((boxes[:, 0] < low + size) & (boxes[:, 1] > low)).all(axis=1).any()
-            if not crossed and axes.bbox.count_contains([low, low + size]) == 2:
+            crossings = ((ink > low - 2) & (ink < low + size + 2)).all(axis=1).sum()
+            overlaps = ((boxes[:, 0] < low + size) & (boxes[:, 1] > low)).all(axis=1).sum()
+            outside = 2 - axes.bbox.count_contains([low, low + size])
+            cost = crossings + _OVERLAP * overlaps + _OUTSIDE * outside
+            if cost < least:
+                least = cost
+                text.xy = points[k]
+                text.xyann = (dx, dy)
+                text.set_ha(("right", "center", "left")[np.sign(dx) + 1])
+                box = [low, low + size]
+            if cost == 0:
                 break
-        text.xy = points[k]
-        text.xyann = (dx, dy)
-        text.set_ha(("right", "center", "left")[np.sign(dx) + 1])
-        boxes = np.concatenate([boxes, [[low, low + size]]])
+        boxes = np.concatenate([boxes, [box]])

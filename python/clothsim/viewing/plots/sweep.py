@@ -20,6 +20,7 @@ from .style import (
     RED,
     YELLOW,
     legend_beside,
+    separate_ticks,
     shown_axes,
     style,
 )
@@ -34,7 +35,7 @@ TELLING = ("error", "sag", "penetration", "largest_stretch")
 UNSURE = "below the\nreference's own"
 """Label of errors that the reference does not tell."""
 _UNSURE_LOOK = {**HOLLOW, "ms": 4, "mec": GREY, "label": UNSURE}
-_LONGEST_LABEL = 6  # characters; longer labels of values are turned where there are several
+_MOST_LABELS = 10  # lines of numbers; more have a colour bar in place of a legend
 _DECADES = 100.0  # largest over least value, from which on a scale is logarithmic
 
 
@@ -82,10 +83,14 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     lines = [dataset]
     if along is not None:
         lines = [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
+    many = along is not None and len(lines) > _MOST_LABELS and _numeric(dataset[along])
+    colors = _fan_colors(dataset[along], ax) if many else []
     crosses = np.zeros(len(x))  # number at each step; they are put below each other
     for k, line in enumerate(lines):
         look = look_of(str(line[along].values)) if along == "integrator" else style(k)
-        label = None if along is None else _tick(line[along])
+        label = None if along is None or many else _tick(line[along])
+        if many:
+            look = {"color": colors[k], "marker": "o", "ms": 3, "ls": "-"}
         error = line["error"].values
         unsure = _unsure(line)
         ax.loglog(x, np.where(error > 0, error, np.nan), label=label, **look)
@@ -107,9 +112,23 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     if _unsure(dataset).any():
         ax.plot([], [], "o", **_UNSURE_LOOK)
     ax.set(xlabel=_title(dataset[control]), ylabel="largest error at the end [m]")
-    if ax.get_legend_handles_labels()[0]:
+    if many:
+        ax.legend(fontsize="small", frameon=False)
+    elif ax.get_legend_handles_labels()[0]:
         legend_beside(ax, None if along is None else _title(dataset[along]))
+    separate_ticks(ax)
     return ax
+
+
+def _fan_colors(coordinate: Any, ax: Any) -> Any:
+    """Return a colour of each value of a coordinate, and draw their colour bar."""
+    colors = needed("matplotlib.colors", "plot", "plot")
+    cm = needed("matplotlib.cm", "plot", "plot")
+    scale = colors.LogNorm if _logarithmic(coordinate) else colors.Normalize
+    values = coordinate.values.astype(float)
+    mappable = cm.ScalarMappable(scale(values.min(), values.max()), "viridis")
+    ax.figure.colorbar(mappable, ax=ax, label=_title(coordinate))
+    return mappable.to_rgba(values)
 
 
 def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
@@ -134,6 +153,7 @@ def stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
     ax.plot(places, limit.values[finite], ".-", color=BLACK, label=label)
     ax.set_ylim(limits)
     legend_beside(ax)
+    separate_ticks(ax)
     return ax
 
 
@@ -181,6 +201,7 @@ def heatmap(
         legend_beside(ax)
     else:
         _draw_heat(data, variable, x, y, ax)
+    separate_ticks(ax)
     return ax
 
 
@@ -246,13 +267,23 @@ def _spans_decades(values: Any) -> bool:
 def _mesh(values: Any, x: str, y: str, ax: Any, **options: Any) -> Any:
     """Draw a cell for each member, on axes whose numbers are at their values."""
     ax.grid(False)
-    scales = {f"{axis}scale": "log" for axis, d in (("x", x), ("y", y)) if _logarithmic(values[d])}
-    mesh = values.plot.pcolormesh(
-        x=x, y=y, ax=ax, add_colorbar=False, add_labels=False, **scales, **options
-    )
+    numbers = np.ma.masked_invalid(values.transpose(y, x).values.astype(float))
+    mesh = ax.pcolormesh(_edges(values[x]), _edges(values[y]), numbers, **options)
     _scale(ax, "x", values[x])
     _scale(ax, "y", values[y])
     return mesh
+
+
+def _edges(coordinate: Any) -> np.ndarray:
+    """Return the edges of the cells around the places of a coordinate."""
+    places = _places(coordinate)
+    if _logarithmic(coordinate):
+        places = np.log(places)
+    middles = (places[1:] + places[:-1]) / 2
+    first = 2 * places[0] - middles[0]
+    last = 2 * places[-1] - middles[-1]
+    edges = np.concatenate([[first], middles, [last]])
+    return np.exp(edges) if _logarithmic(coordinate) else edges
 
 
 def _unsure(dataset: Any) -> np.ndarray:
@@ -340,10 +371,7 @@ def _scale(ax: Any, side: str, coordinate: Any) -> None:
     """Give the axis "x" or "y" the title, the scale and the labels of a coordinate."""
     if not _numeric(coordinate):
         labels = [str(value) for value in coordinate.values]
-        look: dict[str, Any] = {}
-        if side == "x" and max(map(len, labels)) > _LONGEST_LABEL:
-            look = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
-        getattr(ax, f"set_{side}ticks")(np.arange(coordinate.size), labels, **look)
+        getattr(ax, f"set_{side}ticks")(np.arange(coordinate.size), labels)
     elif _logarithmic(coordinate):
         getattr(ax, f"set_{side}scale")("log")
     getattr(ax, f"set_{side}label")(_title(coordinate))

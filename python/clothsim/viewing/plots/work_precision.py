@@ -19,6 +19,8 @@ _DASHES = {
     ("rtol", "single"): (0, (7, 2, 1, 2)),
 }
 
+_NEAR = 1e-3  # of the smallest error, below which the error of the reference is not drawn
+
 
 def look_of(method: str, others: Sequence[str] = ()) -> dict[str, Any]:
     """Return colour and marker of a method, the same in every plot; others' methods follow ours."""
@@ -58,11 +60,12 @@ def draw_work_precision(data: Any, ax: Any = None) -> Any:
     errors = data["rms_error"].values[front][order]
     wide = {"color": BLACK, "lw": 5, "alpha": 0.15, "marker": "o", "ms": 11, "zorder": 0}
     panels[0].plot(times, errors, drawstyle="steps-post", **wide)
-    note = "; grey: front" if front.any() else ""
-    texts = (f"wall time per simulated second [s/s]{note}", "force evaluations")
+    note = "\ngrey: front" if front.any() else ""
+    texts = (f"wall time [s per simulated s]{note}", "force evaluations")
+    smallest = np.where(np.isfinite(data["rms_error"]), data["rms_error"], np.inf).min()
     for panel, text in zip(panels, texts):
         panel.set(xscale="log", yscale="log", xlabel=text)
-        if floor > 0:
+        if floor > _NEAR * smallest:
             panel.axhline(floor, color=GREY, lw=0.8)
             # The note is at the left: where a method is fast, its error is not yet that small.
             where = {"xycoords": ("axes fraction", "data"), "va": "bottom", "fontsize": 8}
