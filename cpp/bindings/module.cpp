@@ -5,9 +5,8 @@
 
 #include "bindings/bindings.hpp"
 #include "bindings/version.hpp"
-#include "driver/energy_watch.hpp"
-#include "driver/simulation.hpp"
 #include "kernels/kernel_table.hpp"
+#include "memory/heuristics.hpp"
 #include "memory/threads.hpp"
 
 namespace clothsim {
@@ -62,7 +61,15 @@ void bind_build(py::module_& m) {
     for (const MirroredNeighbour& n : neighbours)
         ends.append(py::make_tuple(n.row, n.column, family_names[n.family], int(n.kind)));
     m.attr("neighbours") = py::tuple(ends);
-    m.attr("extents_that_are_far") = extents_that_are_far;
+    m.attr("heuristics") =
+        py::dict("points_of_team"_a = heuristics::points_of_team,
+                 "points_per_thread_of_step"_a = heuristics::points_per_thread_of_step,
+                 "points_per_thread_of_response"_a = heuristics::points_per_thread_of_response,
+                 "rows_per_thread"_a = heuristics::rows_per_thread,
+                 "steps_of_block"_a = heuristics::steps_of_block,
+                 "steps_of_short_block"_a = heuristics::steps_of_short_block,
+                 "negligible_depth"_a = heuristics::negligible_depth,
+                 "extents_that_are_far"_a = heuristics::extents_that_are_far);
 }
 
 }  // namespace clothsim

@@ -20,8 +20,6 @@ namespace {
 constexpr double smallest_part = 1e-14;
 // A stop this near, over the time, is at the end of a step: above what the clock rounds.
 constexpr double rounding_of_stops = 1e-12;
-constexpr std::int64_t steps_between_energies =
-    EnergyWatch::steps_between_checks;  // accepted ones, which cost several of others
 
 }  // namespace
 
@@ -66,7 +64,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         bool accepted = controller.judge(h, error, adaptive.order());
         const double bounded = accepted ? adaptive.contact_step(t, h, run.near, true) : h;
         const Passed passed = accepted && bounded >= h && engine.has_penalty()
-            ? passed_in(adaptive.depths_tried(t + h), plans_[0])
+            ? passed_in(adaptive.trial_depths(t + h), plans_[0])
             : Passed{};
         if (passed.obstacle >= 0) {
             // Steps that meet the tolerance and still end beyond the layer: the solution does.
@@ -92,7 +90,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
             const double next = h == left ? end : t + h;
             engine.accept_and_respond(t, next, threads);
             run.begin = t;
-            const bool due = (age_ + 1) % steps_between_energies == 0;
+            const bool due = (age_ + 1) % heuristics::steps_of_short_block == 0;
             if (due || next >= until || outcome.steps + 1 == steps) {
                 engine.note_contacts();
                 note_pinned_inside(0, next);

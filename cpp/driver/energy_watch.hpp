@@ -41,8 +41,6 @@ public:
     // stretch of a thousandth. An unstable energy doubles within steps, so half or twice the part
     // changes little.
     static constexpr double negligible_part = 1e-6;
-    // Steps between two inspections above the guaranteed time step, where growth is likely.
-    static constexpr std::int64_t steps_between_checks = 16;
 
     // The fastest free mass point if the energy has run away, else -1. `record`: what was gained
     // goes into engine.watched.

@@ -12,20 +12,6 @@
 #include "memory/threads.hpp"
 
 namespace clothsim {
-namespace {
-
-// Half of the 0.1 s within which Ctrl-C ends a call of short steps.
-constexpr double seconds_between_polls = 0.05;
-// Ctrl-C waits for steps that are repeated at once. So these times the mass points are at most as
-// many, which is 0.1 s of RK4 on one slow core.
-constexpr std::int64_t most_points_repeated = 1 << 22;
-// Least mass points of a member for a thread of a team. Such a team is taken to be three quarters
-// as many times faster as it has threads.
-constexpr std::int64_t least_points_per_thread = 1024;
-// Of a point on a surface [m]: rounding of places.
-constexpr double negligible_depth = 1e-9;
-
-}  // namespace
 
 Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads) : plans_(plans) {
     members_.reserve(plans.size());
@@ -243,8 +229,8 @@ void Simulation::each_member_of(const std::vector<std::size_t>& members, int thr
     // Most members are stepped by one thread each. The whole team steps those left one after the
     // other where that is faster.
     const std::size_t team = std::size_t(threads), left = members.size() % team;
-    const bool shared =
-        4 * left <= 3 * team && plans_[0].cloth.points() >= least_points_per_thread * threads;
+    const bool shared = 4 * left <= 3 * team &&
+        plans_[0].cloth.points() >= heuristics::points_per_thread_of_step * threads;
     const std::size_t alone = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);
     std::atomic<std::size_t> next{0};
     if (alone > 0)
@@ -333,11 +319,11 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) 
 }
 
 std::int64_t Simulation::energy_period(std::size_t i) const {
-    return clock.dt > stable_dt_[i] ? EnergyWatch::steps_between_checks : most_steps_of_block;
+    return clock.dt > stable_dt_[i] ? heuristics::steps_of_short_block : heuristics::steps_of_block;
 }
 
 std::int64_t Simulation::energy_period() const {
-    std::int64_t least = most_steps_of_block;
+    std::int64_t least = heuristics::steps_of_block;
     for (const std::size_t i : all_)
         if (!frozen_[i]) least = std::min(least, energy_period(i));
     return least;
@@ -405,7 +391,7 @@ void Simulation::note_depths(std::size_t i, Outcome& outcome) {
     if (!members_[i]->has_penalty()) return;
     const Watched& watched = members_[i]->watched;
     if (!outcome.below && !told_below_[i] &&
-        std::max(watched.point_depth, watched.triangle_depth) > negligible_depth) {
+        std::max(watched.point_depth, watched.triangle_depth) > heuristics::negligible_depth) {
         told_below_[i] = 1;
         outcome.below = {std::int64_t(i), watched.point_depth, watched.triangle_depth};
     }
@@ -432,9 +418,9 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
     Outcome outcome;
     // A block ends where energies are compared. A call with arrays that ends before needs none.
     const std::int64_t period = energy_period();
-    const bool watched = period < most_steps_of_block || !input_ || steps >= period;
+    const bool watched = period < heuristics::steps_of_block || !input_ || steps >= period;
     if (steps > 0 && watched) begin_watches();
-    if (steps_in_block_ * points_ > most_points_repeated) end_block();
+    if (steps_in_block_ * points_ > heuristics::point_steps_of_block) end_block();
     Poll poll(interrupted);
     auto start = poll.asked();
     while (outcome.steps < steps) {
@@ -447,10 +433,10 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
         const std::int64_t n = std::min(chunk_, to_inspection);
         run({n, n == to_inspection}, threads);
         outcome.steps += n;
-        const auto end = Poll::Clock::now();
+        const auto end = std::chrono::steady_clock::now();
         const double seconds = std::max(std::chrono::duration<double>(end - start).count(), 1e-9);
-        chunk_ = std::clamp(std::int64_t(seconds_between_polls * double(n) / seconds),
-                            std::int64_t(1), most_steps_of_block);
+        chunk_ = std::clamp(std::int64_t(heuristics::seconds_between_polls * double(n) / seconds),
+                            std::int64_t(1), heuristics::steps_of_block);
         start = end;
         report_contacts(outcome);
         outcome.interrupted = poll.stopped(end);

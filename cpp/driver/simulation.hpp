@@ -49,8 +49,8 @@ struct Outcome {
 };
 
 // Steps are taken first and judged afterwards, which costs less than an inspection before each. A
-// block of at most 128 steps begins with a copy of the state in each engine and ends with an
-// inspection.
+// block of at most heuristics::steps_of_block steps begins with a copy of the state in each engine
+// and ends with an inspection.
 //
 //     copy                              inspection
 //      |------- steps of a block -----------|
@@ -61,9 +61,6 @@ struct Outcome {
 // goes on over several calls of `advance`, as a call may be one step long. In the first block of a
 // call with arrays, these take the place of the copies, and stay unchanged until the call has
 // succeeded.
-//
-// Half copies and inspects twice as often; twice repeats more steps of an unstable run.
-inline constexpr std::int64_t most_steps_of_block = 128;
 
 // The steps of one run with error control: what is asked of them, and what they were so far.
 struct AdaptiveRun {

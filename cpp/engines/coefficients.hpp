@@ -11,12 +11,12 @@
 
 namespace clothsim {
 
-// 1 / mass where it is uniform and so folded into the coefficients.
+// Returns 1 / mass where it is uniform and so folded into the coefficients.
 inline double coefficient_scale(const Plan& plan) {
     return plan.cloth.uniform_mass ? 1 / plan.cloth.mass[0] : 1;
 }
 
-// The stiffness rounded so that a spring at rest gives no force in the edge kernel (see
+// Returns the stiffness rounded so that a spring at rest gives no force in the edge kernel (see
 // exact_at_rest). It stays unrounded where the two differ by more than rounding, as with a rest
 // length of 0.
 template <class Real>
@@ -32,13 +32,14 @@ Real stiffness_at_rest(const Plan& plan, const Neighbour& neighbour, Real stiffn
         : stiffness;
 }
 
-// The damping constant that all families share as the edge kernel sees it. None if it is so small
-// or large that single might not hold what is divided by it.
+// Returns the damping constant that all families share as the edge kernel sees it. There is none if
+// it is so small or large that single might not hold what is divided by it.
 template <class Real>
 std::optional<double> shared_damping(const Plan& plan) {
     const Cloth& cloth = plan.cloth;
     const double root_scale = double(kernels_of<Real>(*plan.kernels).root_scale);
-    double damping = 0, stiffness = 0;
+    double damping = 0;
+    double stiffness = 0;
     for (int f = 0; f < family_count; ++f)
         if (cloth.present[f]) {
             damping = std::max(damping, cloth.spring_damping[f]);
@@ -47,12 +48,12 @@ std::optional<double> shared_damping(const Plan& plan) {
     for (int f = 0; f < family_count; ++f)
         if (cloth.present[f] && cloth.spring_damping[f] != damping) return {};
     const double shared = damping * coefficient_scale(plan) / (root_scale * root_scale);
-    const bool held =
+    const bool fits =
         stiffness * coefficient_scale(plan) <= 1e15 * shared && shared > 1e-15 && shared < 1e15;
-    return held ? std::optional(shared) : std::nullopt;
+    return fits ? std::optional(shared) : std::nullopt;
 }
 
-// `unit`: of the accelerations that the kernel sums.
+// `unit` is that of the accelerations that the kernel sums.
 template <class Real>
 StepConstants<Real> step_constants(const Plan& plan, double dt, double unit) {
     const auto g = [&](int k) { return Real(plan.gravity[k] / unit); };

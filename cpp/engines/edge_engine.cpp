@@ -26,13 +26,13 @@
 namespace clothsim {
 namespace {
 
+using heuristics::rows_at_a_time;
+using heuristics::rows_before_use;
+
 // Rows between two stages that follow each other: a row needs the two after it, and a row is
 // finished by the next.
 constexpr int rows_between_stages = 3;
-// Rows of a stage before the next stage continues. Each stage has code of its own, too much to
-// change with every row.
-constexpr int rows_at_a_time = 4;
-// Of work, from the newest that the first stage makes to the oldest that the last one reads.
+// Rows of work, from the newest that the first stage makes to the oldest that the last one reads.
 constexpr int rows_under_way = 3 * rows_between_stages + 2 + rows_at_a_time;
 // The third row finishes the second one, and then the first two may be sent.
 constexpr int rows_to_hand = 3;
@@ -43,28 +43,32 @@ template <class Real>
 constexpr std::ptrdiff_t bytes_of_point =
     (compensated<Real> ? 2 : 1) * StateRecord::count * sizeof(Real);
 
-// Columns of a strip, 0: the cloth is not cut. A strip in progress holds rows of work, one more of
-// state and some of its compensation. The contact pass needs a whole cloth.
+// Returns the columns of a strip, 0 if the cloth is not cut. A strip in progress holds rows of
+// work, one more of state and some of its compensation. The contact pass needs a whole cloth.
 template <class Real>
 int strip_columns(const Plan& plan) {
     constexpr std::ptrdiff_t rows_of_state =
         rows_under_way + 1 + (compensated<Real> ? 3 + rows_at_a_time : 0);
     constexpr std::ptrdiff_t of_column =
         (rows_of_state * StateRecord::count + rows_under_way * WorkRecord::count) * sizeof(Real);
-    const int enough = int(bytes_under_way() / of_column);
-    const bool small = plan.cloth.points() * bytes_of_point<Real> <= bytes_in_shared_cache;
-    const bool narrow = plan.cloth.columns <= enough + enough / 16;
-    return small || narrow || !plan.spheres.empty() ? 0 : enough;
+    const int width = int(bytes_under_way() / of_column);
+    const bool small =
+        plan.cloth.points() * bytes_of_point<Real> <= heuristics::bytes_in_shared_cache;
+    const bool narrow = plan.cloth.columns <= width + width / 16;
+    return small || narrow || !plan.spheres.empty() ? 0 : width;
 }
 
 // Halo rows received from the neighbouring band, one slot per stage of a step. A slot holds the row
 // at the border and, for bend springs, the row behind it. Without damping only positions are
-// exchanged. Two slots would be correct too.
+// exchanged.
 template <class Real>
 struct HaloSlot {
-    static constexpr int slots = 4;
+    static constexpr int slots = heuristics::halo_slots;
     AlignedVector<Real> rows;
-    int vectors = 0, lanes = 0, row_count = 0, seen = 0;
+    int vectors = 0;
+    int lanes = 0;
+    int row_count = 0;
+    int seen = 0;
 
     void prepare(const TransposedLayout& layout, const Features& features) {
         vectors = layout.vectors;
@@ -118,7 +122,7 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     std::vector<std::uint64_t> near_rows[4];  // of each row, see PenaltyRows
     std::int64_t step = 0;  // to which the state belongs
     Clock clock;  // of the call
-    // The number of a step's stage, counted over all steps.
+    // Returns the number of a step's stage, counted over all steps.
     std::int64_t number_of(int stage) const { return 4 * step + stage; }
 
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
@@ -165,8 +169,8 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
         if (r + 1 < size()) engine->halos_.fetch(strip, row(r + 1), step);
         engine->halos_.take(strip, row(r), rows[std::size_t(r)].state, step);
     }
-    // The state with which a step begins, to the neighbours: with its halo, so the strips beside
-    // this one have to be there.
+    // Sends the state with which a step begins to the neighbours: with its halo, so the strips
+    // beside this one have to be there.
     void send_start() {
         const int n = size();
         const std::int64_t number = 4 * step;
@@ -232,7 +236,7 @@ void EdgeEngine<Real>::build_coefficients() {
         for (const Neighbour& neighbour : spring_kinds)
             for (const int what : {0, 1, 2})
                 for (const int follow : reach) {
-                    const bool there = follow >= neighbour.column;
+                    const bool exists = follow >= neighbour.column;
                     const double stiffness = cloth.stiffness[neighbour.family] * scale / unit_;
                     const Real tension =
                         Real(stiffness * cloth.rest_length(neighbour) / root_scale);
@@ -242,7 +246,7 @@ void EdgeEngine<Real>::build_coefficients() {
                         ? stiffness_at_rest<Real>(plan_, neighbour, Real(stiffness), tension)
                         : what == EdgeCoefficientIndex::tension ? tension
                                                                 : Real(damping);
-                    coefficients_.push_back(there ? value : Real(0));
+                    coefficients_.push_back(exists ? value : Real(0));
                 }
         return found->second;
     };
@@ -366,10 +370,11 @@ void EdgeEngine<Real>::begin_stage(Band& band, int s) {
                         {band.from_near.row(number, 0), first, band.source(e.stage, 1)});
 }
 
-// Rows [begin, end) of a stage.
+// Takes rows [begin, end) through a stage.
 template <class Real>
 void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
-    const int n = band.size(), end_inner = std::min(end, n - 2);
+    const int n = band.size();
+    const int end_inner = std::min(end, n - 2);
     const std::int64_t number = band.number_of(s);
     const auto run_to = [&](int row) {
         if (begin >= row) return;
@@ -386,7 +391,7 @@ void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
     if (end > end_inner) run_last_rows(band, s, std::max(begin, end_inner), end);
 }
 
-// Some of the last two rows.
+// Takes some of the last two rows through a stage.
 template <class Real>
 void EdgeEngine<Real>::run_last_rows(Band& band, int s, int begin, int end) {
     EdgeArguments<Real>& e = band.stages[s];
@@ -411,13 +416,15 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
         ? StageTime::of_end(band.clock.at(before + 1), dt)
         : StageTime::of_stage(band.clock.at(before), dt, s == 2 ? 1 : 0.5);
     const auto [first, last] = band.RowBand::rows(begin, end);
-    const int start = layout_.start(band.strip), own = layout_.own(band.strip),
-              own_end = layout_.own(band.strip + 1);
+    const int start = layout_.start(band.strip);
+    const int own = layout_.own(band.strip);
+    const int own_end = layout_.own(band.strip + 1);
     plan_.each_driven_pin(
         time, first * columns(), last * columns(),
         [&](int point, const Vec3& place, const Vec3& velocity) {
-            const int row = point / columns(), column = point % columns(),
-                      in_window = column - start;
+            const int row = point / columns();
+            const int column = point % columns();
+            const int in_window = column - start;
             if (s == 3) {
                 if (column >= own && column < own_end)
                     this->points_.set(memory_, point, {place - this->origin_, velocity});
@@ -436,7 +443,8 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
 template <class Real>
 void EdgeEngine<Real>::place_contacts(Band& band) {
     constexpr double part[] = {0, 0.5, 0.5, 1}, weight[] = {1. / 6, 1. / 3, 1. / 3, 1. / 6};
-    const double t = band.clock.at(band.step - step_), dt = band.clock.dt;
+    const double t = band.clock.at(band.step - step_);
+    const double dt = band.clock.dt;
     if (band.step > step_ && !this->obstacles_move()) return this->note_time(t, band.obstacles[0]);
     for (int s = 0; s < 4; ++s) {
         this->place_obstacles(StageTime::of_stage(t, dt, part[s]), force_unit(), weight[s] * dt,
@@ -458,19 +466,20 @@ void EdgeEngine<Real>::step_band(Band& band) {
         for (int row = front + 2; strips && row < std::min(front + 2 + band.several, n - 2); ++row)
             band.take_border(row);
         for (int s = 0; s < 4; ++s) {
-            const int begin = front - s * band.lag, end = std::min(begin + band.several, n);
+            const int begin = front - s * band.lag;
+            const int end = std::min(begin + band.several, n);
             if (begin < n && end > 0) run_rows(band, s, std::max(begin, 0), end);
         }
         // A row is finished with the next one, the last by itself.
-        const int made = std::min(front - 3 * band.lag + band.several, n),
-                  finished = made == n ? n : std::max(made - 1, 0);
+        const int front_row = std::min(front - 3 * band.lag + band.several, n);
+        const int finished = front_row == n ? n : std::max(front_row - 1, 0);
         for (int row = done; strips && row < finished; ++row) band.give_border(row, band.step + 1);
         done = finished;
     }
     ++band.step;
 }
 
-// The part of a team's thread in some steps.
+// Takes some steps: the part of a team's thread.
 template <class Real>
 void EdgeEngine<Real>::run_bands(int team, int thread, std::int64_t steps, const Clock& clock) {
     const auto& all = bands(team);
@@ -542,7 +551,8 @@ void EdgeEngine<Real>::accelerations(double t, double* a) {
         for (int r = 0; strips && r < rows(); ++r) bands(1)[std::size_t(strip)]->take_border(r);
         begin_sweep(memory_.data() + strip * layout_.strip_size(), found.data(), all, strip);
         sweep_rows(0, rows(), all);
-        const int own = layout_.own(strip), own_end = layout_.own(strip + 1);
+        const int own = layout_.own(strip);
+        const int own_end = layout_.own(strip + 1);
         std::vector<std::ptrdiff_t> places;  // of columns in a row of accelerations
         for (int c = own - layout_.start(strip); c < own_end - layout_.start(strip); ++c)
             places.push_back(c % layout_.vectors * f.acceleration_run + c / layout_.vectors);
@@ -568,7 +578,7 @@ FieldLayout EdgeEngine<Real>::field() const {
     f.compensation = Base::compensated ? layout_.compensation() : 0;
     f.acceleration_row = layout_.vectors * 3 * lanes;
     f.acceleration_run = 3 * lanes;
-    // A record more: equal places of slopes would share a set of the nearest cache.
+    // There is a record more: equal places of slopes would share a set of the nearest cache.
     f.acceleration_size = rows() * f.acceleration_row + f.acceleration_run;
     return f;
 }
@@ -579,10 +589,10 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldB
     band.values.resize(std::size_t(scratch_size()));
     // The band and the two rows after it, which its last rows read. The stage only reads their
     // state.
-    const auto there = [&](int i) { return band.row(i) >= 0 && band.row(i) < rows(); };
+    const auto exists = [&](int i) { return band.row(i) >= 0 && band.row(i) < rows(); };
     const int n = band.size();
     band.pointers.assign(std::size_t(n + 2), {});
-    for (int i = 0; i < n + 2 && there(i); ++i)
+    for (int i = 0; i < n + 2 && exists(i); ++i)
         band.pointers[std::size_t(i)] = row_pointers(
             const_cast<Real*>(state) + band.row(i) * layout_.row_size(),
             acceleration + band.row(i) * layout_.vectors * 3 * layout_.lanes, band.row(i), strip);
@@ -598,7 +608,7 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldB
     }
 
     const auto source = [&](int i) { return state + band.row(i) * layout_.row_size(); };
-    if (!there(-1)) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
+    if (!exists(-1)) std::fill_n(e.received[0], 3 * handed_size(), Real(0));
     else
         kernels().edge_halo(e, {source(-2), nullptr, source(0)},
                             {source(-1), source(0), source(1)});
@@ -606,8 +616,9 @@ void EdgeEngine<Real>::begin_sweep(const Real* state, Real* acceleration, FieldB
 
 template <class Real>
 int EdgeEngine<Real>::sweep_rows(int begin, int end, FieldBand<Real>& band) {
-    const int n = band.size(), whole = band.pointers[std::size_t(n)].state ? n : n - 2,
-              inner = std::clamp(whole, begin, end);
+    const int n = band.size();
+    const int whole = band.pointers[std::size_t(n)].state ? n : n - 2;
+    const int inner = std::clamp(whole, begin, end);
     sum_rows(edge_rows_, band.edge, begin, inner);
     sum_rows(kernels().edge_of_any, band.edge, inner, end);
     if (end < n) return end - 1;  // the kernel finishes a row with the next one

@@ -11,10 +11,6 @@
 
 namespace clothsim {
 
-// A stage reads a row and the two after it. So a row from memory that is fetched this many rows
-// ahead is there one row before its first use.
-inline constexpr int rows_before_use = 3;
-
 template <class Real>
 class EdgeEngine : public StateEngine<Real, TransposedLayout> {
 public:
@@ -29,12 +25,12 @@ protected:  // for cpp/integrators
     using Base::columns, Base::kernels, Base::layout_, Base::memory_, Base::plan_, Base::rows;
 
     FieldLayout field() const;
-    // Accelerations at a state in the engine's layout, of the rows of a band one after the other.
-    // `begin_sweep` needs the two rows before the band. Then come calls of `sweep_rows` from 0 on.
-    // It reads two rows more and returns how many of the rows are done. The state of a row that is
-    // done is not read again.
+    // These compute accelerations at a state in the engine's layout, of the rows of a band one
+    // after the other. `begin_sweep` needs the two rows before the band. Then come calls of
+    // `sweep_rows` from 0 on. It reads two rows more and returns how many of the rows are done. The
+    // state of a row that is done is not read again.
     void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band, int strip = 0);
-    // What a force of 1 N is in the sums of the kernel.
+    // Returns what a force of 1 N is in the sums of the kernel.
     double force_unit() const { return coefficient_scale(plan_) / unit_; }
     int sweep_rows(int begin, int end, FieldBand<Real>& band);
 
@@ -45,28 +41,29 @@ private:
     void make_room_for_forces() override;
     double unit_of_forces() const override { return unit_; }
     void put_forces(const Points& forces, int begin, int end) override;
-    // Of a team of threads, strip after strip.
+    // Returns the bands of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);
     void run_bands(int team, int thread, std::int64_t steps, const Clock& clock);
     void step_band(Band& band);
-    // Parts of a step's stage s = 0..3.
+    // These are the parts of a step's stage s = 0..3.
     void begin_stage(Band& band, int s);
-    // The obstacles at the times of the stages of the band's next step.
+    // Places the obstacles at the times of the stages of the band's next step.
     void place_contacts(Band& band);
     void run_rows(Band& band, int s, int begin, int end);
     void run_last_rows(Band& band, int s, int begin, int end);
     // Puts driven pins to their places at the end of stage s, in rows [begin, end) of the band.
     void end_pins(Band& band, int s, int begin, int end);
-    // With strips the next step's state is sent when their halos are filled.
+    // Returns whether a stage hands rows on: with strips the next step's state is sent when their
+    // halos are full.
     bool hands_on(int s) const { return s < 3 || layout_.strips == 1; }
-    // Rows [begin, end) of a stage, by one of the two kernels.
+    // Takes rows [begin, end) through a stage, by one of the two kernels.
     void sum_rows(EdgeRowsKernel<Real> kernel, EdgeArguments<Real>& e, int begin, int end) const {
         if (e.contacts.count > 0 && begin < end)
             e.forces = kernels().edge_near(e, begin, end) ? kernels().edge_forces : nullptr;
         kernel(e, begin, end);
     }
     EdgeArguments<Real> arguments(Stage stage, double dt, Real* scratch) const;
-    // Of a strip's row, whose state and work lie there.
+    // Returns the places of a strip's row, whose state and work lie there.
     EdgeRowPointers<Real> row_pointers(Real* state, Real* work, int row, int strip) const {
         const std::ptrdiff_t index = std::ptrdiff_t(strip) * rows() + row;
         return {
@@ -77,8 +74,8 @@ private:
             row_has_fixed_[std::size_t(index)] ? free_.data() + index * layout_.width() : nullptr,
             row};
     }
-    // Data that a row passes on: a force for each point and one vector more. A stage has three of
-    // it, and the pending forces.
+    // Elements that a row passes on: a force for each point and one vector more. A stage has three
+    // of it, and the pending forces.
     std::ptrdiff_t handed_size() const { return 3 * (layout_.width() + layout_.lanes); }
     std::ptrdiff_t scratch_size() const { return 4 * handed_size(); }
 

@@ -18,14 +18,10 @@
 
 namespace clothsim {
 
-// Extents of a cloth from the origin to its middle, from which on single keeps positions relative
-// to there.
-inline constexpr double extents_that_are_far = 8;
-
 // The whole state of a cloth between steps, to be continued bit for bit.
 struct SavedState {
-    // Of shape (parts, rows, columns, 3): positions relative to the origin [m], velocities [m/s];
-    // in single two more parts, what compensation adds to each.
+    // The values have the shape (parts, rows, columns, 3): positions relative to the origin [m],
+    // velocities [m/s]; in single there are two more parts, what compensation adds to each.
     std::vector<double> values;
     Vec3 origin = Vec3::Zero();  // m
     std::vector<double> impulses;  // of Impulses [N s]
@@ -43,7 +39,7 @@ struct Watched {
     // Most that the total was above that of the start, where it is watched [J].
     double energy_gained = 0;
 
-    bool responded = false;  // an obstacle that is no part of the equation
+    bool responded = false;  // whether an obstacle did that is no part of the equation
 
     bool in_contact() const { return first_contact < std::numeric_limits<double>::infinity(); }
 };
@@ -62,21 +58,22 @@ class Engine : public Tally {
 public:
     virtual ~Engine() = default;
 
-    // As `advance`, with the paper's responses after each step.
+    // Take the steps of `advance`, with the paper's responses after each.
     virtual void advance_and_respond(std::int64_t steps, const Clock& clock, int threads) = 0;
 
-    int threads = 1;  // that the newest steps might use, and copies of the state may too
+    int threads = 1;  // number that the newest steps might use, and copies of the state may too
 
-    // Arrays of shape (rows, columns, 3), C order, of time t [s]; whether all their numbers are finite in this
-    // precision. Velocities of held pins are taken as 0. A null array is not stored.
+    // Load and store arrays of shape (rows, columns, 3), C order, of time t [s]. `load` returns
+    // whether all their numbers are finite in this precision. Velocities of held pins are taken as
+    // 0. A null array is not stored.
     virtual bool load(double t, const float* x, const float* v) = 0;
     virtual bool load(double t, const double* x, const double* v) = 0;
     virtual void store(float* x, float* v) const = 0;
     virtual void store(double* x, double* v) const = 0;
 
-    // Steps k = 1..steps of the clock without contacts.
+    // Take steps k = 1..steps of the clock without contacts.
     virtual void advance(std::int64_t steps, const Clock& clock, int threads) = 0;
-    // At the time t.
+    // Write the accelerations at the time t.
     virtual void accelerations(double t, double* a) = 0;
 
     // Counts begin again, before another state is loaded.
@@ -88,11 +85,12 @@ public:
         contacts.clear();
         std::fill(work_rows.begin(), work_rows.end(), 0.0);
     }
-    // The deepest free points in the layers of penalty obstacles at the time t; of each obstacle.
+    // Return the deepest free points in the layers of penalty obstacles at the time t, for each
+    // obstacle.
     virtual std::vector<Depth> depths(double t) const = 0;
-    // A pinned point below the true surface of a penalty obstacle at the time t, or -1.
+    // Return a pinned point below the true surface of a penalty obstacle at the time t, or -1.
     virtual int pinned_below(double t) const = 0;
-    // No point is faster [m/s].
+    // Return a speed above that of every point [m/s].
     virtual double speed_bound() const = 0;
     // Note what the steps so far have met in `watched`.
     virtual void note_contacts() = 0;
@@ -103,42 +101,46 @@ public:
         double work;
     };
     virtual std::vector<Work> works() const = 0;
-    // What a force has thrown; from then on accelerations are NaN, until it is taken away.
+    // The exception that a force has thrown; from then on accelerations are NaN, until it is taken
+    // away.
     std::exception_ptr force_failure;
 
     // Put driven pins to their places, with their velocities; a new state leaves that to the
     // caller.
     virtual void place_pins(double t) = 0;
 
-    // A sphere's centre and motion from now on; the state stays.
+    // Set a sphere's centre and motion from now on; the state stays.
     virtual void set_sphere(std::size_t sphere, const Vec3& center, const Motion& motion) = 0;
 
-    // The force on each mass point from now on [N], shape (rows, columns, 3).
+    // Set the force on each mass point from now on [N], shape (rows, columns, 3).
     virtual void set_force(const double* force) = 0;
 
-    // Index of the first mass point whose state is not finite, or -1; a pin only where every free
-    // point is good. A free point counts too whose velocity differs from the mean velocity by more
-    // than `speed_limit` [m/s].
+    // Return the index of the first mass point whose state is not finite, or -1; a pin only where
+    // every free point is good. A free point counts too whose velocity differs from the mean
+    // velocity by more than `speed_limit` [m/s].
     virtual std::int64_t first_bad_point(double speed_limit) const = 0;
 
-    // An engine of another layout or scene of this shape and precision may continue it.
+    // Return the state. An engine of another layout or scene of this shape and precision may
+    // continue it.
     virtual SavedState saved_state() const = 0;
-    // `t`: its time. Without normals they are chosen anew.
+    // Continue a state of the time t. Without normals they are chosen anew.
     virtual void set_saved_state(const SavedState& state, double t) = 0;
 
-    // A copy that the engine keeps, with its counts and extremes; see driver/simulation.hpp.
+    // Make, and go back to, a copy that the engine keeps, with its counts and extremes; see
+    // driver/simulation.hpp.
     virtual void save_checkpoint() = 0;
     virtual void restore_checkpoint() = 0;
 
-    // Force evaluations so far, of the integrators in cpp/integrators; the fused RK4 takes four a
+    // Force evaluations so far of the integrators in cpp/integrators; the fused RK4 takes four a
     // step.
     std::int64_t evaluations = 0;
-    // Not null: the integrator carries an error estimate.
+    // Return the part that carries an error estimate, or null.
     virtual AdaptiveEngine* adaptive() { return nullptr; }
     // Take the step that `adaptive()` has tried, from t0 to t1, with the paper's responses at its
     // end.
     virtual void accept_and_respond(double t0, double t1, int threads) = 0;
-    // Whether there are obstacles that respond after a step; obstacles of response "penalty".
+    // Return whether there are obstacles that respond after a step, and obstacles of response
+    // "penalty".
     virtual bool has_responses() const = 0;
     virtual bool has_penalty() const = 0;
 };

@@ -5,9 +5,9 @@
 namespace clothsim {
 namespace {
 
-// The groups of a team's thread: one row of groups is one tile. Group by group, a large cloth would
-// go from page to page, 64 bytes at a time of each row and component. Along whole rows the
-// processor fetches ahead.
+// Visits the groups of a team's thread: one row of groups is one tile. Group by group, a large
+// cloth would go from page to page, 64 bytes at a time of each row and component. Along whole rows
+// the processor fetches ahead.
 template <class Visit>
 void for_each_tile(const ThreadGrid& grid, int thread, int team, Visit visit) {
     int begin = int(std::int64_t(grid.groups()) * thread / team);

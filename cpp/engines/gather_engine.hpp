@@ -23,7 +23,7 @@ struct PaddedLayout {
     std::ptrdiff_t component() const { return plane; }
     std::ptrdiff_t compensation() const { return 6 * plane; }
     std::ptrdiff_t first() const { return origin; }
-    Blocks state_blocks() const { return {1, 6 * plane - origin, 0}; }
+    Spans state_spans() const { return {1, 6 * plane - origin, 0}; }
     VectorGeometry geometry(int lanes) const {
         return {stride, lanes, plane, rows, (columns + lanes - 1) / lanes};
     }

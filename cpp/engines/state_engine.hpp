@@ -215,26 +215,26 @@ protected:
         for (Acting& acting : acting_) part(acting.on_points).setZero();
         barrier.wait();
         const ForceState all{time, acting_x_.data(), acting_v_.data()};
-        bool whole = false;
+        bool has_whole = false;
         for (Acting& acting : acting_) {
-            whole |= acting.force->whole();
+            has_whole |= acting.force->whole();
             if (!acting.force->whole())
                 acting.force->act(plan_.cloth, all, begin, end, acting.on_points.data());
             else if (begin == 0) act_at_once(acting, all);
         }
-        if (whole) barrier.wait();
+        if (has_whole) barrier.wait();
         apply_forces(begin, end);
         measure_powers(begin, end);
     }
-    // The power of each force on the free points of some rows [W], at the velocities of the state
-    // on which it acts; by force and row.
+    // Measures the power of each force on the free points of some rows [W], at the velocities of
+    // the state on which it acts, by force and row.
     void measure_powers(int begin, int end) {
         for (std::size_t k = 0; k < acting_.size(); ++k)
             for (int r = begin, i = r * columns(); r < end; ++r, i += columns())
                 powers_[k * std::size_t(rows()) + std::size_t(r)] =
                     dot(acting_[k].on_points.row(i).data(), acting_v_.row(i).data(), 3 * columns());
     }
-    // `visit(place)`: of a row [begin, end) in sums by force and row.
+    // Calls `visit(place)` for each row [begin, end) in sums by force and row.
     template <class Visit>
     void each_sum(int begin, int end, Visit visit) const {
         for (std::size_t k = 0; k < acting_.size(); ++k)
@@ -247,7 +247,8 @@ protected:
             acting_v_.row(i) = points_.velocity(memory_, i);
     }
 
-    // Of a sphere the axis, and the side of it, on which most points of a sample are clear now.
+    // Chooses for a sphere the axis, and the side of it, on which most points of a sample are clear
+    // now.
     void choose_sides(double t) {
         for (const std::size_t number : penalty_) {
             Sphere& sphere = plan_.spheres[number];
@@ -267,34 +268,35 @@ protected:
             }
         }
     }
-    // The obstacles at a time, with forces in `unit`: what a force of 1 N is in the sums of the
-    // kernel. `factor`: of forces in the impulse [s]. `noted`: of the state of a step.
-    void place_obstacles(const StageTime& time, double unit, double factor, bool noted,
+    // Places the obstacles at a time. `unit` is what a force of 1 N is in the sums of the kernel,
+    // `factor` that of forces in the impulse [s]; `between_steps`: the state is that of a step.
+    void place_obstacles(const StageTime& time, double unit, double factor, bool between_steps,
                          std::vector<PenaltyArguments<Real>>& obstacles) const {
         obstacles.resize(penalty_.size());
         for (std::size_t i = 0; i < penalty_.size(); ++i)
-            obstacles[i] =
-                placed(plan_.spheres[penalty_[i]], penalty_[i], time, unit, factor, noted);
+            obstacles[i] = penalty_arguments(plan_.spheres[penalty_[i]], penalty_[i], time, unit,
+                                             factor, between_steps);
     }
     static PenaltyRows<Real> penalty_rows(const std::vector<PenaltyArguments<Real>>& obstacles,
                                           ContactTally& sums) {
         return {obstacles.data(), int(obstacles.size()), sums.data(), sums.row(),
                 sums.obstacle(),  sums.lanes(),          nullptr};
     }
-    // The same obstacles, which stand still, at the state of another step.
+    // Sets the same obstacles, which stand still, to the state of another step.
     void note_time(double t, std::vector<PenaltyArguments<Real>>& obstacles) const {
         for (PenaltyArguments<Real>& p : obstacles) p.time = t;
     }
-    // Whether a contact takes energy from the cloth by its speed.
+    // Returns whether a contact takes energy from the cloth by its speed.
     bool has_damping_contact() const {
         return std::any_of(penalty_.begin(), penalty_.end(), [&](std::size_t number) {
             return plan_.spheres[number].dissipation > 0 || plan_.spheres[number].friction > 0;
         });
     }
-    // Whether accelerations jump where a step from t0 to t1 of length h ends: the velocity of a pin,
-    // an obstacle or the air does.
+    // Returns whether accelerations jump where a step from t0 to t1 of length h ends: the velocity
+    // of a pin, an obstacle or the air does.
     bool kink_at(double t0, double t1, double h) const {
-        const StageTime before = StageTime::of_stage(t0, h, 1), after = StageTime::of_end(t1, h);
+        const StageTime before = StageTime::of_stage(t0, h, 1);
+        const StageTime after = StageTime::of_end(t1, h);
         const auto jumps = [&](const Motion& motion) {
             return motion.at(t1, before.inside).velocity != motion.at(t1, after.inside).velocity;
         };
@@ -309,20 +311,21 @@ protected:
             return !plan_.spheres[number].motion.pieces.empty();
         });
     }
-    // How deep free points of a state, laid out like memory, are in the layer of each obstacle.
+    // Returns how deep free points of a state, laid out like memory, are in the layer of each
+    // obstacle.
     std::vector<Depth> depths_in(const AlignedVector<Real>& state, double t) const {
         return contact_depths(plan_, t, [&](auto see) {
             each_free([&](int i, std::ptrdiff_t at) { see(i, vector_at(state, at)); });
         });
     }
-    // `visit(i, where its first component lies in a state)` of each free point.
+    // Calls `visit(i, where its first component lies in a state)` for each free point.
     template <class Visit>
     void each_free(Visit visit) const {
         for (int r = 0, i = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c, ++i)
                 if (!plan_.cloth.pinned[std::size_t(i)]) visit(i, layout_.at(r, c));
     }
-    // The vector whose first component lies there.
+    // Returns the vector whose first component lies there.
     Vec3 vector_at(const AlignedVector<Real>& state, std::ptrdiff_t at) const {
         const auto value = [&](int k) {
             return points_.value(state, at + k * layout_.component());
@@ -351,7 +354,7 @@ protected:
         }
         put_forces(Points::Zero(plan_.cloth.points(), 3), 0, rows());
     }
-    // Of rows [begin, end) of a state that is laid out like memory.
+    // Places the pins of rows [begin, end) of a state that is laid out like memory.
     void place_pins(const StageTime& time, int begin, int end, AlignedVector<Real>& state) const {
         plan_.each_driven_pin(time, begin * columns(), end * columns(),
                               [&](int point, const Vec3& place, const Vec3& velocity) {
@@ -367,8 +370,8 @@ protected:
     StatePoints<Real, Layout> points_;
     Vec3 origin_ = Vec3::Zero();  // of the positions in memory [m]
     AlignedVector<Real> memory_;
-    // Data of the state that an engine keeps in memory still holds; false after every change from
-    // elsewhere.
+    // Whether data of the state that an engine keeps in memory still hold; false after every change
+    // from elsewhere.
     bool state_known_ = false;
     PaperResponses<Real, Layout> responses_;
     // A force that the kernels do not compute, and its values on the mass points [N].
@@ -378,8 +381,8 @@ protected:
     };
     std::vector<Acting> acting_;
     std::vector<double> powers_;  // by force and row [W], see measure_powers
-    // In the unit of the kernel: accelerations by the constant force; and what a force of 1 N makes of a
-    // point.
+    // These are in the unit of the kernel: accelerations by the constant force, and what a force of
+    // 1 N makes of a point.
     Points constant_;
     std::vector<double> scale_;
 
@@ -405,8 +408,9 @@ private:
         for (std::size_t k = 1; k < acting_.size(); ++k) part(sum_) += part(acting_[k].on_points);
         put_forces(sum_, begin, end);
     }
-    PenaltyArguments<Real> placed(const Sphere& sphere, std::size_t number, const StageTime& time,
-                                  double unit, double factor, bool noted) const {
+    PenaltyArguments<Real> penalty_arguments(const Sphere& sphere, std::size_t number,
+                                             const StageTime& time, double unit, double factor,
+                                             bool between_steps) const {
         const Surface surface = sphere.surface_at(time);
         const Vec3 velocity = sphere.velocity_at(time);
         PenaltyArguments<Real> p{};
@@ -444,11 +448,11 @@ private:
         p.number = int(number);
         p.weight = factor / unit;
         p.time = time.t;
-        p.noted = noted;
+        p.between_steps = between_steps;
         p.moves = !sphere.motion.pieces.empty();
         return p;
     }
-    // For the edge kernel.
+    // Folds constants of an obstacle for the edge kernel.
     static void fold_constants(PenaltyArguments<Real>& p, const Sphere& sphere,
                                const Surface& surface) {
         // The radius up to which distances from the centre are good to 1e-14 m.
@@ -467,11 +471,11 @@ private:
             p.scaled_reach = Real(scale * (double(p.reach) + sphere.radius));
         }
     }
-    // The surface point from which gaps are measured: in this direction from the centre.
+    // Sets the surface point from which gaps are measured: in this direction from the centre.
     static void set_normal(Sphere& sphere, const Vec3& direction) {
         if (sphere.penalty() && !sphere.flat()) sphere.normal = direction;
     }
-    // In single, the surface points that are nearest to the cloth's middle.
+    // Chooses in single the surface points that are nearest to the cloth's middle.
     void choose_normals(double t) {
         if (!compensated || penalty_.empty()) return;
         Vec3 sum = Vec3::Zero();
@@ -490,7 +494,7 @@ private:
         }
         watched.point_depth = std::max(watched.point_depth, responses.depth);
     }
-    // Of a cloth in one strip.
+    // The cloth is in one strip.
     ComponentRows<Real> component(int k, int begin, int end) const {
         const VectorGeometry g = layout_.geometry(kernels().lanes);
         return {memory_.data() + layout_.first() + begin * g.row + k * g.component, g.row, g.vector,
@@ -500,34 +504,33 @@ private:
     void stop_held_pins() {
         for (const int point : held_pins_) points_.set_velocity(memory_, point, Vec3::Zero());
     }
-    // 0 where it is not finite.
+    // Returns 0 where the mean is not finite.
     Vec3 mean_velocity() const {
         Vec3 sum = Vec3::Zero();
         for (int i = 0; i < plan_.cloth.points(); ++i)
             for (int k = 0; k < 3; ++k) sum[k] += memory_[points_.place(i, k + 3)];
         return sum.allFinite() ? Vec3(sum / plan_.cloth.points()) : Vec3(Vec3::Zero());
     }
-    // Whether the state is; padding is.
+    // Returns whether the state is finite; padding is.
     bool finite() const {
-        const Blocks all = layout_.state_blocks();
+        const Spans all = layout_.state_spans();
         std::atomic<bool> is{true};
         in_parts(all.count, int(std::min<std::ptrdiff_t>(parts(), all.count)),
                  [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
                      const Real* const first =
                          memory_.data() + layout_.first() + begin * all.stride;
-                     if (!kernels().all_finite(first, Blocks{end - begin, all.size, all.stride}))
+                     if (!kernels().all_finite(first, Spans{end - begin, all.size, all.stride}))
                          is = false;
                  });
         return is;
     }
-    // Threads for copies: the team of the steps, in whose caches the state is, or one. Of another
-    // team some would end.
+    // Returns the threads for copies: the team of the steps, in whose caches the state is, or one.
+    // Of another team some would end.
     int parts() const {
-        constexpr std::int64_t least_points_per_thread = 2'000;  // half or twice: not measured
         const int team = RowBand::team(rows(), threads);
-        return plan_.cloth.points() >= least_points_per_thread * team ? team : 1;
+        return plan_.cloth.points() >= heuristics::points_per_thread_of_copy * team ? team : 1;
     }
-    // `visit(place)` in the order of SavedState::values.
+    // Calls `visit(place)` in the order of SavedState::values.
     template <class Visit>
     void each_value(Visit visit) const {
         for (int part = 0; part < (compensated ? 4 : 2); ++part)
@@ -560,11 +563,12 @@ private:
             }
         });
     }
-    // Three components of a row, from the first on, relative to `origin`. A difference keeps the
-    // sign of a zero.
+    // Writes three components of a row, from the first on, relative to `origin`. A difference keeps
+    // the sign of a zero.
     template <class In>
     void put_row(const In* from, int r, int first, const Vec3& origin) {
-        const std::ptrdiff_t size = layout_.component(), low = layout_.compensation();
+        const std::ptrdiff_t size = layout_.component();
+        const std::ptrdiff_t low = layout_.compensation();
         Real* const row = memory_.data() + layout_.at(r, 0, first);
         for (int c = 0; c < columns(); ++c, from += 3) {
             Real* const to = row + layout_.in_row(c);
@@ -581,7 +585,8 @@ private:
     }
     template <class Out>
     void take_row(int r, int first, const Vec3& origin, Out* to) const {
-        const std::ptrdiff_t size = layout_.component(), low = layout_.compensation();
+        const std::ptrdiff_t size = layout_.component();
+        const std::ptrdiff_t low = layout_.compensation();
         const Real* const row = memory_.data() + layout_.at(r, 0, first);
         const Vec3 back = Vec3::Zero() - origin;
         for (int c = 0; c < columns(); ++c, to += 3) {
@@ -604,10 +609,13 @@ private:
         const auto point = [&](std::ptrdiff_t i) {
             return Vec3(double(x[3 * i]), double(x[3 * i + 1]), double(x[3 * i + 2]));
         };
-        const Vec3 first = point(0), last = point(plan_.cloth.points() - 1);
-        if (extents_that_are_far * (last - first).norm() >= 2 * first.norm()) return Vec3::Zero();
+        const Vec3 first = point(0);
+        const Vec3 last = point(plan_.cloth.points() - 1);
+        if (heuristics::extents_that_are_far * (last - first).norm() >= 2 * first.norm())
+            return Vec3::Zero();
         // What is no number does not count.
-        Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
+        Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity());
+        Vec3 high = -low;
         for (int i = 0; i < plan_.cloth.points(); ++i)
             for (int k = 0; k < 3; ++k) {
                 const double value = double(x[3 * std::ptrdiff_t(i) + k]);
@@ -615,7 +623,7 @@ private:
                 high[k] = value > high[k] ? value : high[k];
             }
         const Vec3 middle = low / 2 + high / 2;
-        const bool far = middle.norm() > extents_that_are_far * (high - low).norm();
+        const bool far = middle.norm() > heuristics::extents_that_are_far * (high - low).norm();
         return far && middle.norm() < double(std::numeric_limits<float>::max())
             ? middle
             : Vec3(Vec3::Zero());

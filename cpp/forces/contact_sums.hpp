@@ -11,13 +11,13 @@
 namespace clothsim {
 
 struct ContactSums {
-    Vec3 impulse = Vec3::Zero();  // of the force on the cloth [N s]
-    double work = 0;              // of that force at the velocity of the obstacle [J]
-    double deepest = 0;           // in the layer, at the states between steps [m]
+    Vec3 impulse = Vec3::Zero();  // N s, of the force on the cloth
+    double work = 0;              // J, of that force at the velocity of the obstacle
+    double deepest = 0;           // m, in the layer at the states between steps
     double first = std::numeric_limits<double>::infinity();  // time of the first contact [s]
 };
 
-// The blocks of a cloth, see ContactBlock.
+// The records of a cloth, see ContactRecord.
 class ContactTally {
 public:
     ContactTally() = default;
@@ -34,113 +34,116 @@ public:
 
     void clear() { std::fill(values_.begin(), values_.end(), 0.0); }
     void clear_rows(int begin, int end) {
-        each_block(begin, end, [&](double* block) {
-            if (block[tail() + ContactBlock::touched] != 0) std::fill_n(block, size(), 0.0);
+        each_record(begin, end, [&](double* record) {
+            if (record[tail() + ContactRecord::touched] != 0) std::fill_n(record, size(), 0.0);
         });
     }
-    // Add the sums of other blocks in some rows, `weight` times. `noted`: their extremes count.
-    void add_rows(const ContactTally& other, double weight, bool noted, int begin, int end) {
-        each_block(begin, end, [&](double* block) {
-            const double* const from = other.values_.data() + (block - values_.data());
+    // Add the sums of other records in some rows, `weight` times. `with_extremes`: their extremes count.
+    void add_rows(const ContactTally& other, double weight, bool with_extremes, int begin,
+                  int end) {
+        each_record(begin, end, [&](double* record) {
+            const double* const from = other.values_.data() + (record - values_.data());
             const double* const from_tail = from + tail();
-            if (from_tail[ContactBlock::touched] == 0) return;
-            for (int i = 0; i < ContactBlock::depth * lanes_; ++i) block[i] += weight * from[i];
-            double* const to_tail = block + tail();
-            to_tail[ContactBlock::touched] = 1;
-            if (!noted) return;
-            for (int i = ContactBlock::depth * lanes_; i < tail(); ++i)
-                block[i] = std::max(block[i], from[i]);
-            if (from_tail[ContactBlock::met] != 0)
-                note_first(block, from_tail[ContactBlock::first]);
+            if (from_tail[ContactRecord::touched] == 0) return;
+            for (int i = 0; i < ContactRecord::depth * lanes_; ++i) record[i] += weight * from[i];
+            double* const to_tail = record + tail();
+            to_tail[ContactRecord::touched] = 1;
+            if (!with_extremes) return;
+            for (int i = ContactRecord::depth * lanes_; i < tail(); ++i)
+                record[i] = std::max(record[i], from[i]);
+            if (from_tail[ContactRecord::met] != 0)
+                note_first(record, from_tail[ContactRecord::first]);
         });
     }
-    void note_first(double* block, double time) const {
-        double* const own = block + tail();
-        own[ContactBlock::first] =
-            own[ContactBlock::met] != 0 ? std::min(own[ContactBlock::first], time) : time;
-        own[ContactBlock::met] = own[ContactBlock::touched] = 1;
+    void note_first(double* record, double time) const {
+        double* const own = record + tail();
+        own[ContactRecord::first] =
+            own[ContactRecord::met] != 0 ? std::min(own[ContactRecord::first], time) : time;
+        own[ContactRecord::met] = own[ContactRecord::touched] = 1;
     }
     // Sums go on; depths and times of contact begin anew.
     void forget_extremes() {
-        each_block(0, rows_, [&](double* block) {
-            std::fill_n(block + ContactBlock::depth * lanes_, lanes_, 0.0);
-            block[tail() + ContactBlock::first] = block[tail() + ContactBlock::met] = 0;
+        each_record(0, rows_, [&](double* record) {
+            std::fill_n(record + ContactRecord::depth * lanes_, lanes_, 0.0);
+            record[tail() + ContactRecord::first] = record[tail() + ContactRecord::met] = 0;
         });
     }
-    // The first block of a row, for the scalar integrators.
-    double* block(std::size_t obstacle, int at) {
+    // Return the first record of a row, for the scalar integrators.
+    double* record(std::size_t obstacle, int at) {
         return values_.data() + std::ptrdiff_t(obstacle) * this->obstacle() + at * row();
     }
     // Add a force times a duration, at the velocity of the obstacle.
-    void add(double* block, const Vec3& impulse, const Vec3& velocity) const {
-        for (int k = 0; k < 3; ++k) block[k * lanes_] += impulse[k];
-        block[ContactBlock::work * lanes_] += impulse.dot(velocity);
-        block[tail() + ContactBlock::touched] = 1;
+    void add(double* record, const Vec3& impulse, const Vec3& velocity) const {
+        for (int k = 0; k < 3; ++k) record[k * lanes_] += impulse[k];
+        record[ContactRecord::work * lanes_] += impulse.dot(velocity);
+        record[tail() + ContactRecord::touched] = 1;
     }
-    void note_depth(double* block, double depth, double time) const {
-        double& deepest = block[ContactBlock::depth * lanes_];
+    void note_depth(double* record, double depth, double time) const {
+        double& deepest = record[ContactRecord::depth * lanes_];
         deepest = std::max(deepest, depth);
-        note_first(block, time);
+        note_first(record, time);
     }
 
-    // All rows, in their order.
+    // Add up all rows, in their order.
     ContactSums of(std::size_t obstacle) const {
         ContactSums all;
         if (empty()) return all;
-        const double* block = values_.data() + std::ptrdiff_t(obstacle) * this->obstacle();
+        const double* record = values_.data() + std::ptrdiff_t(obstacle) * this->obstacle();
         const auto sum = [&](int field) {
             double total = 0;
-            for (int i = 0; i < lanes_; ++i) total += block[field * lanes_ + i];
+            for (int i = 0; i < lanes_; ++i) total += record[field * lanes_ + i];
             return total;
         };
-        for (int i = 0; i < rows_ * groups_; ++i, block += size()) {
-            if (block[tail() + ContactBlock::touched] == 0) continue;
+        for (int i = 0; i < rows_ * groups_; ++i, record += size()) {
+            if (record[tail() + ContactRecord::touched] == 0) continue;
             for (int k = 0; k < 3; ++k) all.impulse[k] += sum(k);
-            all.work += sum(ContactBlock::work);
+            all.work += sum(ContactRecord::work);
             for (int l = 0; l < lanes_; ++l)
-                all.deepest = std::max(all.deepest, block[ContactBlock::depth * lanes_ + l]);
-            if (block[tail() + ContactBlock::met] != 0)
-                all.first = std::min(all.first, block[tail() + ContactBlock::first]);
+                all.deepest = std::max(all.deepest, record[ContactRecord::depth * lanes_ + l]);
+            if (record[tail() + ContactRecord::met] != 0)
+                all.first = std::min(all.first, record[tail() + ContactRecord::first]);
         }
         return all;
     }
 
-    // The sums as they are saved: of each row x, y, z and work, lane by lane.
+    // Return the sums as they are saved: of each row x, y, z and work, lane by lane.
     std::vector<double> sums() const {
         std::vector<double> all;
         for (std::size_t at = 0; at < values_.size(); at += std::size_t(size()))
             all.insert(all.end(), values_.begin() + std::ptrdiff_t(at),
-                       values_.begin() + std::ptrdiff_t(at) + ContactBlock::depth * lanes_);
+                       values_.begin() + std::ptrdiff_t(at) + ContactRecord::depth * lanes_);
         return all;
     }
     // Go on from saved sums of as many obstacles and rows; others begin at 0.
     void go_on(const std::vector<double>& sums) {
         clear();
         if (values_.empty()) return;
-        const std::size_t blocks = values_.size() / std::size_t(size());
-        const std::size_t saved = sums.size() / blocks / ContactBlock::depth;
-        if (sums.size() != blocks * ContactBlock::depth * saved) return;
+        const std::size_t records = values_.size() / std::size_t(size());
+        const std::size_t saved = sums.size() / records / ContactRecord::depth;
+        if (sums.size() != records * ContactRecord::depth * saved) return;
         const double* from = sums.data();
-        for (std::size_t i = 0; i < blocks; ++i) {
+        for (std::size_t i = 0; i < records; ++i) {
             double* const to = values_.data() + std::ptrdiff_t(i) * size();
-            to[tail() + ContactBlock::touched] = 1;
-            for (int field = 0; field < ContactBlock::depth; ++field)
+            to[tail() + ContactRecord::touched] = 1;
+            for (int field = 0; field < ContactRecord::depth; ++field)
                 for (std::size_t l = 0; l < saved; ++l)
                     to[field * lanes_ + int(l) % lanes_] += *from++;
         }
     }
 
 private:
-    std::ptrdiff_t size() const { return ContactBlock::size(lanes_); }
-    std::ptrdiff_t tail() const { return ContactBlock::tail * lanes_; }
+    std::ptrdiff_t size() const { return ContactRecord::size(lanes_); }
+    std::ptrdiff_t tail() const { return ContactRecord::tail * lanes_; }
     template <class Visit>
-    void each_block(int begin, int end, Visit visit) {
+    void each_record(int begin, int end, Visit visit) {
         for (std::ptrdiff_t at = 0; at < std::ptrdiff_t(values_.size()); at += obstacle())
             for (std::ptrdiff_t b = begin * row(); b < end * row(); b += size())
                 visit(values_.data() + at + b);
     }
 
-    int rows_ = 0, groups_ = 0, lanes_ = 0;
+    int rows_ = 0;
+    int groups_ = 0;
+    int lanes_ = 0;
     AlignedVector<double> values_;
 };
 

@@ -15,8 +15,9 @@ struct Depth {
     int point = -1;
 };
 
-// `visit(number, contact, i, gap)` of each free mass point in the layer of an obstacle at the time
-// t. `each_free(see)` calls see(i, x) of each of them, relative to the origin of the obstacles.
+// Calls `visit(number, contact, i, gap)` for each free mass point in the layer of an obstacle at
+// the time t. `each_free(see)` calls see(i, x) for each of them, relative to the origin of the
+// obstacles.
 template <class EachFree, class Visit>
 void each_contact(const Scene& scene, double t, EachFree each_free, Visit visit) {
     for (std::size_t number = 0; number < scene.spheres.size(); ++number) {
@@ -31,7 +32,7 @@ void each_contact(const Scene& scene, double t, EachFree each_free, Visit visit)
     }
 }
 
-// See each_contact: the free points of a state.
+// Visits the free points of a state, see each_contact.
 inline auto each_free_of(const Cloth& cloth, const PointsView& x) {
     return [&cloth, x](auto see) {
         for (int i = 0; i < cloth.points(); ++i)
@@ -49,7 +50,8 @@ std::vector<Depth> contact_depths(const Scene& scene, double t, EachFree each_fr
     return depths;
 }
 
-// A free point that has left the layer of an obstacle on its inner side: the law ends there.
+// Returns whether a free point has left the layer of an obstacle on its inner side: the law ends
+// there.
 inline bool beyond_layer(const Sphere& sphere, double depth) {
     return sphere.penalty() && depth > 2 * sphere.thickness;
 }

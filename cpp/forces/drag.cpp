@@ -19,7 +19,8 @@ public:
     double damping_bound(const Cloth& cloth, double) const override {
         return values[0] * cloth.largest_mobility();
     }
-    void each_damping(const Cloth& cloth, const ForceState&, const AddBlock& add) const override {
+    void each_damping(const Cloth& cloth, const ForceState&,
+                      const AddDerivative& add) const override {
         for (int i = 0; i < cloth.points(); ++i) add(i, i, values[0] * Eigen::Matrix3d::Identity());
     }
 };

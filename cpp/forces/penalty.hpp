@@ -28,12 +28,13 @@
 
 namespace clothsim {
 
-// The normal of a sphere at the surface point nearest to a place; that which it has in its centre.
+// Returns the normal of a sphere at the surface point nearest to a place, or that which it has in
+// its centre.
 inline Vec3 normal_towards(const Sphere& sphere, const Vec3& place, double t) {
     const Vec3 away = place - sphere.center_at(t);
     const double distance = away.norm();
-    const bool known = !sphere.flat() && std::isfinite(distance) && distance > 0;
-    return known ? Vec3(away / distance) : sphere.normal;
+    const bool has_direction = !sphere.flat() && std::isfinite(distance) && distance > 0;
+    return has_direction ? Vec3(away / distance) : sphere.normal;
 }
 
 // The law in scalar double, for energies, bounds and derivatives.
@@ -45,7 +46,7 @@ struct PenaltyContact {
     PenaltyContact(const Sphere& sphere, const StageTime& time)
         : obstacle(sphere), surface(sphere.surface_at(time)), velocity(sphere.velocity_at(time)) {}
 
-    // Whether a point is so far off that it cannot be in the layer; quicker than its gap.
+    // Returns whether a point is so far off that it cannot be in the layer, quicker than its gap.
     bool is_clear(const Vec3& x) const {
         return level(x - surface.place) > surface.level_at(obstacle.reach());
     }
@@ -61,7 +62,8 @@ struct PenaltyContact {
         const Vec3 normal = root > 0 ? Vec3(surface.gradient(e) / root) : surface.normal;
         return {obstacle.reach() - f / (1 + root), normal, obstacle.radius * root};
     }
-    // Surface::level with 2 N first, whose rounding is part of the bits of implicit runs.
+    // The level adds 2 N first, unlike Surface::level, and its rounding is part of the bits of
+    // implicit runs.
     double level(const Vec3& e) const { return e.dot(2 * surface.normal + surface.curvature * e); }
 
     double elastic(double depth) const {
@@ -70,12 +72,13 @@ struct PenaltyContact {
     }
     double energy(double depth) const { return depth > 0 ? elastic(depth) * depth / 4 : 0; }
 
-    // Push and friction on a point [N].
+    // Returns push and friction on a point [N].
     Vec3 force(const Vec3& x, const Vec3& v) const {
         const Gap gap = at(x);
         if (!(gap.depth > 0)) return Vec3::Zero();
         const Vec3 u = v - velocity;
-        const double closing = u.dot(gap.normal), w = obstacle.dissipation * closing;
+        const double closing = u.dot(gap.normal);
+        const double w = obstacle.dissipation * closing;
         const Vec3 slip = u - closing * gap.normal;
         const double push = elastic(gap.depth) * (1 - w / std::sqrt(1 + w * w));
         const double speed =
@@ -84,7 +87,7 @@ struct PenaltyContact {
             (obstacle.friction > 0 ? obstacle.friction * push / speed : 0) * slip;
     }
 
-    // Minus the derivatives of the force by x and by v, their symmetric part, at one state.
+    // The derivatives of the force by x and by v at one state, with the sign changed and symmetric.
     struct Derivatives {
         Eigen::Matrix3d by_x, by_v;
     };
@@ -93,9 +96,12 @@ struct PenaltyContact {
         Derivatives d{Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero()};
         if (!(gap.depth > 0)) return d;
         const Vec3 &n = gap.normal, u = v - velocity;
-        const double closing = u.dot(n), w = obstacle.dissipation * closing;
-        const double root = std::sqrt(1 + w * w), damped = 1 - w / root;
-        const double elastic_push = elastic(gap.depth), push = elastic_push * damped;
+        const double closing = u.dot(n);
+        const double w = obstacle.dissipation * closing;
+        const double root = std::sqrt(1 + w * w);
+        const double damped = 1 - w / root;
+        const double elastic_push = elastic(gap.depth);
+        const double push = elastic_push * damped;
         const Eigen::Matrix3d along = n * n.transpose();
         const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - along;
         const double slope = obstacle.dissipation * elastic_push / (root * root * root);
@@ -116,7 +122,8 @@ struct PenaltyContact {
         }
         return d;
     }
-    // Without the parts that may make a matrix indefinite: what softens, and what friction mixes.
+    // Leaves out the parts that may make a matrix indefinite: what softens, and what friction
+    // mixes.
     static Derivatives definite(const Derivatives& d) {
         const auto diagonal = [](const Eigen::Matrix3d& m) {
             return Eigen::Matrix3d(m.diagonal().cwiseMax(0.0).asDiagonal());

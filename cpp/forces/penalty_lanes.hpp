@@ -27,7 +27,7 @@ struct PenaltyLanes {
           slip2(p.slip2) {}
 };
 
-// 1 / sqrt(a), exact or by the processor's estimate.
+// Returns 1 / sqrt(a), exact or by the processor's estimate.
 template <Arithmetic arithmetic, class V>
 CLOTHSIM_INLINE V reciprocal_root(V a) {
     using Real = typename V::value_type;
@@ -61,14 +61,15 @@ CLOTHSIM_INLINE PenaltyPlace<V> penalty_place(const Vector3<V>& x, const Penalty
     return at;
 }
 
-// The force on points of this depth, which is not below 0.
+// Returns the force on points of this depth, which is not below 0.
 template <bool flat, bool rough, class V>
 CLOTHSIM_INLINE Vector3<V> penalty_force(const PenaltyPlace<V>& at, V depth, const Vector3<V>& v,
                                          const PenaltyLanes<V>& p) {
     using Real = typename V::value_type;
     constexpr Arithmetic strict = Arithmetic::strict;
     Vector3<V> across = at.across;
-    V square = at.square, reciprocal = at.reciprocal;
+    V square = at.square;
+    V reciprocal = at.reciprocal;
     if constexpr (!flat) {  // in the centre the normal is that of the surface point
         const auto centre = square <= V(smallest_squared_length<Real>);
         const V one(Real(1));

@@ -9,7 +9,7 @@
 
 namespace clothsim {
 
-// Throws std::invalid_argument for a name that is none.
+// Returns a force, or throws std::invalid_argument for a name that is none.
 std::shared_ptr<const Force> make_force(const std::string& name, std::vector<double> values,
                                         Motion motion);
 

@@ -31,7 +31,8 @@ constexpr double slow = 0.01;  // w [m/s]
 constexpr double tiny = 1e-300;  // of N.N [m^4]
 constexpr int components = 6;  // x, y, z, and those of the velocity
 
-// Of a row of mass points, or of a triangle of each of its cells: a plane for each component.
+// The values of a row of mass points, or of a triangle of each of its cells: a plane for each
+// component.
 struct Planes {
     double* first;
     std::ptrdiff_t stride;
@@ -54,7 +55,8 @@ inline __attribute__((always_inline)) void press(const double (&a)[6], const dou
     for (int k = 0; k < 3; ++k)
         u[k] = air.velocity[k] - (a[3 + k] + b[3 + k] + c[3 + k]) * (1.0 / 3);
     const double n2 = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
-    const double q = u[0] * n[0] + u[1] * n[1] + u[2] * n[2], q2 = q * q;
+    const double q = u[0] * n[0] + u[1] * n[1] + u[2] * n[2];
+    const double q2 = q * q;
     const double u2 = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
     const double across = (u2 + slow * slow) * n2 - q2;
     const double pressure = air.normal * std::sqrt(q2 + slow * slow * n2);
@@ -63,7 +65,7 @@ inline __attribute__((always_inline)) void press(const double (&a)[6], const dou
     for (int k = 0; k < 3; ++k) force[k] = along_n * n[k] + shear * u[k];
 }
 
-// The forces on both triangles of each cell between two rows.
+// Computes the forces on both triangles of each cell between two rows.
 CLOTHSIM_VERSIONS
 void press_cells(const double* __restrict upper, const double* __restrict lower,
                  std::ptrdiff_t stride, int cells, const Air& of_row, double* __restrict first,
@@ -125,7 +127,8 @@ public:
             const std::ptrdiff_t point = 3 * std::ptrdiff_t(row) * columns;
             take_apart(state.x + point, state.v + point, columns, stride, to);
         };
-        const int above = std::max(begin - 1, 0), below = std::min(end, cloth.rows - 1);
+        const int above = std::max(begin - 1, 0);
+        const int below = std::min(end, cloth.rows - 1);
         load(above, upper);
         for (int row = above; row < below; ++row) {
             load(row + 1, lower);
@@ -138,9 +141,9 @@ public:
         }
     }
 
-    // Of a triangle the derivative by u is at most twice density / 2 A max(normal, tangential)
-    // sqrt(u.u + w^2), and the square of the mean velocity at most the mean of squares: a point
-    // with six triangles has a third of each. So it is that of two triangles.
+    // The derivative by u of a triangle's force is at most twice density / 2 A max(normal,
+    // tangential) sqrt(u.u + w^2), and the square of the mean velocity at most the mean of squares:
+    // a point with six triangles has a third of each. So it is that of two triangles.
     double damping_bound(const Cloth& cloth, double speed) const override {
         speed += Vec3(values.data()).norm() + values[6];
         return values[3] * cloth.row_spacing * cloth.column_spacing *
@@ -148,7 +151,7 @@ public:
     }
 
     void each_damping(const Cloth& cloth, const ForceState& state,
-                      const AddBlock& add) const override {
+                      const AddDerivative& add) const override {
         const Air air = at(state.time);
         const auto point = [&](const double* of, int i) {
             return Vec3(of + 3 * std::ptrdiff_t(i));
@@ -160,18 +163,20 @@ public:
             const Vec3 mean =
                 (point(state.v, a) + point(state.v, b) + point(state.v, c)) * (1.0 / 3);
             if (N.norm() == 0) return;
-            const Vec3 u = Vec3(air.velocity) - mean, n = N.normalized();
+            const Vec3 u = Vec3(air.velocity) - mean;
+            const Vec3 n = N.normalized();
             const double un = u.dot(n);
             const Vec3 ut = u - un * n;
-            const double pressed = std::hypot(un, slow), sheared = std::hypot(ut.norm(), slow);
+            const double pressed = std::hypot(un, slow);
+            const double sheared = std::hypot(ut.norm(), slow);
             const Eigen::Matrix3d along = n * n.transpose();
-            const Eigen::Matrix3d block = N.norm() / 9 *
+            const Eigen::Matrix3d derivative = N.norm() / 9 *
                 (air.normal * (pressed + un * un / pressed) * along +
                  air.tangential *
                      (sheared * (Eigen::Matrix3d::Identity() - along) +
                       ut * ut.transpose() / sheared));
             for (const int i : corners)
-                for (const int j : corners) add(i, j, block);
+                for (const int j : corners) add(i, j, derivative);
         };
         for (int row = 0; row + 1 < cloth.rows; ++row)
             for (int column = 0; column + 1 < cloth.columns; ++column) {
@@ -184,8 +189,8 @@ public:
 private:
     Air at(const StageTime& time) const {
         Air air{};
-        const Vec3 moved = motion.at(time.t, time.inside).velocity;
-        for (int k = 0; k < 3; ++k) air.velocity[k] = values[std::size_t(k)] + moved[k];
+        const Vec3 gust = motion.at(time.t, time.inside).velocity;
+        for (int k = 0; k < 3; ++k) air.velocity[k] = values[std::size_t(k)] + gust[k];
         air.normal = values[3] / 4 * values[4];
         air.tangential = values[3] / 4 * values[5];
         return air;

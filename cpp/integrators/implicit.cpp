@@ -9,12 +9,13 @@
 namespace clothsim {
 namespace {
 
-constexpr int most_iterations = 60;  // not tuned: bounds, beyond which a step counts as failed
+// Beyond these bounds, which are not tuned, a step counts as failed.
+constexpr int most_iterations = 60;
 constexpr int most_halvings = 12;
 // Residual relative to its parts, which Newton's method reaches a few times above rounding.
-constexpr double converged = 1e-14;
+constexpr double least_residual = 1e-14;
 // The most that is taken for a solution where the derivatives of a force are unknown.
-constexpr double solved = 1e-9;
+constexpr double most_residual = 1e-9;
 
 }  // namespace
 
@@ -84,18 +85,18 @@ void ImplicitMidpoint::act(double h, const Vector& u) {
     }
 }
 
-// M (u - v) - h/2 F(x + h/2 u, u)
+// Returns M (u - v) - h/2 F(x + h/2 u, u).
 auto ImplicitMidpoint::residual(double h, const Vector& u) -> Vector {
     act(h, u);
     Vector r(3 * unknowns_);
     for (int i = 0; i < cloth_.points(); ++i) {
         const int k = unknown_[std::size_t(i)];
         if (k < 0) continue;
-        const Vec3 here = u.segment<3>(3 * k);
+        const Vec3 velocity = u.segment<3>(3 * k);
         const double m = cloth_.mass[std::size_t(i)];
         Vec3 force = m * scene_.field_at(i);
         for (const Points& of_points : forces_) force += of_points.row(i).transpose();
-        r.segment<3>(3 * k) = m * (here - v_.row(i).transpose()) - h / 2 * force;
+        r.segment<3>(3 * k) = m * (velocity - v_.row(i).transpose()) - h / 2 * force;
     }
     cloth_.each_spring([&](int from, int to, const Neighbour& kind) {
         const Vec3 w = place(u, to) - place(u, from);
@@ -105,7 +106,8 @@ auto ImplicitMidpoint::residual(double h, const Vector& u) -> Vector {
         const Vec3 n = d / l;
         const double tension = cloth_.stiffness[kind.family] * (l - cloth_.rest_length(kind));
         const Vec3 force = h / 2 * (tension + cloth_.spring_damping[kind.family] * w.dot(n)) * n;
-        const int i = unknown_[std::size_t(from)], j = unknown_[std::size_t(to)];
+        const int i = unknown_[std::size_t(from)];
+        const int j = unknown_[std::size_t(to)];
         if (i >= 0) r.segment<3>(3 * i) -= force;
         if (j >= 0) r.segment<3>(3 * j) += force;
     });
@@ -120,43 +122,48 @@ void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
     for (int k = 0; k < 3 * unknowns_; ++k) entries_.emplace_back(k, k, mass_[k]);
     const ForceState state = stage(h, u);
     for (const auto& force : scene_.forces)
-        force->each_damping(cloth_, state, [&](int from, int to, const Eigen::Matrix3d& block) {
-            const int i = unknown_[std::size_t(from)], j = unknown_[std::size_t(to)];
-            if (i < j || j < 0) return;
-            for (int a = 0; a < 3; ++a)
-                for (int b = 0; b < (i == j ? a + 1 : 3); ++b)
-                    entries_.emplace_back(3 * i + a, 3 * j + b, h / 2 * block(a, b));
-        });
+        force->each_damping(
+            cloth_, state, [&](int from, int to, const Eigen::Matrix3d& derivative) {
+                const int i = unknown_[std::size_t(from)];
+                const int j = unknown_[std::size_t(to)];
+                if (i < j || j < 0) return;
+                for (int a = 0; a < 3; ++a)
+                    for (int b = 0; b < (i == j ? a + 1 : 3); ++b)
+                        entries_.emplace_back(3 * i + a, 3 * j + b, h / 2 * derivative(a, b));
+            });
     cloth_.each_spring([&](int from, int to, const Neighbour& kind) {
         const double stiffness = cloth_.stiffness[kind.family];
         const Vec3 d =
             (x_.row(to) - x_.row(from)).transpose() + h / 2 * (place(u, to) - place(u, from));
         const double l = d.norm();
-        Eigen::Matrix3d block = Eigen::Matrix3d::Zero();
+        Eigen::Matrix3d derivative = Eigen::Matrix3d::Zero();
         if (l > 0) {
             const Vec3 n = d / l;
             double across = 1 - cloth_.rest_length(kind) / l;
             if (!exact) across = std::max(across, 0.0);
             const Eigen::Matrix3d along = n * n.transpose();
-            block = (h / 2 * cloth_.spring_damping[kind.family] + h * h / 4 * stiffness) * along +
+            derivative =
+                (h / 2 * cloth_.spring_damping[kind.family] + h * h / 4 * stiffness) * along +
                 h * h / 4 * stiffness * across * (Eigen::Matrix3d::Identity() - along);
         }
-        const int i = unknown_[std::size_t(from)], j = unknown_[std::size_t(to)];
+        const int i = unknown_[std::size_t(from)];
+        const int j = unknown_[std::size_t(to)];
         for (int a = 0; a < 3; ++a)
             for (int b = 0; b < 3; ++b) {
-                if (i >= 0 && a >= b) entries_.emplace_back(3 * i + a, 3 * i + b, block(a, b));
-                if (j >= 0 && a >= b) entries_.emplace_back(3 * j + a, 3 * j + b, block(a, b));
+                if (i >= 0 && a >= b) entries_.emplace_back(3 * i + a, 3 * i + b, derivative(a, b));
+                if (j >= 0 && a >= b) entries_.emplace_back(3 * j + a, 3 * j + b, derivative(a, b));
                 if (i >= 0 && j >= 0)
                     entries_.emplace_back(3 * std::max(i, j) + a, 3 * std::min(i, j) + b,
-                                          -block(a, b));
+                                          -derivative(a, b));
             }
     });
     each_contact(h, u, [&](int k, const PenaltyContact& contact, const Vec3& x, const Vec3& v) {
         PenaltyContact::Derivatives d = contact.derivatives(x, v);
         if (!exact) d = contact.definite(d);
-        const Eigen::Matrix3d block = h / 2 * d.by_v + h * h / 4 * d.by_x;
+        const Eigen::Matrix3d derivative = h / 2 * d.by_v + h * h / 4 * d.by_x;
         for (int a = 0; a < 3; ++a)
-            for (int b = 0; b <= a; ++b) entries_.emplace_back(3 * k + a, 3 * k + b, block(a, b));
+            for (int b = 0; b <= a; ++b)
+                entries_.emplace_back(3 * k + a, 3 * k + b, derivative(a, b));
     });
     matrix_.setFromTriplets(entries_.begin(), entries_.end());
 }
@@ -210,7 +217,8 @@ int ImplicitMidpoint::solve(Points& x, Points& v, double t, double h) {
     for (int iteration = 0; iteration < most_iterations && norm > 0; ++iteration) {
         if (!factorise(h, u)) break;
         const Vector change = solver_.solve(r);
-        double part = 1, best = norm;
+        double part = 1;
+        double best = norm;
         Vector next, next_r;
         for (int halving = 0; halving <= most_halvings; ++halving, part /= 2) {
             next = u - part * change;
@@ -227,9 +235,9 @@ int ImplicitMidpoint::solve(Points& x, Points& v, double t, double h) {
         // spring, whose rounding is in its tension K (l - L).
         parts = size((mass_.array() * u.array()).matrix()) +
             size((mass_.array() * (u - start).array()).matrix()) + h / 2 * tension_;
-        if (norm <= converged * parts) break;
+        if (norm <= least_residual * parts) break;
     }
-    if (!(norm <= solved * parts) && has_function()) {
+    if (!(norm <= most_residual * parts) && has_function()) {
         std::ostringstream text;
         text << "integrator 'implicit_midpoint' does not converge at t = " << t
              << " s: it has no derivative of `force`; take a smaller dt, or another integrator";

@@ -26,11 +26,11 @@ public:
     // Forces on points may change between steps, and are read from `scene`.
     explicit ImplicitMidpoint(const Scene& scene);
 
-    // One step in place from time t; driven pins stay as they are. Returns the number of force
+    // Takes a step in place from time t; driven pins stay as they are. Returns the number of force
     // evaluations (a factorisation each, but for those of halved steps). The state is NaN where a
     // force has thrown, now or before, and where the iteration does not converge.
     int step(Points& x, Points& v, double t, double h, std::exception_ptr& failure);
-    // The work of the scene's force of this number in the last step [J].
+    // Returns the work of the scene's force of this number in the last step [J].
     double work(std::size_t force) const { return work_[force]; }
 
 private:
@@ -42,20 +42,21 @@ private:
     // The state at the stage, and the forces of the scene there.
     ForceState stage(double h, const Vector& u);
     void act(double h, const Vector& u);
-    // Whether a force is a user's, of which no derivative is known.
+    // Returns whether a force is a user's, of which no derivative is known.
     bool has_function() const;
     void assemble(double h, const Vector& u, bool exact);
     bool factorise(double h, const Vector& u);
     Vec3 place(const Vector& values, int point) const;
     double size(const Vector& momenta) const;  // norm weighted by 1 / mass
 
-    // `visit(unknown, contact, place, velocity)` of each free mass point and obstacle at the stage.
+    // Calls `visit(unknown, contact, place, velocity)` for each free mass point and obstacle at the
+    // stage.
     template <class Visit>
     void each_contact(double h, const Vector& u, Visit visit) const;
 
     const Scene& scene_;
     const Cloth& cloth_;
-    std::vector<int> unknown_;  // of a point, -1: pinned
+    std::vector<int> unknown_;  // the unknown of each point, -1: pinned
     int unknowns_ = 0;
     Vector mass_;  // per unknown
     double tension_ = 0;  // size of K L, summed over the springs of each point

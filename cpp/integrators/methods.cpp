@@ -106,12 +106,16 @@ Matrix square(int size) {
     return Matrix(std::size_t(size), std::vector<double>(std::size_t(size), 0.0));
 }
 
-// A sum of products as in twice the precision (Ogita, Rump, Oishi, SIAM J. Sci. Comput. 26 (2005)
-// 1955).
+// A sum of products, as exact as in twice the precision (Ogita, Rump, Oishi, SIAM J. Sci. Comput.
+// 26 (2005) 1955).
 struct Sum {
-    double high = 0, low = 0, size = 0;
+    double high = 0;
+    double low = 0;
+    double size = 0;
     void add(double a, double b) {
-        const double product = a * b, next = high + product, part = next - high;
+        const double product = a * b;
+        const double next = high + product;
+        const double part = next - high;
         low += std::fma(a, b, -product) + ((high - (next - part)) + (product - part));
         high = next;
         size += std::abs(product);
@@ -119,8 +123,8 @@ struct Sum {
     double value() const { return high + low; }
 };
 
-// A row of weights of slopes as factors of accelerations. The slopes of x are the stage velocities.
-// They are expressed by v and the earlier accelerations.
+// Returns a row of weights of slopes as factors of accelerations. The slopes of x are the stage
+// velocities. They are expressed by v and the earlier accelerations.
 Weights nystroem(const std::vector<double>& row, const Matrix& a) {
     const std::size_t n = row.size();
     Weights w;
@@ -138,7 +142,7 @@ Weights nystroem(const std::vector<double>& row, const Matrix& a) {
     return w;
 }
 
-// `a`: the tableau with the row of the result.
+// `a` is the tableau with the row of the result.
 ExplicitMethod make_explicit(int stages, int order, Matrix a,
                              const std::vector<std::vector<double>>& errors) {
     ExplicitMethod m;
@@ -246,7 +250,10 @@ const Method& method_of(std::string_view name) {
 }
 
 double energy_swing(const Splitting& splitting, double omega_dt) {
-    double m00 = 1, m01 = 0, m10 = 0, m11 = 1;
+    double m00 = 1;
+    double m01 = 0;
+    double m10 = 0;
+    double m11 = 1;
     for (std::size_t i = 0; i < splitting.drifts.size(); ++i) {
         const double drift = splitting.drifts[i] * omega_dt;
         m00 += drift * m10;
@@ -256,7 +263,8 @@ double energy_swing(const Splitting& splitting, double omega_dt) {
         m10 -= kick * m00;
         m11 -= kick * m01;
     }
-    const double middle = (m01 - m10) / 2, radius = std::hypot((-m10 - m01) / 2, (m00 - m11) / 2);
+    const double middle = (m01 - m10) / 2;
+    const double radius = std::hypot((-m10 - m01) / 2, (m00 - m11) / 2);
     if (middle == 0) return 0;
     const double ratio = (std::abs(middle) - radius) / (std::abs(middle) + radius);
     return 1 - std::max(0.0, ratio);

@@ -13,7 +13,8 @@
 
 namespace clothsim {
 
-// Factors of the accelerations: in x times h^2, in v times h; `drift` times h is that of v in x.
+// Factors of the accelerations: in x they are times h^2, in v times h; `drift` times h is that of v
+// in x.
 struct Weights {
     double drift = 0;
     std::vector<double> x, v;
@@ -25,19 +26,19 @@ struct ExplicitMethod {
     std::vector<Weights> stage;  // [i] of stage i; [0] is empty: the state itself
     Weights result;
 
-    // Adaptive methods. Error estimates: one, or two combined as in dop853.f.
+    // Adaptive methods have one error estimate, or two that are combined as in dop853.f.
     int order = 0;
     std::vector<Weights> errors;
     bool error_needs_end = false;  // the acceleration at the result
 
-    // The interpolant, if the method has one: the factors at a part of the step.
+    // Returns the interpolant's factors at a part of the step, if the method has one.
     Weights dense(double part) const;
 
     std::vector<std::vector<double>> a;  // tableau; row `stages` is that of the result
     std::vector<std::vector<double>> dense_factors;  // [stage][power - 1] of the part of the step
 };
 
-// A step as drifts and kicks in turn, a drift first and last; in parts of the step.
+// A step is drifts and kicks in turn, a drift first and last, in parts of the step.
 struct Splitting {
     std::vector<double> drifts, kicks;
 
@@ -45,17 +46,17 @@ struct Splitting {
     bool first_same_as_last() const { return drifts.front() == 0 && drifts.back() == 0; }
 };
 
-// The part of its largest energy by which an undamped oscillator's energy swings under the method,
-// at omega dt. A step maps (omega x, v) by a matrix M of determinant 1, which keeps -M10 X^2 + (M00
-// - M11) X V + M01 V^2. The swing is 1 minus the ratio of this form's eigenvalues, and 1 where it
-// is not definite: above the method's stable limit.
+// Returns the part of its largest energy by which an undamped oscillator's energy swings under the
+// method, at omega dt. A step maps (omega x, v) by a matrix M of determinant 1, which keeps -M10
+// X^2 + (M00 - M11) X V + M01 V^2. The swing is 1 minus the ratio of this form's eigenvalues, and 1
+// where it is not definite: above the method's stable limit.
 double energy_swing(const Splitting& splitting, double omega_dt);
 
 struct Method {
     std::string_view name;
     const ExplicitMethod* runge_kutta = nullptr;
     const Splitting* splitting = nullptr;
-    // Splitting: the method that runs where there is damping, if any.
+    // The method that runs in place of a splitting where there is damping, if any.
     const ExplicitMethod* damped = nullptr;
     // RKC2, whose stages depend on the state: integrators/rkc2.hpp. It has error control alone.
     bool stabilised = false;
@@ -65,10 +66,10 @@ struct Method {
     bool implicit() const { return !runge_kutta && !splitting && !stabilised; }
 };
 
-// In the order of the documentation.
+// Returns all methods in the order of the documentation.
 std::span<const Method> all_methods();
 
-// Throws std::invalid_argument for a name that is none.
+// Returns a method, or throws std::invalid_argument for a name that is none.
 const Method& method_of(std::string_view name);
 
 }  // namespace clothsim

@@ -7,7 +7,7 @@
 namespace clothsim {
 namespace {
 
-constexpr double epsilon = 2.0 / 13;  // damps the polynomial: a customary choice
+constexpr double epsilon = 2.0 / 13;  // damping of the polynomial: a customary choice
 constexpr double real_limit = 0.65;   // of the stable part of the real axis, over s^2 - 1
 // Rounding of the increments grows with the square of the stages.
 constexpr int most_stages = 200;
@@ -21,7 +21,9 @@ ChebyshevMethod::ChebyshevMethod(int stages)
     const std::size_t s = std::size_t(stages);
     const double w0 = 1 + epsilon / (double(stages) * stages);
     // Chebyshev polynomials at w0, and their first and second derivatives.
-    std::vector<double> T{1, w0}, first{0, 1}, second{0, 0};
+    std::vector<double> T{1, w0};
+    std::vector<double> first{0, 1};
+    std::vector<double> second{0, 0};
     for (std::size_t j = 2; j <= s; ++j) {
         T.push_back(2 * w0 * T[j - 1] - T[j - 2]);
         first.push_back(2 * T[j - 1] + 2 * w0 * first[j - 1] - first[j - 2]);
@@ -41,14 +43,15 @@ ChebyshevMethod::ChebyshevMethod(int stages)
         stage[j].part = w1 * second[j] / first[j];
     }
     stage[1].part = stage[2].part / first[2];
-    std::vector<double> before(s), last(s);
+    std::vector<double> previous(s);
+    std::vector<double> last(s);
     last[0] = stage[1].first_slope;
     for (std::size_t j = 2; j <= s; ++j) {
         for (std::size_t l = 0; l < s; ++l)
-            before[l] = stage[j].mu * last[l] + stage[j].nu * before[l];
-        before[0] += stage[j].first_slope;
-        before[j - 1] += stage[j].slope;
-        before.swap(last);
+            previous[l] = stage[j].mu * last[l] + stage[j].nu * previous[l];
+        previous[0] += stage[j].first_slope;
+        previous[j - 1] += stage[j].slope;
+        previous.swap(last);
     }
     weights = last;
 }

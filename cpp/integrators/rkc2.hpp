@@ -17,7 +17,7 @@
 namespace clothsim {
 
 struct ChebyshevMethod {
-    struct Stage {
+    struct StageWeights {
         double mu = 0, nu = 0;  // of the increments of the last stage and of the one before
         double slope = 0,
                first_slope = 0;  // mu~ and gamma~: times h f of the last stage, of the start
@@ -26,15 +26,15 @@ struct ChebyshevMethod {
     explicit ChebyshevMethod(int stages);
 
     int stages;  // s, at least 2
-    std::vector<Stage> stage;  // [j] of stage j, from 1 on; [stages] is the result
-    // Of the acceleration at stage j in the velocity at the end, times h: j from 0 to s - 1.
+    std::vector<StageWeights> stage;  // [j] of stage j, from 1 on; [stages] is the result
+    // Weights of the accelerations at stages j = 0 to s - 1 in the velocity at the end, times h.
     std::vector<double> weights;
 
     static constexpr int error_order = 3;  // the power of the step with which the estimate falls
     static constexpr double error_of_increment = -0.8, error_of_slopes = 0.4;
 };
 
-// The stages that are stable for modes of this damping rate in a step of h [s].
+// Returns the stages that are stable for modes of this damping rate in a step of h [s].
 int chebyshev_stages(double rate, double h);
 
 // The longest step for modes up to a squared frequency [1/s^2] and a damping rate [1/s].

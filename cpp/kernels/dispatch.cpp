@@ -8,13 +8,14 @@ namespace clothsim {
 namespace {
 
 bool processor_has(InstructionSet set) {
-    const auto found = xsimd::available_architectures();
+    const auto processor = xsimd::available_architectures();
     switch (set) {
         case InstructionSet::portable: break;  // built alone, for every processor
-        case InstructionSet::sse2: return found.sse2;
-        case InstructionSet::avx2: return found.fma3_avx2;
+        case InstructionSet::sse2: return processor.sse2;
+        case InstructionSet::avx2: return processor.fma3_avx2;
         case InstructionSet::avx512:
-            return found.avx512f && found.avx512cd && found.avx512dq && found.avx512bw;
+            return processor.avx512f && processor.avx512cd && processor.avx512dq &&
+                processor.avx512bw;
     }
     return true;
 }

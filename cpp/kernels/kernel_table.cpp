@@ -14,7 +14,8 @@ namespace {
 template <class Arch, class Real>
 Real reciprocal_at_rest(Real along_columns, Real along_rows) {
     using V = Lanes<Real, Arch>;
-    const V x(along_columns), z(along_rows);
+    const V x(along_columns);
+    const V z(along_rows);
     const V squared = xsimd::fma(z, z, xsimd::fma(x, x, V(smallest_squared_length<Real>)));
     return scaled_reciprocal_root(squared).get(0);
 }

@@ -46,14 +46,15 @@ struct RealKernels : RowsKernels<Real> {
     EdgeFinishKernel<Real> edge_finish;
     EdgeForcesKernel<Real> edge_forces;
     EdgeNearKernel<Real> edge_near;
-    // Null: not compiled in versions.
+    // A part that is not compiled in versions is null.
     std::array<const EdgeRowsKernel<Real>*, edge_part_count> edge_parts;
     Real root_scale;  // the edge kernel's 1/l comes multiplied by it
-    // So does this, of a spring at rest as the edge kernel sees it, to the last bit.
+    // So is this, of a spring at rest as the edge kernel sees it, to the last bit.
     Real (*reciprocal_at_rest)(Real along_columns, Real along_rows);
     int lanes;
 
-    // The kernel of rows with two more behind them. `damped_alike`: all families, or none of them.
+    // Returns the kernel of rows with two more behind them. `damped_alike`: all families are damped
+    // alike, or none of them is.
     EdgeRowsKernel<Real> edge(const Features& features, bool damped_alike) const {
         const auto* const part =
             edge_parts[std::size_t(features.family[bend] | features.spring_damping << 1)];
@@ -82,15 +83,16 @@ const RealKernels<Real>& kernels_of(const KernelTable& table) {
     else return table.double_;
 }
 
-// The instruction sets that were built, best first, and those of them that this processor has.
+// The first returns the instruction sets that were built, best first; the second those of them that
+// this processor has.
 const std::vector<const KernelTable*>& built_instruction_sets();
 std::vector<const KernelTable*> supported_instruction_sets();
 
-// That of the environment variable CLOTHSIM_ISA, else the best supported one. Throws
-// std::invalid_argument for a name that is not built or not supported.
+// Returns the instruction set of the environment variable CLOTHSIM_ISA, else the best supported
+// one. Throws std::invalid_argument for a name that is not built or not supported.
 const KernelTable& choose_instruction_set();
 
-// The environment variable.
+// Returns the value of that variable.
 std::string kernel_environment();
 
 }  // namespace clothsim

@@ -1,4 +1,4 @@
-// Rows of a state to arrays of points, and of forces from such arrays. Nothing is fused.
+// Copies rows of a state to arrays of points, and forces from such arrays. Nothing is fused.
 #pragma once
 
 #include "kernels/row_arguments.hpp"
@@ -10,7 +10,7 @@ namespace {
 // Four lanes are read or written at once.
 inline constexpr int group = 4;
 using Four = double __attribute__((vector_size(group * sizeof(double))));
-// In memory, at any place.
+// The vector lies in memory, at any place.
 template <class Real>
 struct FourOf;
 template <>
@@ -32,15 +32,15 @@ CLOTHSIM_INLINE void store(Real* to, const Four& values) {
     using There = typename FourOf<Real>::type;
     *reinterpret_cast<There*>(to) = __builtin_convertvector(values, There);
 }
-CLOTHSIM_INLINE void store_point(double* to, const Four& point, bool alone) {
-    if (!alone) return store(to, point);
+CLOTHSIM_INLINE void store_point(double* to, const Four& point, bool last) {
+    if (!last) return store(to, point);
     to[0] = point[0];
     to[1] = point[1];
     to[2] = point[2];
 }
 
-// Points of four lanes. A point is stored with a number more, which lies in the next one: that is
-// written later, but for the last vector.
+// Stores points of four lanes. A point is stored with a number more, which lies in the next one:
+// that is written later, but for the last vector.
 template <class Real>
 CLOTHSIM_INLINE void put_points(const Real* from, std::ptrdiff_t component, const double* origin,
                                 std::ptrdiff_t lane, bool last, double* to) {
@@ -64,7 +64,8 @@ CLOTHSIM_INLINE void put_points(const Real* from, std::ptrdiff_t component, cons
 template <class Real>
 void read_points(const Real* row, const RowShape& shape, const double* origin, double* x,
                  double* v) {
-    const std::ptrdiff_t component = shape.component, lane = 3 * std::ptrdiff_t(shape.vectors);
+    const std::ptrdiff_t component = shape.component;
+    const std::ptrdiff_t lane = 3 * std::ptrdiff_t(shape.vectors);
     for (int l = 0; l < shape.lanes; l += group)
         for (int k = 0; k < shape.vectors; ++k) {
             const Real* from = row + k * shape.vector + l;
@@ -88,7 +89,8 @@ void read_points(const Real* row, const RowShape& shape, const double* origin, d
 template <class Real>
 void write_points(const double* values, const double* scale, const double* plus,
                   const RowShape& shape, Real* row) {
-    const std::ptrdiff_t component = shape.component, lane = 3 * std::ptrdiff_t(shape.vectors);
+    const std::ptrdiff_t component = shape.component;
+    const std::ptrdiff_t lane = 3 * std::ptrdiff_t(shape.vectors);
     for (int l = 0; l < shape.lanes; l += group)
         for (int k = 0; k < shape.vectors; ++k) {
             Real* to = row + k * shape.vector + l;

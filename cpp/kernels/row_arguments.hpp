@@ -34,8 +34,8 @@ struct Extent {
     Real low, high;
 };
 
-// Blocks of `size` elements, a multiple of a vector, and `stride` from one to the next.
-struct Blocks {
+// Spans of `size` elements, a multiple of a vector, and `stride` from one to the next.
+struct Spans {
     std::ptrdiff_t count, size, stride;
 };
 
@@ -51,7 +51,7 @@ struct FieldLayout {
     std::ptrdiff_t acceleration_origin, acceleration_row, acceleration_run, acceleration_size;
 };
 
-// dx = drift v + sum x_l a_l,  dv = sum v_l a_l
+// The sum dx = drift v + sum x_l a_l,  dv = sum v_l a_l.
 template <class Real>
 struct Combination {
     static constexpr int most = 16;  // slopes in a sum: room for the largest method
@@ -74,15 +74,18 @@ struct Combination {
 //     last d_last + before d_before + slope (v + dv_last, a_last) + first_slope (v, a_first)
 template <class Real>
 struct ChebyshevSum {
-    Real last = 0, before = 0;
+    Real last = 0;
+    Real before = 0;
     Real slope = 0, first_slope = 0;  // s
     const Real *a_last = nullptr, *a_first = nullptr;
-    Real scale_x = 1, scale_v = 1;
+    Real scale_x = 1;
+    Real scale_v = 1;
 };
 
 // Sums of squares of dx and of dv over a row.
 struct RowSquares {
-    double x = 0, v = 0;
+    double x = 0;
+    double v = 0;
 };
 
 // How a row lies in an engine's layout: column l `vectors` + k is lane l of vector k.
@@ -93,11 +96,11 @@ struct RowShape {
 
 template <class Real>
 struct RowsKernels {
-    // The lanes of a vector of points that are below a level, a bit each.
+    // Returns the lanes of a vector of points that are below a level, a bit each.
     std::uint64_t (*below)(const Real* points, std::ptrdiff_t component, const SurfaceLevel<Real>&);
-    // The smallest and the largest; what is no number does not count.
+    // Returns the smallest and the largest value; what is no number does not count.
     Extent<Real> (*extent)(const ComponentRows<Real>&);
-    bool (*all_finite)(const Real*, const Blocks&);
+    bool (*all_finite)(const Real*, const Spans&);
     // Rows [begin, end) of `to` become those of `from` plus the combination; `to` may be `from`. A
     // compensated state keeps what rounding takes.
     void (*advance)(const FieldLayout&, int begin, int end, const Real* from, Real* to,
@@ -110,15 +113,15 @@ struct RowsKernels {
     // increment whose factor is 0 is not read.
     void (*chebyshev)(const FieldLayout&, int begin, int end, const Real* from, const Real* last,
                       Real* before, Real* to, const ChebyshevSum<Real>&);
-    // The squares of the sum, without `before`.
+    // Returns the squares of the sum, without `before`.
     void (*chebyshev_square)(const FieldLayout&, int begin, int end, const Real* from,
                              const Real* last, const ChebyshevSum<Real>&, RowSquares*);
-    // A row of a state as arrays of shape (points, 3): positions, to which the origin is added, and
-    // velocities.
+    // Writes a row of a state to arrays of shape (points, 3): positions, to which the origin is
+    // added, and velocities.
     void (*read_points)(const Real* row, const RowShape&, const double* origin, double* x,
                         double* v);
-    // Three components of a row: `values` times the scale of each point, plus other values; null:
-    // none.
+    // Writes three components of a row: `values` times the scale of each point, plus other values;
+    // null: none.
     void (*write_points)(const double* values, const double* scale, const double* plus,
                          const RowShape&, Real* row);
 };

@@ -34,7 +34,8 @@ std::uint64_t points_below(const Real* points, std::ptrdiff_t component,
 template <class Arch, class Real>
 Extent<Real> component_extent(const ComponentRows<Real>& points) {
     using V = Lanes<Real, Arch>;
-    V low(std::numeric_limits<Real>::max()), high(std::numeric_limits<Real>::lowest());
+    V low(std::numeric_limits<Real>::max());
+    V high(std::numeric_limits<Real>::lowest());
     each_vector<V>(points, [&](const V& x) __attribute__((always_inline)) {
         low = xsimd::select(x < low, x, low);
         high = xsimd::select(x > high, x, high);
@@ -43,20 +44,20 @@ Extent<Real> component_extent(const ComponentRows<Real>& points) {
 }
 
 template <class Arch, class Real>
-bool all_finite(const Real* p, const Blocks& blocks) {
+bool all_finite(const Real* p, const Spans& spans) {
     using V = Lanes<Real, Arch>;
     const V largest(std::numeric_limits<Real>::max());
     auto good = largest == largest;
-    for (std::ptrdiff_t b = 0; b < blocks.count; ++b)
-        for (std::ptrdiff_t i = 0; i < blocks.size; i += std::ptrdiff_t(V::size))
-            good = good & (xsimd::abs(V::load_unaligned(p + b * blocks.stride + i)) <= largest);
+    for (std::ptrdiff_t b = 0; b < spans.count; ++b)
+        for (std::ptrdiff_t i = 0; i < spans.size; i += std::ptrdiff_t(V::size))
+            good = good & (xsimd::abs(V::load_unaligned(p + b * spans.stride + i)) <= largest);
     return xsimd::all(good);
 }
 
-// `compute(where in the state, where in accelerations, dx, dv)` and then `work(row, where in the
-// state, dx, dv)` for every block of `count` vectors of the rows, which stay in registers.
+// Calls `compute(where in the state, where in accelerations, dx, dv)` and then `work(row, where in
+// the state, dx, dv)` for every chunk of `count` vectors of the rows, which stay in registers.
 template <class V, int count, class Compute, class Work>
-CLOTHSIM_INLINE void each_block(const FieldLayout& f, int begin, int end, const Compute& compute,
+CLOTHSIM_INLINE void each_chunk(const FieldLayout& f, int begin, int end, const Compute& compute,
                                 const Work& work) {
     constexpr int W = int(V::size);
     for (int r = begin; r < end; ++r)
@@ -71,10 +72,10 @@ CLOTHSIM_INLINE void each_block(const FieldLayout& f, int begin, int end, const 
             }
 }
 
-// The combination; `from` gives the velocities of the drift.
+// Computes the combination; `from` gives the velocities of the drift.
 template <class V, int count, class Real>
-CLOTHSIM_INLINE auto combined(const FieldLayout& f, const Real* from,
-                              const Combination<Real>& sum) {
+CLOTHSIM_INLINE auto combination(const FieldLayout& f, const Real* from,
+                                 const Combination<Real>& sum) {
     return [&f, from, &sum](std::ptrdiff_t state, std::ptrdiff_t at, V* dx, V* dv)
                __attribute__((always_inline)) {
                    constexpr int W = int(V::size);
@@ -83,7 +84,8 @@ CLOTHSIM_INLINE auto combined(const FieldLayout& f, const Real* from,
                        dv[i] = V(Real(0)) * dx[i];
                    }
                    for (int l = 0; l < sum.count; ++l) {
-                       const V x(sum.x[std::size_t(l)]), v(sum.v[std::size_t(l)]);
+                       const V x(sum.x[std::size_t(l)]);
+                       const V v(sum.v[std::size_t(l)]);
                        for (int i = 0; i < count; ++i) {
                            const V a = V::load_unaligned(sum.a[std::size_t(l)] + at + i * W);
                            dx[i] = dx[i] + x * a;
@@ -93,15 +95,17 @@ CLOTHSIM_INLINE auto combined(const FieldLayout& f, const Real* from,
                };
 }
 
-// The sum of increments; `from` gives the velocities.
+// Computes the sum of increments; `from` gives the velocities.
 template <class V, int count, class Real>
-CLOTHSIM_INLINE auto summed(const FieldLayout& f, const Real* from, const Real* last,
-                            const Real* before, const ChebyshevSum<Real>& sum) {
+CLOTHSIM_INLINE auto increment_sum(const FieldLayout& f, const Real* from, const Real* last,
+                                   const Real* before, const ChebyshevSum<Real>& sum) {
     return [&f, from, last, before, &sum](std::ptrdiff_t state, std::ptrdiff_t at, V* dx, V* dv)
                __attribute__((always_inline)) {
                    constexpr int W = int(V::size);
                    for (int i = 0; i < count; ++i) {
-                       const std::ptrdiff_t x = state + i * W, v = x + f.velocity, a = at + i * W;
+                       const std::ptrdiff_t x = state + i * W;
+                       const std::ptrdiff_t v = x + f.velocity;
+                       const std::ptrdiff_t a = at + i * W;
                        const V velocity = V::load_unaligned(from + v);
                        dx[i] = V(sum.first_slope) * velocity;
                        dv[i] = V(sum.first_slope) * V::load_unaligned(sum.a_first + a);
@@ -122,10 +126,10 @@ CLOTHSIM_INLINE auto summed(const FieldLayout& f, const Real* from, const Real* 
                };
 }
 
-// `work` with the number of vectors that divides the runs of a field: the three components of the
-// edge kernel's vectors or, in the gather kernel, 64 bytes.
+// Calls `work` with the number of vectors that divides the runs of a field: the three components of
+// the edge kernel's vectors or, in the gather kernel, 64 bytes.
 template <class V, class Work>
-CLOTHSIM_INLINE void in_blocks(const FieldLayout& f, const Work& work) {
+CLOTHSIM_INLINE void in_chunks(const FieldLayout& f, const Work& work) {
     constexpr int W = int(V::size), in_line = 64 / int(sizeof(V));
     if (f.length == 3 * W) work(std::integral_constant<int, 3>{});
     else work(std::integral_constant<int, in_line>{});
@@ -137,7 +141,8 @@ CLOTHSIM_INLINE void add_increment(const FieldLayout& f, const Real* from, Real*
                                    std::ptrdiff_t at, const V& increment) {
     const V old = V::load_unaligned(from + at);
     if (f.compensation == 0) return (old + increment).store_unaligned(to + at);
-    const V all = increment + V::load_unaligned(from + at + f.compensation), next = old + all;
+    const V all = increment + V::load_unaligned(from + at + f.compensation);
+    const V next = old + all;
     (all - (next - old)).store_unaligned(to + at + f.compensation);
     next.store_unaligned(to + at);
 }
@@ -147,8 +152,8 @@ void advance_rows(const FieldLayout& f, int begin, int end, const Real* from, Re
                   const Combination<Real>& sum) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
-    in_blocks<V>(f, [&](auto count) __attribute__((always_inline)) {
-        each_block<V, count>(f, begin, end, combined<V, count>(f, from, sum),
+    in_chunks<V>(f, [&](auto count) __attribute__((always_inline)) {
+        each_chunk<V, count>(f, begin, end, combination<V, count>(f, from, sum),
                              [&](int, std::ptrdiff_t at, const V* dx, const V* dv)
                                  __attribute__((always_inline)) {
                                      for (int i = 0; i < count; ++i) {
@@ -164,31 +169,32 @@ void chebyshev_rows(const FieldLayout& f, int begin, int end, const Real* from, 
                     Real* before, Real* to, const ChebyshevSum<Real>& sum) {
     using V = Lanes<Real, Arch>;
     constexpr int W = int(V::size);
-    in_blocks<V>(f, [&](auto count) __attribute__((always_inline)) {
-        each_block<V, count>(f, begin, end, summed<V, count, Real>(f, from, last, before, sum),
-                             [&](int, std::ptrdiff_t at, const V* dx, const V* dv)
-                                 __attribute__((always_inline)) {
-                                     for (int i = 0; i < count; ++i) {
-                                         const std::ptrdiff_t x = at + i * W, v = x + f.velocity;
-                                         dx[i].store_unaligned(before + x);
-                                         dv[i].store_unaligned(before + v);
-                                         add_increment(f, from, to, x, dx[i]);
-                                         add_increment(f, from, to, v, dv[i]);
-                                     }
-                                 });
+    in_chunks<V>(f, [&](auto count) __attribute__((always_inline)) {
+        each_chunk<V, count>(
+            f, begin, end, increment_sum<V, count, Real>(f, from, last, before, sum),
+            [&](int, std::ptrdiff_t at, const V* dx, const V* dv) __attribute__((always_inline)) {
+                for (int i = 0; i < count; ++i) {
+                    const std::ptrdiff_t x = at + i * W;
+                    const std::ptrdiff_t v = x + f.velocity;
+                    dx[i].store_unaligned(before + x);
+                    dv[i].store_unaligned(before + v);
+                    add_increment(f, from, to, x, dx[i]);
+                    add_increment(f, from, to, v, dv[i]);
+                }
+            });
     });
 }
 
-// Sums of squares, row by row, of what `compute_of(count)` gives.
+// Sums the squares, row by row, of what `compute_of(count)` gives.
 template <class V, class ComputeOf>
-CLOTHSIM_INLINE void square_blocks(const FieldLayout& f, int begin, int end, RowSquares* rows,
+CLOTHSIM_INLINE void square_chunks(const FieldLayout& f, int begin, int end, RowSquares* rows,
                                    const ComputeOf& compute_of) {
     constexpr int W = int(V::size);
-    in_blocks<V>(f, [&](auto count) __attribute__((always_inline)) {
+    in_chunks<V>(f, [&](auto count) __attribute__((always_inline)) {
         for (int r = begin; r < end; ++r) {
             V total[2][count];
             for (int i = 0; i < 2 * count; ++i) total[i / count][i % count] = V(0);
-            each_block<V, count>(f, r, r + 1, compute_of(count),
+            each_chunk<V, count>(f, r, r + 1, compute_of(count),
                                  [&](int, std::ptrdiff_t, const V* dx, const V* dv)
                                      __attribute__((always_inline)) {
                                          for (int i = 0; i < count; ++i) {
@@ -210,8 +216,8 @@ template <class Arch, class Real>
 void square_rows(const FieldLayout& f, int begin, int end, const Real* state,
                  const Combination<Real>& sum, RowSquares* rows) {
     using V = Lanes<Real, Arch>;
-    square_blocks<V>(f, begin, end, rows, [&](auto count) __attribute__((always_inline)) {
-        return combined<V, count>(f, state, sum);
+    square_chunks<V>(f, begin, end, rows, [&](auto count) __attribute__((always_inline)) {
+        return combination<V, count>(f, state, sum);
     });
 }
 
@@ -219,8 +225,8 @@ template <class Arch, class Real>
 void chebyshev_square_rows(const FieldLayout& f, int begin, int end, const Real* from,
                            const Real* last, const ChebyshevSum<Real>& sum, RowSquares* rows) {
     using V = Lanes<Real, Arch>;
-    square_blocks<V>(f, begin, end, rows, [&](auto count) __attribute__((always_inline)) {
-        return summed<V, count, Real>(f, from, last, nullptr, sum);
+    square_chunks<V>(f, begin, end, rows, [&](auto count) __attribute__((always_inline)) {
+        return increment_sum<V, count, Real>(f, from, last, nullptr, sum);
     });
 }
 

@@ -23,8 +23,9 @@ using Lanes = xsimd::batch<Real, Arch>;
 
 #define CLOTHSIM_INLINE inline __attribute__((always_inline))
 
-// Strict: exact root and division, nothing fused, the same bits on every instruction set.
-// Fused: fused multiply-adds, and 1/sqrt from the processor's estimate, refined by Newton steps.
+// Strict arithmetic has exact roots and divisions and fuses nothing: the bits are the same on every
+// instruction set. Fused arithmetic has fused multiply-adds, and 1/sqrt from the processor's
+// estimate with Newton steps after it.
 enum class Arithmetic { strict, fused };
 
 template <Arithmetic arithmetic, class V>
@@ -33,13 +34,13 @@ CLOTHSIM_INLINE V multiply_add(V a, V b, V c) {
     else return a * b + c;
 }
 
-// Added to every squared length: it keeps coincident points finite and changes no length that means
-// anything. Large enough for the estimate of 1/sqrt in single.
+// This is added to every squared length: it keeps coincident points finite and changes no length
+// that means anything. It is large enough for the estimate of 1/sqrt in single.
 template <class Real>
 constexpr Real smallest_squared_length = Real(1e-36);
 
-// scale / sqrt(a). The scale is what a step like y (3 - a y^2) = 2/sqrt(a) leaves over; it is
-// folded into coefficients instead of being divided out.
+// Returns scale / sqrt(a). The scale is what a step like y (3 - a y^2) = 2/sqrt(a) leaves over; it
+// is folded into coefficients instead of being divided out.
 template <class Real, class Arch>
 constexpr Real root_scale() {
     [[maybe_unused]] constexpr bool single = sizeof(Real) == 4;
@@ -52,8 +53,8 @@ constexpr Real root_scale() {
 #endif
 }
 
-// A value that the compiler takes for unknown, so that it stays in a register where there are
-// enough of them.
+// Returns a value that the compiler takes for unknown, so that it stays in a register where there
+// are enough of them.
 template <class V>
 CLOTHSIM_INLINE V in_register(V a) {
 #if defined(__AVX512F__)
@@ -79,7 +80,7 @@ CLOTHSIM_INLINE V reciprocal_root_estimate(V a) {
 }
 #endif
 
-// f(0), f(1), ... f(count - 1) with the index known to the compiler.
+// Calls f(0), f(1), ... f(count - 1) with the index known to the compiler.
 template <int count, class F>
 CLOTHSIM_INLINE void each(F f) {
     [&]<int... i>(std::integer_sequence<int, i...>) __attribute__((always_inline)) {
@@ -87,8 +88,9 @@ CLOTHSIM_INLINE void each(F f) {
     }(std::make_integer_sequence<int, count>{});
 }
 
-// The 3 of the first Newton step. A step ends below the root by up to 1.5 e^2 of it. Half of that
-// is added where the constant can hold it, so that the next step begins with half the error.
+// This is the 3 of the first Newton step. A step ends below the root by up to 1.5 e^2 of it. Half
+// of that is added where the constant can hold it, so that the next step begins with half the
+// error.
 template <class Real>
 constexpr Real newton_constant = sizeof(Real) == 8 ? Real(3 + 0x1.8p-28) : Real(3);
 
@@ -105,14 +107,16 @@ CLOTHSIM_INLINE V scaled_reciprocal_root(
     if constexpr (sizeof(Real) == 8) y = y * xsimd::fnma(a * y, y, V(Real(12)));
     return y;
 #else
-    // No estimate in double here, and from one in single the way is longer than the exact one.
+    // There is no estimate in double here, and from one in single the way is longer than the exact
+    // one.
     if constexpr (sizeof(Real) == 8) return V(Real(1)) / xsimd::sqrt(a);
-    // A step of third order. It omits less than 2^-27, less than rounding. Few bits of y are set,
-    // so its square is all but exact; the product a y is not.
-    const V y = reciprocal_root_estimate(a), square = y * y;
+    // This step of third order omits less than 2^-27, less than rounding. Few bits of y are set, so
+    // its square is all but exact; the product a y is not.
+    const V y = reciprocal_root_estimate(a);
+    const V square = y * y;
 #if defined(__AVX2__)
-    // The series 1 + e/2 + 3/8 e^2, e = 1 - a y^2, with its square completed: an operation and a
-    // constant less. Of the last coefficient 1/33 is missing, so that the others are exact.
+    // The square of the series 1 + e/2 + 3/8 e^2, e = 1 - a y^2, is completed, which saves an
+    // operation and a constant. The last coefficient lacks 1/33, so that the others are exact.
     const V h = xsimd::fnma(a, square, V(Real(27. / 16)));
     return y * xsimd::fma(h, h, V(Real(583. / 256)));
 #else
@@ -122,7 +126,8 @@ CLOTHSIM_INLINE V scaled_reciprocal_root(
 #endif
 }
 
-// 1/a, by the processor's estimate where that way is shorter. (xsimd::reciprocal is the estimate alone.)
+// Returns 1/a, by the processor's estimate where that way is shorter. (xsimd::reciprocal is the
+// estimate alone.)
 template <class V>
 CLOTHSIM_INLINE V inverse(V a) {
     using Real = typename V::value_type;
@@ -142,8 +147,8 @@ CLOTHSIM_INLINE V inverse(V a) {
 #endif
 }
 
-// The lanes whose bit is set. (Without mask registers xsimd takes them from a table: a symbol that
-// the files of all instruction sets would have in common.)
+// Selects the lanes whose bit is set. (Without mask registers xsimd takes them from a table: a
+// symbol that the files of all instruction sets would have in common.)
 template <class V>
 CLOTHSIM_INLINE typename V::batch_bool_type lanes_of(std::uint64_t bits) {
 #if defined(__AVX512F__)
@@ -159,7 +164,7 @@ CLOTHSIM_INLINE typename V::batch_bool_type lanes_of(std::uint64_t bits) {
 #endif
 }
 
-// Some of the lanes: in memory a vector that has all bits in them and none in the others.
+// A choice of lanes: in memory it is a vector that has all bits in them and none in the others.
 #if defined(__AVX512F__)
 template <class V>
 struct SomeLanes {

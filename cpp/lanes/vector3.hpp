@@ -1,4 +1,5 @@
-// Three components in lanes, and what both kernels do with them. Per-instruction-set files only.
+// Three components in lanes, and what both kernels do with them. Only per-instruction-set files
+// include this.
 #pragma once
 
 #include <cstddef>
@@ -36,8 +37,8 @@ CLOTHSIM_INLINE void store3(Real* p, std::ptrdiff_t plane, const Vector3<V>& a) 
     a.z.store_unaligned(p + 2 * plane);
 }
 
-// state + increment. Where there is compensation, the rounding is kept for the next step (Kahan
-// 1965; Higham, Accuracy and Stability of Numerical Algorithms, section 4.3).
+// Adds an increment to a state. Where there is compensation, the rounding is kept for the next step
+// (Kahan 1965; Higham, Accuracy and Stability of Numerical Algorithms, section 4.3).
 template <bool compensated, class V, class Real>
 CLOTHSIM_INLINE void add_increment(Real* state, Real* compensation, V increment) {
     const V old = V::load_unaligned(state);

@@ -15,14 +15,14 @@ Vec3 closest_point_on_segment(const Vec3& p, const Vec3& a, const Vec3& b) {
     return length2 > 0 ? Vec3(a + std::clamp(ab.dot(p - a) / length2, 0.0, 1.0) * ab) : a;
 }
 
-// Of the bound in `penetration`, far more than its few operations lose.
+// The bound in `penetration` is wider by this part, far more than its few operations lose.
 constexpr double rounding = 1e-12;
 
 }  // namespace
 
-// The nearest of the sides, or the foot of the perpendicular if it lies inside. Every candidate is
-// a point of the triangle, so that a thin or collapsed one gives its nearest side and nothing
-// worse.
+// The point is the nearest of the sides, or the foot of the perpendicular if it lies inside. Every
+// candidate is a point of the triangle, so that a thin or collapsed one gives its nearest side and
+// nothing worse.
 Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
     Vec3 best = closest_point_on_segment(p, a, b);
     const auto consider = [&](const Vec3& q) {
@@ -31,7 +31,9 @@ Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, cons
     consider(closest_point_on_segment(p, b, c));
     consider(closest_point_on_segment(p, c, a));
 
-    const Vec3 ab = b - a, ac = c - a, ap = p - a;
+    const Vec3 ab = b - a;
+    const Vec3 ac = c - a;
+    const Vec3 ap = p - a;
     const Vec3 normal = ab.cross(ac);
     const double area2 = normal.squaredNorm();
     if (area2 > 0) {
@@ -68,10 +70,12 @@ Penetration penetration(int rows, int columns, const PointsView& x, const Sphere
     // What is farther than the radius is no depth.
     double nearest = std::min(nearest_point, radius);
     const auto consider = [&](std::int64_t a, std::int64_t b, std::int64_t c) {
-        const Vec3 at_a = corner(a), at_b = corner(b), at_c = corner(c);
+        const Vec3 at_a = corner(a);
+        const Vec3 at_b = corner(b);
+        const Vec3 at_c = corner(c);
         const double longest2 = std::max((at_b - at_a).squaredNorm(), (at_c - at_a).squaredNorm());
-        const double further = distances[std::size_t(a)] * (1 - rounding) - nearest;
-        if (further > 0 && further * further > longest2 * (1 + rounding)) return;
+        const double excess = distances[std::size_t(a)] * (1 - rounding) - nearest;
+        if (excess > 0 && excess * excess > longest2 * (1 + rounding)) return;
         nearest = std::min(nearest,
                            (closest_point_on_triangle(center, at_a, at_b, at_c) - center).norm());
     };
@@ -92,7 +96,9 @@ static_assert(spring_kind_count == 5 && stencil_reach == 2,
               "largest_symbol knows five kinds of springs");
 double largest_symbol(const Cloth& cloth, const std::array<double, family_count>& coefficient) {
     const auto value = [&](Family f) { return cloth.present[f] ? coefficient[f] : 0.0; };
-    const double ks = value(structural), kh = value(shear), kb = value(bend);
+    const double ks = value(structural);
+    const double kh = value(shear);
+    const double kb = value(bend);
     const auto symbol = [&](double x, double y) {
         return 2 * ks * (2 - x - y) + 4 * kh * (1 - x * y) + 4 * kb * (2 - x * x - y * y);
     };
@@ -119,16 +125,17 @@ double largest_sum_of_springs(const Cloth& cloth,
     double most = 0;
     for (int r = 0; r < cloth.rows; ++r)
         for (int c = 0; c < cloth.columns; ++c) {
-            const double here = cloth.mobility(r * cloth.columns + c);
-            if (here == 0) continue;
+            const double mobility = cloth.mobility(r * cloth.columns + c);
+            if (mobility == 0) continue;
             double sum = 0;
             for (const Neighbour& n : neighbours) {
-                const int row = r + n.row, column = c + n.column;
+                const int row = r + n.row;
+                const int column = c + n.column;
                 if (!cloth.present[n.family] || row < 0 || row >= cloth.rows || column < 0 ||
                     column >= cloth.columns)
                     continue;
-                sum +=
-                    coefficient[n.family] * (here + cloth.mobility(row * cloth.columns + column));
+                sum += coefficient[n.family] *
+                    (mobility + cloth.mobility(row * cloth.columns + column));
             }
             most = std::max(most, sum);
         }

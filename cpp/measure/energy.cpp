@@ -13,25 +13,25 @@
 namespace clothsim {
 namespace {
 
-// x, y and z of `count` points, a plane after the other.
+// Takes x, y and z of `count` points apart, a plane after the other.
 CLOTHSIM_VERSIONS
 void take_apart(const double* __restrict points, std::ptrdiff_t count, double* __restrict planes) {
     for (std::ptrdiff_t i = 0; i < count; ++i)
         for (int k = 0; k < 3; ++k) planes[k * count + i] = points[3 * i + k];
 }
 
-// Springs of one kind: `count` in each of `rows` rows, from points of a row to those `offset`
-// further on.
-struct Springs {
+// Springs of one kind: there are `count` in each of `rows` rows, from points of a row to those
+// `offset` further on.
+struct SpringRows {
     std::ptrdiff_t plane, row, offset;
     int rows, count;
     double rest_length;
 };
 
-// Of the springs of a column: sum[c] += (length - rest length)^2, largest[c] = max(largest[c],
+// Adds the springs of a column: sum[c] += (length - rest length)^2, largest[c] = max(largest[c],
 // length^2).
 CLOTHSIM_VERSIONS
-void add_stretches(const double* first, const Springs& s, double* __restrict sum,
+void add_stretches(const double* first, const SpringRows& s, double* __restrict sum,
                    double* __restrict largest) {
     for (int r = 0; r < s.rows; ++r) {
         const double* const ax = first + r * s.row;
@@ -39,28 +39,30 @@ void add_stretches(const double* first, const Springs& s, double* __restrict sum
         const double *const bx = ax + s.offset, *const by = ay + s.offset,
                             *const bz = az + s.offset;
         for (int c = 0; c < s.count; ++c) {
-            const double dx = bx[c] - ax[c], dy = by[c] - ay[c], dz = bz[c] - az[c];
-            const double square = dx * dx + dy * dy + dz * dz,
-                         stretch = std::sqrt(square) - s.rest_length;
+            const double dx = bx[c] - ax[c];
+            const double dy = by[c] - ay[c];
+            const double dz = bz[c] - az[c];
+            const double square = dx * dx + dy * dy + dz * dz;
+            const double stretch = std::sqrt(square) - s.rest_length;
             sum[c] += stretch * stretch;
             largest[c] = square > largest[c] ? square : largest[c];
         }
     }
 }
 
-// `visit(kind, rest length, sum of (length - rest length)^2, largest length)` for each kind of
-// spring that the cloth has.
+// Calls `visit(kind, rest length, sum of (length - rest length)^2, largest length)` for each kind
+// of spring that the cloth has.
 template <class Visit>
 void each_kind(const Cloth& cloth, const PointsView& x, Visit visit) {
     std::vector<double> planes(std::size_t(3 * x.rows())), sum, largest;
     take_apart(x.data(), x.rows(), planes.data());
     for (const Neighbour& n : neighbours) {
-        const Springs springs{cloth.points(),
-                              cloth.columns,
-                              std::ptrdiff_t(n.row) * cloth.columns + n.column,
-                              cloth.rows - n.row,
-                              cloth.columns - std::abs(n.column),
-                              cloth.rest_length(n)};
+        const SpringRows springs{cloth.points(),
+                                 cloth.columns,
+                                 std::ptrdiff_t(n.row) * cloth.columns + n.column,
+                                 cloth.rows - n.row,
+                                 cloth.columns - std::abs(n.column),
+                                 cloth.rest_length(n)};
         if (!cloth.present[n.family] || !leads_on(n) || springs.count <= 0 || springs.rows <= 0)
             continue;
         sum.assign(std::size_t(springs.count), 0.0);

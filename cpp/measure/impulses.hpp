@@ -29,7 +29,7 @@ public:
         double* const sum = of_row(sphere, row) + 3 * (column / group_size);
         for (int k = 0; k < 3; ++k) sum[k] -= momentum[k];
     }
-    // The first sum of a row, and the elements from a row to the next.
+    // Returns the first sum of a row; `size_of_row` is the elements from a row to the next.
     double* of_row(std::size_t sphere, int row) {
         return sums_.data() + sphere * size_of_sphere() + std::size_t(row) * size_of_row();
     }
@@ -53,7 +53,8 @@ public:
 private:
     std::size_t size_of_sphere() const { return rows_ * size_of_row(); }
 
-    std::size_t rows_ = 0, groups_ = 0;
+    std::size_t rows_ = 0;
+    std::size_t groups_ = 0;
     std::vector<double> sums_;
 };
 

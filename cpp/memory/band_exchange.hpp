@@ -36,7 +36,7 @@ struct NeighbouringBand : RowBand {
     // anew in each parallel region.
     struct alignas(64) Newest {
         std::atomic<int> version{0};
-        bool reached(int wanted) const { return version.load(std::memory_order_relaxed) >= wanted; }
+        bool reached(int number) const { return version.load(std::memory_order_relaxed) >= number; }
     };
     Newest at_near, at_far;
     // The neighbours where sweeps begin, and where they end; null where the cloth ends.
@@ -57,12 +57,12 @@ template <class Band>
 std::vector<std::unique_ptr<Band>> bands_of(int rows, int team) {
     std::vector<std::unique_ptr<Band>> bands(static_cast<std::size_t>(team));
     for (int t = 0; t < team; ++t) {
-        auto& here = bands[std::size_t(t)] = std::make_unique<Band>();
-        static_cast<RowBand&>(*here) = RowBand::of(rows, t, team);
+        auto& band = bands[std::size_t(t)] = std::make_unique<Band>();
+        static_cast<RowBand&>(*band) = RowBand::of(rows, t, team);
         if (t == 0) continue;
         auto& above = bands[std::size_t(t - 1)];
-        (here->upwards ? here->far : here->near) = above.get();
-        (above->upwards ? above->near : above->far) = here.get();
+        (band->upwards ? band->far : band->near) = above.get();
+        (above->upwards ? above->near : above->far) = band.get();
     }
     return bands;
 }

@@ -8,33 +8,32 @@
 #include <unistd.h>
 #endif
 
+#include "memory/heuristics.hpp"
+
 namespace clothsim {
 
-inline constexpr std::ptrdiff_t megabyte = 1024 * 1024;
-
-// Bytes of a processor's second-level cache: 1 MiB where the system does not report it. It is at
-// most 2 MiB, since some processors share a larger cache.
+// Bytes of a processor's second-level cache.
 inline std::ptrdiff_t second_level_cache() {
+    using namespace heuristics;
     static const std::ptrdiff_t bytes = [] {
         std::ptrdiff_t reported = 0;
 #if defined(_SC_LEVEL2_CACHE_SIZE)
         reported = sysconf(_SC_LEVEL2_CACHE_SIZE);
 #endif
-        return reported > 0 ? std::clamp(reported, megabyte / 4, 2 * megabyte) : megabyte;
+        return reported > 0 ? std::clamp(reported, least_cache, most_cache) : default_cache;
     }();
     return bytes;
 }
 
-// Working set of a strip of a wide cloth: two thirds of the second-level cache. Where that is below
-// 1 MiB, strips are as wide as for 1 MiB. Using the third-level cache too costs less than the
-// columns that narrow strips compute twice.
-inline std::ptrdiff_t bytes_under_way() { return std::max(second_level_cache(), megabyte) / 3 * 2; }
+// Bytes of the working set of a strip of a wide cloth.
+inline std::ptrdiff_t bytes_under_way() {
+    return std::max(second_level_cache(), heuristics::default_cache) / 3 *
+        heuristics::thirds_of_cache_for_strip;
+}
 
-// Largest working set of a sweep: a band's state and work are swept stage by stage, and rows need
-// not be fetched ahead.
-inline std::ptrdiff_t bytes_kept_in_cache() { return second_level_cache() / 4 * 3; }
-
-// More than this comes from memory each time it is gone over.
-inline constexpr std::ptrdiff_t bytes_in_shared_cache = 4 * megabyte;
+// Bytes of the largest working set of a band whose state and work are swept stage by stage.
+inline std::ptrdiff_t bytes_kept_in_cache() {
+    return second_level_cache() / 4 * heuristics::quarters_of_cache_for_sweep;
+}
 
 }  // namespace clothsim

@@ -6,37 +6,35 @@
 #include <functional>
 #include <thread>
 
+#include "memory/heuristics.hpp"
+
 namespace clothsim {
 
 class Poll {
 public:
-    using Clock = std::chrono::steady_clock;
-
     explicit Poll(const std::function<bool()>& interrupted) : interrupted_(interrupted) {}
 
     bool stopped() {
-        return is_asker() ? stopped(Clock::now()) : stopped_.load(std::memory_order_relaxed);
+        return is_asker() ? stopped(std::chrono::steady_clock::now())
+                          : stopped_.load(std::memory_order_relaxed);
     }
-    // For the thread that made this object. Only that thread asks, since `interrupted` enters
+    // The thread that made this object calls it. Only that thread asks, since `interrupted` enters
     // Python.
-    bool stopped(Clock::time_point now) {
-        if (now - asked_ >= period && !stopped_.load(std::memory_order_relaxed)) {
+    bool stopped(std::chrono::steady_clock::time_point now) {
+        if (now - asked_ >= heuristics::time_between_questions &&
+            !stopped_.load(std::memory_order_relaxed)) {
             if (interrupted_()) stopped_.store(true, std::memory_order_relaxed);
-            asked_ = Clock::now();
+            asked_ = std::chrono::steady_clock::now();
         }
         return stopped_.load(std::memory_order_relaxed);
     }
     bool is_asker() const { return std::this_thread::get_id() == asker_; }
-    Clock::time_point asked() const { return asked_; }
+    std::chrono::steady_clock::time_point asked() const { return asked_; }
 
 private:
-    // A question takes 0.1 us, or 5 ms where another thread of Python holds the lock. At half, a
-    // picture would take twice its time there; at twice, Ctrl-C would be late by 10 ms more.
-    static constexpr std::chrono::milliseconds period{10};
-
     const std::function<bool()>& interrupted_;
     const std::thread::id asker_ = std::this_thread::get_id();
-    Clock::time_point asked_ = Clock::now();
+    std::chrono::steady_clock::time_point asked_ = std::chrono::steady_clock::now();
     std::atomic<bool> stopped_{false};
 };
 

@@ -13,7 +13,8 @@ class StripHalos {
 public:
     explicit StripHalos(const TransposedLayout& layout) : lanes_(layout.lanes) {
         for (int s = 1; s < layout.strips; ++s) {
-            const int begin = layout.start(s), end = layout.start(s - 1) + layout.window;
+            const int begin = layout.start(s);
+            const int end = layout.start(s - 1) + layout.window;
             Border border{layout.own(s) - begin, {}, {}};
             for (int c = begin; c < end; ++c) {
                 border.places[0].push_back(layout.in_record(c - layout.start(s - 1)));
@@ -24,8 +25,8 @@ public:
             halos_.push_back(std::move(border));
         }
     }
-    // `state`: a row of the strip, after the step of number `step`, of which its own columns are
-    // put down here.
+    // Puts down the strip's own columns of a row, whose `state` is that after the step of number
+    // `step`.
     void give(int strip, int row, const Real* state, std::int64_t step) {
         visit(strip, row, step, true, [&](Columns columns) {
             for (int i = 0; i < columns.count; ++i)
@@ -33,7 +34,7 @@ public:
                     columns.values[6 * i + k] = state[columns.places[i] + k * lanes_];
         });
     }
-    // The columns of its halo.
+    // Fills the columns of the strip's halo in a row.
     void take(int strip, int row, Real* state, std::int64_t step) {
         visit(strip, row, step, false, [&](Columns columns) {
             for (int i = 0; i < columns.count; ++i)
@@ -56,7 +57,7 @@ public:
 private:
     struct Border {
         int middle;  // how many of the columns are the first strip's own
-        // Of the columns in a row of the strip before and behind.
+        // Places of the columns in a row of the strip before the border and of the one behind it.
         std::vector<std::ptrdiff_t> places[2];
         AlignedVector<Real> values[2];  // (row, column, 6), by the parity of the step
     };
@@ -69,7 +70,8 @@ private:
 
     template <class Visit>
     void visit(int strip, int row, std::int64_t step, bool own, const Visit& visit) {
-        // The border before the strip, of which it is the second, and that behind it.
+        // The first border is that before the strip, which is the second at it; the other is behind
+        // it.
         for (int side = 0; side < 2; ++side) {
             const int index = strip - 1 + side;
             if (index < 0 || index >= int(halos_.size())) continue;
@@ -77,8 +79,8 @@ private:
             const auto& places = border.places[1 - side];
             const int count = int(places.size());
             const bool first_half = (side == 1) == own;
-            const int begin = first_half ? 0 : border.middle,
-                      end = first_half ? border.middle : count;
+            const int begin = first_half ? 0 : border.middle;
+            const int end = first_half ? border.middle : count;
             visit({places.data() + begin,
                    border.values[step & 1].data() + 6 * (std::ptrdiff_t(row) * count + begin),
                    end - begin});

@@ -9,7 +9,7 @@
 
 namespace clothsim {
 
-// This thread reads and writes subnormal numbers as zero while it lives; then as before.
+// While this object lives, its thread reads and writes subnormal numbers as zero.
 class FlushSubnormals {
 public:
 #if defined(__x86_64__)

@@ -1,7 +1,6 @@
 #include "memory/threads.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <exception>
 #include <stdexcept>
 #include <string>
@@ -21,8 +20,8 @@ int processors() { return omp_get_num_procs(); }
 
 int available_threads() { return std::min(processors(), omp_get_max_threads()); }
 
-int granted_threads(int wanted) {
-    return omp_in_parallel() ? 1 : std::min(wanted, omp_get_thread_limit());
+int granted_threads(int most) {
+    return omp_in_parallel() ? 1 : std::min(most, omp_get_thread_limit());
 }
 
 void run_team(int team, const std::function<void(int)>& work) {
@@ -33,8 +32,8 @@ void run_team(int team, const std::function<void(int)>& work) {
 #pragma omp parallel num_threads(team)
     try {
         // Bands would wait for ever for one that no thread has.
-        if (const int given = omp_get_num_threads(); given < team)
-            throw std::runtime_error("OpenMP gave " + std::to_string(given) + " of " +
+        if (const int size = omp_get_num_threads(); size < team)
+            throw std::runtime_error("OpenMP gave " + std::to_string(size) + " of " +
                                      std::to_string(team) + " threads; threads=1 needs no other");
         const FlushSubnormals flushed;
         work(omp_get_thread_num());
@@ -58,10 +57,8 @@ void pause_threads() {}
 
 #endif
 
-void wait_long(const std::atomic<int>& reached, int wanted) {
-    // A yield would give a busy neighbour its whole time slice, at each halo.
-    while (!has_reached(reached, wanted))
-        std::this_thread::sleep_for(std::chrono::microseconds(20));
+void wait_long(const std::atomic<int>& counter, int value) {
+    while (!has_reached(counter, value)) std::this_thread::sleep_for(heuristics::sleep_of_waiting);
 }
 
 }  // namespace clothsim

@@ -5,18 +5,22 @@
 #include <cstddef>
 #include <functional>
 
+#include "memory/heuristics.hpp"
+
 namespace clothsim {
 
 inline constexpr int most_threads = 256;
 
-// Processors of this process, and how many of them OMP_NUM_THREADS leaves.
+// The first counts the processors of this process; the second how many of them OMP_NUM_THREADS
+// leaves.
 int processors();
 int available_threads();
 
-// How many threads a team has, at most `wanted`: OMP_THREAD_LIMIT is kept, and a team starts none.
-int granted_threads(int wanted);
+// Returns how many threads a team has, at most `most`: OMP_THREAD_LIMIT is kept, and a team
+// starts none.
+int granted_threads(int most);
 
-// Before a fork: the child would wait for threads that it does not have.
+// Ends the idle threads before a fork, whose child would wait for threads that it does not have.
 void pause_threads();
 
 inline void pause_briefly() {
@@ -28,34 +32,33 @@ inline void pause_briefly() {
 }
 
 // Counters may wrap around.
-inline bool has_reached(const std::atomic<int>& reached, int wanted) {
-    return int(unsigned(wanted) - unsigned(reached.load(std::memory_order_acquire))) <= 0;
+inline bool has_reached(const std::atomic<int>& counter, int value) {
+    return int(unsigned(value) - unsigned(counter.load(std::memory_order_acquire))) <= 0;
 }
 // Sleeps until a counter is there.
-void wait_long(const std::atomic<int>& reached, int wanted);
-// Spins first: 2,000 times take 20 to 80 us, as long as a sleep does. 500 times cost a tenth to a
-// half of a step of 128 x 128 points by two threads.
-inline void wait_for(const std::atomic<int>& reached, int wanted) {
-    for (int turn = 0; turn < 2000; ++turn, pause_briefly())
-        if (has_reached(reached, wanted)) return;
-    wait_long(reached, wanted);
+void wait_long(const std::atomic<int>& counter, int value);
+// Looks often before it sleeps.
+inline void wait_for(const std::atomic<int>& counter, int value) {
+    for (int look = 0; look < heuristics::looks_before_sleep; ++look, pause_briefly())
+        if (has_reached(counter, value)) return;
+    wait_long(counter, value);
 }
-inline void signal(std::atomic<int>& reached, int now) {
-    reached.store(now, std::memory_order_release);
+inline void signal(std::atomic<int>& counter, int value) {
+    counter.store(value, std::memory_order_release);
 }
 
-// Where all threads of a team wait for the last of them.
+// All threads of a team wait here for the last of them.
 class Barrier {
 public:
     explicit Barrier(int team) : team_(team) {}
     void wait() {
         if (team_ == 1) return;
         // The last one is still to come.
-        const int before = opened_.load(std::memory_order_relaxed);
+        const int previous = opened_.load(std::memory_order_relaxed);
         if (arrived_.fetch_add(1, std::memory_order_acq_rel) + 1 < team_)
-            return wait_for(opened_, before + 1);
+            return wait_for(opened_, previous + 1);
         arrived_.store(0, std::memory_order_relaxed);
-        signal(opened_, before + 1);
+        signal(opened_, previous + 1);
     }
 
 private:
@@ -64,21 +67,22 @@ private:
     alignas(64) std::atomic<int> opened_{0};
 };
 
-// `work(thread)` by each of `team` granted threads, of which this one is 0. An exception of one is
-// thrown when all have ended.
+// Calls `work(thread)` on each of `team` granted threads, of which this one is 0. An exception on
+// any of them is thrown again when all have ended.
 void run_team(int team, const std::function<void(int)>& work);
 
-// `work(thread, team)` by at most `wanted` threads.
+// Calls `work(thread, team)` on at most `most` threads.
 template <class Work>
-void in_team(int wanted, Work work) {
-    const int team = granted_threads(wanted);
+void in_team(int most, Work work) {
+    const int team = granted_threads(most);
     run_team(team, [&](int thread) { work(thread, team); });
 }
 
-// `work(begin, end)` for parts of [0, count) of about equal size, by at most `wanted` threads.
+// Calls `work(begin, end)` for parts of [0, count) of about equal size, on at most `most`
+// threads.
 template <class Work>
-void in_parts(std::ptrdiff_t count, int wanted, Work work) {
-    in_team(wanted, [&](int thread, int team) {
+void in_parts(std::ptrdiff_t count, int most, Work work) {
+    in_team(most, [&](int thread, int team) {
         work(count * thread / team, count * (thread + 1) / team);
     });
 }

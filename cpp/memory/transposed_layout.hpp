@@ -23,17 +23,17 @@
 
 namespace clothsim {
 
-// Four evaluations a step, each of which reads two columns further.
+// A step has four evaluations, each of which reads two columns further.
 inline constexpr int halo_columns = 8;
 
 struct TransposedLayout {
     int rows, columns, strips, window, lanes, vectors;
     int parts;  // of a row: the state, and its compensation
     std::ptrdiff_t stride;  // elements from vector to vector
-    // Of a cloth's column in row 0, in the strip whose own it is.
+    // The place of each column of the cloth in row 0, in the strip whose own it is.
     std::vector<std::ptrdiff_t> column_place;
 
-    // In strips of about `strip_columns` columns; 0: in one.
+    // Lays a cloth out in strips of about `strip_columns` columns; 0: in a single one.
     TransposedLayout(const Cloth& cloth, int lanes, bool compensated, int strip_columns)
         : rows(cloth.rows), columns(cloth.columns), strips(1), window(cloth.columns), lanes(lanes) {
         if (strip_columns > 0 && columns > strip_columns + 2 * halo_columns) cut(strip_columns);
@@ -69,18 +69,18 @@ struct TransposedLayout {
     std::ptrdiff_t compensation() const { return vectors * stride; }
     std::ptrdiff_t first() const { return 0; }
     // Where the state stands, without its compensation.
-    Blocks state_blocks() const {
+    Spans state_spans() const {
         return {std::ptrdiff_t(strips) * rows, vectors * stride, row_size()};
     }
-    // Of a cloth in one strip.
+    // The cloth has to be in one strip.
     VectorGeometry geometry(int) const { return {row_size(), stride, lanes, rows, vectors}; }
     int column(int vector, int lane, int) const { return lane * vectors + vector; }
-    // Of a strip's row; of a record with so many vectors.
+    // The shape of a strip's row; `count` is the vectors of a record.
     RowShape shape(int count) const { return {window, lanes, vectors, count * lanes, lanes}; }
     RowShape row_shape() const { return shape(StateRecord::count); }
     static constexpr bool is_transposed = true;
 
-    // `visit(column, vector, lane)` of a window.
+    // Calls `visit(column, vector, lane)` for each column of a window.
     template <class Visit>
     void for_each_column(Visit visit) const {
         for (int lane = 0, c = 0; lane < lanes; ++lane)
@@ -93,11 +93,11 @@ private:
     void cut(int strip_columns) {
         constexpr int overlap = 2 * halo_columns;
         strips = (columns - overlap + strip_columns - 1) / strip_columns;
-        // Whole vectors, so that no row has padding.
-        const auto enough = [&] {
+        // A window has whole vectors, so that no row has padding.
+        const auto is_wide_enough = [&] {
             return (columns - window + strips - 2) / (strips - 1) <= window - overlap;
         };
-        for (window = lanes; !enough();) window += lanes;
+        for (window = lanes; !is_wide_enough();) window += lanes;
     }
 };
 

@@ -7,13 +7,12 @@ namespace clothsim {
 
 // Time of step k counted from an origin, so that rounding does not pile up over many steps.
 struct Clock {
-    double origin = 0;
+    double origin = 0;  // s
     std::int64_t steps = 0;
-    double dt = 0;
+    double dt = 0;  // s
 
-    double at(std::int64_t further) const {
-        return origin + static_cast<double>(steps + further) * dt;
-    }
+    // Returns the time so many steps from now [s].
+    double at(std::int64_t count) const { return origin + static_cast<double>(steps + count) * dt; }
     double now() const { return at(0); }
     void set_step(double new_dt) {
         if (new_dt == dt) return;

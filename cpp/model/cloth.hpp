@@ -19,9 +19,9 @@ struct Cloth {
     std::array<bool, family_count> present{};
     std::array<double, family_count> stiffness{};       // N/m
     std::array<double, family_count> spring_damping{};  // N s/m, along the spring
-    double drag = 0;                           // N s/m per mass point
+    double drag = 0;                                    // N s/m per mass point
     bool uniform_mass = true;
-    // Of each point; the copies of a cloth share them.
+    // Each point has these; the copies of a cloth share them.
     std::shared_ptr<const double[]> mass;  // kg
     std::shared_ptr<const bool[]> pinned;
 
@@ -40,7 +40,7 @@ struct Cloth {
         return false;
     }
 
-    // 1 / mass of a point that moves, 0 of one that does not [1/kg].
+    // Returns 1 / mass of a point that moves, 0 of one that does not [1/kg].
     double mobility(int point) const {
         return pinned[std::size_t(point)] ? 0 : 1 / mass[std::size_t(point)];
     }
@@ -50,7 +50,7 @@ struct Cloth {
         return most;
     }
 
-    // `visit(i, j, neighbour)` of each spring once, from mass point i to j.
+    // Calls `visit(i, j, neighbour)` for each spring once, from mass point i to j.
     template <class Visit>
     void each_spring(Visit visit) const {
         for (const Neighbour& n : neighbours) {

@@ -29,18 +29,19 @@ public:
     // (points, 3), whose rows are 0. Rows have the same bits however they are dealt to threads.
     virtual void act(const Cloth& cloth, const ForceState& state, int begin, int end,
                      double* force) const = 0;
-    // Whether one call must serve all rows.
+    // Return whether one call must serve all rows.
     virtual bool whole() const { return false; }
-    // Whether the kernels compute it; the engines call the others before they sum the springs.
+    // Return whether the kernels compute it; the engines call the others before they sum the
+    // springs.
     virtual bool in_kernels() const { return false; }
 
-    // A bound of the damping rates that it gives to modes of a cloth whose fastest point has this
-    // speed [m/s]; in 1/s.
+    // Return a bound of the damping rates [1/s] that it gives to modes of a cloth whose fastest
+    // point has this speed [m/s].
     virtual double damping_bound(const Cloth&, double /*speed*/) const { return 0; }
-    // `add(i, j, block)`: minus the symmetric derivative of the force on mass point i by the velocity
-    // of j [N s/m].
-    using AddBlock = std::function<void(int i, int j, const Eigen::Matrix3d& block)>;
-    virtual void each_damping(const Cloth&, const ForceState&, const AddBlock&) const {}
+    // Call `add(i, j, derivative)` with minus the symmetric derivative of the force on mass point i
+    // by the velocity of j [N s/m].
+    using AddDerivative = std::function<void(int i, int j, const Eigen::Matrix3d& derivative)>;
+    virtual void each_damping(const Cloth&, const ForceState&, const AddDerivative&) const {}
 
     // What it is made of, also for the oracle, which has a code of its own for each name.
     const std::string name;

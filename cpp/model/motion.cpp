@@ -9,7 +9,8 @@ MotionState Motion::at(double t, double inside) const {
     if (pieces.empty()) return {};
     double part = inside;
     if (period > 0) {
-        const double cycles = inside / period + phase, whole = std::floor(cycles);
+        const double cycles = inside / period + phase;
+        const double whole = std::floor(cycles);
         part = cycles - whole;
         t = t / period + phase - whole;
     }
@@ -17,8 +18,10 @@ MotionState Motion::at(double t, double inside) const {
         std::upper_bound(pieces.begin() + 1, pieces.end(), part,
                          [](double time, const MotionPiece& piece) { return time < piece.begin; }) -
         1);
-    const double u = (t - p.begin) / p.length, seconds = period > 0 ? p.length * period : p.length;
-    double wave = std::sin(p.angle * u), slope = p.angle * std::cos(p.angle * u) / seconds;
+    const double u = (t - p.begin) / p.length;
+    const double seconds = period > 0 ? p.length * period : p.length;
+    double wave = std::sin(p.angle * u);
+    double slope = p.angle * std::cos(p.angle * u) / seconds;
     if (p.decay > 0) {
         const double all = -std::expm1(-p.decay);
         wave = -std::expm1(-p.decay * u) / all;

@@ -28,18 +28,18 @@ struct MotionState {
     Vec3 velocity = Vec3::Zero();  // m/s
 };
 
-// A time of a step at which pins and obstacles are placed. Where the velocity of a motion jumps at an end
-// of the step, `inside` selects the piece that counts.
+// A time of a step at which pins and obstacles are placed. Where the velocity of a motion jumps at
+// an end of the step, `inside` selects the piece that counts.
 struct StageTime {
     double t, inside;
 
-    // Of the jumps that lie within this part of a step from its ends, none is inside it.
+    // A jump that lies within this part of a step from its ends is not inside it.
     static constexpr double end_part = 1e-6;
     static StageTime at_rest(double t) { return {t, t}; }
     static StageTime of_stage(double t0, double h, double part) {
         return {t0 + part * h, t0 + std::clamp(part, end_part, 1 - end_part) * h};
     }
-    // The end of a step, where the next one starts.
+    // The time is the end of a step, where the next one starts.
     static StageTime of_end(double t1, double h) { return {t1, t1 + end_part * h}; }
 };
 
@@ -49,7 +49,8 @@ struct Motion {
     double phase = 0;  // part of the period that is over at t = 0
     bool relative = true;  // displacements count from the start, not from the origin
 
-    // At a time, by the piece in which `inside` lies: the velocity may jump where a piece ends.
+    // Returns the state at a time, by the piece in which `inside` lies: the velocity may jump where
+    // a piece ends.
     MotionState at(double t, double inside) const;
     MotionState at(double t) const { return at(t, t); }
     Vec3 place(const Vec3& start, const MotionState& state) const {

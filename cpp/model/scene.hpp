@@ -19,7 +19,7 @@ using PointsView = Eigen::Map<const Points>;
 struct DrivenPin {
     int point;
     Vec3 start;  // m
-    int motion;  // of the scene's
+    int motion;  // number in the scene's
 };
 
 struct Scene {
@@ -32,7 +32,7 @@ struct Scene {
     std::vector<Motion> pin_motions;
     std::vector<DrivenPin> driven_pins;  // in the order of points
 
-    // `visit(pin, place, velocity)` of the driven pins among points [begin, end).
+    // Calls `visit(pin, place, velocity)` for the driven pins among points [begin, end).
     template <class Visit>
     void each_driven_pin(const StageTime& time, int begin, int end, Visit visit) const {
         auto pin = std::partition_point(driven_pins.begin(), driven_pins.end(),
@@ -49,7 +49,7 @@ struct Scene {
     bool has_driven_pins() const { return !driven_pins.empty(); }
 
     bool has_force() const { return force.rows() > 0; }
-    // Accelerations of a mass point beside springs and damping [m/s^2].
+    // Returns the acceleration of a mass point beside springs and damping [m/s^2].
     Vec3 field_at(int point) const {
         if (!has_force()) return gravity;
         return gravity + force.row(point).transpose() / cloth.mass[std::size_t(point)];

@@ -9,13 +9,14 @@
 
 namespace clothsim {
 
-// "penalty" is a force (forces/penalty.hpp); the paper's two act after a step (responses/paper.hpp).
+// "penalty" is a force (forces/penalty.hpp); the paper's two act after a step
+// (responses/paper.hpp).
 enum class Response { reflect, ray, penalty };
 inline constexpr std::array<const char*, 3> response_names{"reflect", "ray", "penalty"};
 
-// Of Kim et al., eq 13: O = sqrt((D/2)^2 + R^2) - R. Both ends of a spring of length D lie at
-// distance R + O from the centre. Then the spring's midpoint just touches the sphere of radius R.
-// Written without the cancellation of the printed form.
+// Returns the offset of Kim et al., eq 13: O = sqrt((D/2)^2 + R^2) - R. Both ends of a spring of
+// length D lie at distance R + O from the centre. Then the spring's midpoint just touches the
+// sphere of radius R. The printed form cancels; this one does not.
 inline double edge_offset(double radius, double rest_length) {
     const double half = rest_length / 2;
     return half * (half / (std::hypot(half, radius) + radius));
@@ -60,7 +61,7 @@ struct Sphere {
     bool penalty() const { return response == Response::penalty; }
     bool flat() const { return std::isinf(radius); }
     double contact_radius() const { return radius + offset; }
-    // From the true surface to the edge of the layer [m].
+    // Distance from the true surface to the edge of the layer [m].
     double reach() const { return offset + thickness; }
     Vec3 center_at(double t) const { return center_at(StageTime::at_rest(t)); }
     Vec3 center_at(const StageTime& time) const {

@@ -22,7 +22,8 @@ struct Neighbour {
     Family family;
 };
 
-// Each spring once up to its mirror images, in the order in which a mass point sums their forces.
+// The list has each spring once up to its mirror images, in the order in which a mass point sums
+// their forces.
 enum SpringKind : int {
     to_right,
     to_below,
@@ -34,8 +35,8 @@ inline constexpr int spring_kind_count = 5;
 inline constexpr std::array<Neighbour, spring_kind_count> spring_kinds{
     {{0, 1, structural}, {1, 0, structural}, {1, 1, shear}, {0, 2, bend}, {2, 0, bend}}};
 
-// Order in which a thread of the compute shader adds its neighbours' forces: every kind, mirrored
-// in columns, then in rows. The order is part of the strict arithmetic class.
+// The list is in the order in which a thread of the compute shader adds its neighbours' forces:
+// every kind, mirrored in columns, then in rows. The order is part of the strict arithmetic class.
 inline constexpr int neighbour_count = [] {
     int count = 0;
     for (const Neighbour& kind : spring_kinds) count += (kind.row ? 2 : 1) * (kind.column ? 2 : 1);
@@ -58,10 +59,10 @@ inline constexpr std::array<MirroredNeighbour, neighbour_count> neighbours = [] 
     return all;
 }();
 
-// Each spring counted from one of its ends.
+// Returns whether a spring is counted from this of its ends.
 constexpr bool leads_on(const Neighbour& n) { return n.row > 0 || (n.row == 0 && n.column > 0); }
 
-// How many rows or columns away the farthest neighbour is.
+// The most rows or columns to a neighbour.
 inline constexpr int stencil_reach = [] {
     int reach = 0;
     for (const Neighbour& n : spring_kinds) {

@@ -12,7 +12,7 @@
 
 namespace clothsim {
 
-// Mass points along and down: 256 threads, as WebGPU guarantees.
+// A group has so many mass points along and down: 256 threads, as WebGPU guarantees.
 inline constexpr int group_size = 16;
 
 struct ThreadGrid {

@@ -1,5 +1,5 @@
-// Response "penalty" for the oracles: the force of an obstacle on a mass point, from the distance to
-// its surface, in any arithmetic. cpp/forces has the law and its source.
+// Response "penalty" for the oracles: the force of an obstacle on a mass point, from the distance
+// to its surface, in any arithmetic. cpp/forces has the law and its source.
 #pragma once
 
 #include <cmath>
@@ -31,7 +31,8 @@ void add_contact(const Sphere& s, const PinState<Real>& obstacle, const Real* x,
     }
     const Real d = Real(s.thickness) - gap;
     if (double(d) <= 0) return;
-    const Real closing = dot(u, n), w = Real(s.dissipation) * closing;
+    const Real closing = dot(u, n);
+    const Real w = Real(s.dissipation) * closing;
     const Real elastic = Real(s.stiffness) * d * d * d / (Real(s.thickness) * Real(s.thickness));
     const Real push = elastic * (Real(1) - w / sqrt(Real(1) + w * w));
     Real slip[3];

@@ -15,14 +15,17 @@ struct DoubleDouble {
 };
 
 inline DoubleDouble operator+(const DoubleDouble& a, const DoubleDouble& b) {
-    const double sum = a.high + b.high, part = sum - a.high;
+    const double sum = a.high + b.high;
+    const double part = sum - a.high;
     return {sum, (a.high - (sum - part)) + (b.high - part) + (a.low + b.low)};
 }
 inline DoubleDouble operator-(const DoubleDouble& a, const DoubleDouble& b) { return a + -b; }
 inline DoubleDouble operator*(const DoubleDouble& a, const DoubleDouble& b) {
-    // 26 bits of 53.
+    // Returns the upper 26 bits of 53.
     const auto upper = [](double x) { return 134217729 * x - (134217729 * x - x); };
-    const double product = a.high * b.high, p = upper(a.high), q = upper(b.high);
+    const double product = a.high * b.high;
+    const double p = upper(a.high);
+    const double q = upper(b.high);
     const double rest =
         p * q - product + p * (b.high - q) + (a.high - p) * q + (a.high - p) * (b.high - q);
     return {product, rest + (a.high * b.low + a.low * b.high)};

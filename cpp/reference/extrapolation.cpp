@@ -71,7 +71,7 @@ void drive(const System& system, State& state, const Real& t, double inside) {
     place_pins(system.scene.driven_pins, system.scene.pin_motions, t, inside, state.x, state.v);
 }
 
-// z = y + h (dx/dt, dv/dt)
+// Sets z = y + h (dx/dt, dv/dt).
 void move(State& z, const State& y, const Values& velocity, const Values& a, const Real& h) {
     for (std::size_t k = 0; k < a.size(); ++k) {
         z.x[k] = y.x[k] + h * velocity[k];
@@ -81,29 +81,29 @@ void move(State& z, const State& y, const Values& velocity, const Values& a, con
 
 // Room for one column: three consecutive states of the midpoint rule.
 struct Workspace {
-    State before, here, after;
+    State previous, here, after;
     Values a;
-    explicit Workspace(std::size_t size) : before(size), here(size), after(size), a(size) {}
+    explicit Workspace(std::size_t size) : previous(size), here(size), after(size), a(size) {}
 };
 
-// Modified midpoint rule with n (even) substeps over H: its error has an expansion in (H/n)^2.
-// Gragg's smoothing at the end damps the rule's weak instability.
+// Takes the modified midpoint rule with n (even) substeps over H: its error has an expansion in
+// (H/n)^2. Gragg's smoothing at the end damps the rule's weak instability.
 void midpoint(const System& system, const State& y, const Values& a0, const Real& t, const Real& H,
               int n, Workspace& w, State& result) {
     const Real h = H / n;
     const double inside(t + H / 2);
-    w.before = y;
+    w.previous = y;
     move(w.here, y, y.v, a0, h);
     drive(system, w.here, t + h, inside);
     for (int i = 1; i < n; ++i) {
         accelerations(system, w.here, t + i * h, inside, w.a);
-        move(w.after, w.before, w.here.v, w.a, 2 * h);
+        move(w.after, w.previous, w.here.v, w.a, 2 * h);
         drive(system, w.after, t + (i + 1) * h, inside);
-        std::swap(w.before, w.here);
+        std::swap(w.previous, w.here);
         std::swap(w.here, w.after);
     }
     accelerations(system, w.here, t + H, inside, w.a);
-    move(result, w.before, w.here.v, w.a, h);
+    move(result, w.previous, w.here.v, w.a, h);
     for (std::size_t k = 0; k < result.x.size(); ++k) {
         result.x[k] = (result.x[k] + w.here.x[k]) / 2;
         result.v[k] = (result.v[k] + w.here.v[k]) / 2;
@@ -118,7 +118,8 @@ void neville(std::vector<State>& table, State& previous) {
     for (int j = 1; j < columns; ++j) {
         if (j == columns - 1) previous = table[columns - 1];
         for (int k = columns - 1; k >= j; --k) {
-            const Real ratio = Real(k + 1) / (k + 1 - j), weight = 1 / (ratio * ratio - 1);
+            const Real ratio = Real(k + 1) / (k + 1 - j);
+            const Real weight = 1 / (ratio * ratio - 1);
             for (std::size_t i = 0; i < previous.x.size(); ++i) {
                 table[k].x[i] += weight * (table[k].x[i] - table[k - 1].x[i]);
                 table[k].v[i] += weight * (table[k].v[i] - table[k - 1].v[i]);
@@ -130,7 +131,8 @@ void neville(std::vector<State>& table, State& previous) {
 double extent(const Values& x) {
     double largest = 0;
     for (int c = 0; c < 3; ++c) {
-        double low(x[c]), high(x[c]);
+        double low(x[c]);
+        double high(x[c]);
         for (std::size_t k = c; k < x.size(); k += 3) {
             low = std::min(low, x[k].high);
             high = std::max(high, x[k].high);
@@ -143,10 +145,10 @@ double extent(const Values& x) {
 double difference(const State& a, const State& b, double H) {
     double largest = 0;
     for (std::size_t k = 0; k < a.x.size(); ++k) {
-        const double one =
+        const double error =
             std::max(std::abs(double(a.x[k] - b.x[k])), H * std::abs(double(a.v[k] - b.v[k])));
-        if (!std::isfinite(one)) return std::numeric_limits<double>::infinity();
-        largest = std::max(largest, one);
+        if (!std::isfinite(error)) return std::numeric_limits<double>::infinity();
+        largest = std::max(largest, error);
     }
     return largest;
 }
@@ -176,11 +178,11 @@ Extrapolation extrapolate(const Scene& scene, const std::vector<double>& times,
         while (double(target - t) > 0) {
             result.interrupted = interrupted();
             if (result.interrupted) return result;
-            // The remaining way in equal parts, so that no sliver is left for the end.
+            // The remaining way is taken in equal parts, so that no sliver is left for the end.
             const Real step = (target - t) / std::ceil(double(target - t) / H);
             drive(system, y, t, double(t + step / 2));
             accelerations(system, y, t, double(t + step / 2), a0);
-            // The longest first: what is left at the end is short.
+            // The longest come first: what is left at the end is short.
             std::atomic<int> next{columns};
             in_team(settings.threads, [&](int, int) {
                 for (int k; (k = --next) >= 0;)

@@ -19,7 +19,7 @@ Real dot(const Vector<Real>& a, const Vector<Real>& b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-// The force of moving air on a triangle with corners of these places and velocities.
+// Returns the force of moving air on a triangle with corners of these places and velocities.
 template <class Real>
 Vector<Real> wind_on(const std::array<Vector<Real>, 3>& x, const std::array<Vector<Real>, 3>& v,
                      const Vector<Real>& air, const std::vector<double>& values) {
@@ -34,7 +34,8 @@ Vector<Real> wind_on(const std::array<Vector<Real>, 3>& x, const std::array<Vect
     const Real length = sqrt(dot(n, n));
     if (double(length) > 0)
         for (Real& component : n) component = component / length;
-    const Real un = dot(u, n), slow2 = Real(0.01) * Real(0.01);
+    const Real un = dot(u, n);
+    const Real slow2 = Real(0.01) * Real(0.01);
     Vector<Real> ut;
     for (int k = 0; k < 3; ++k) ut[k] = u[k] - un * n[k];
     const Real half = Real(values[3]) / Real(2) * (length / Real(2));
@@ -70,12 +71,15 @@ void add_forces(const Scene& scene, const Real* x, const Real* v, Real t, double
             };
             for (int row = 0; row + 1 < cloth.rows; ++row)
                 for (int column = 0; column + 1 < cloth.columns; ++column) {
-                    const int i = row * cloth.columns + column, below = i + cloth.columns;
+                    const int i = row * cloth.columns + column;
+                    const int below = i + cloth.columns;
                     blow({i, i + 1, below});
                     blow({i + 1, below + 1, below});
                 }
         } else if (force->name == "function") {
-            std::vector<double> places(size), speeds(size), on_points(size, 0.0);
+            std::vector<double> places(size);
+            std::vector<double> speeds(size);
+            std::vector<double> on_points(size, 0.0);
             for (int k = 0; k < size; ++k) {
                 places[k] = double(x[k]);
                 speeds[k] = double(v[k]);

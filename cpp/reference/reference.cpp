@@ -15,7 +15,8 @@ std::vector<Spring> springs(const Cloth& cloth) {
     static_assert(family_count == 3, "the reference has a list of springs of its own");
     std::vector<Spring> result;
     const auto join = [&](Family family, int row, int column, int rows, int columns) {
-        const int other_row = row + rows, other_column = column + columns;
+        const int other_row = row + rows;
+        const int other_column = column + columns;
         if (!cloth.present[family] || other_row >= cloth.rows || other_column < 0 ||
             other_column >= cloth.columns)
             return;
@@ -68,7 +69,7 @@ Points accelerations(const Scene& scene, const std::vector<Spring>& springs, con
 
 namespace {
 
-struct State {
+struct PointState {
     Vec3 x, v;  // m, m/s
 };
 
@@ -77,34 +78,37 @@ Vec3 direction(const Vec3& p) {
     return length > 0 ? Vec3(p / length) : Vec3(Vec3::UnitY());
 }
 
-// |v|, also where v.v would overflow or vanish.
+// Returns |v|, also where v.v would overflow or vanish.
 double speed_of(const Vec3& v) { return std::hypot(v[0], v[1], v[2]); }
 
-// What turns round the velocity along n, relative to a surface of velocity `moved`, with the
-// restitution; and Coulomb's friction. Nothing where the point moves away, unless `always`.
-void bounce(Vec3& v, const Vec3& moved, const Vec3& n, double restitution, double friction,
-            bool always = false) {
-    const Vec3 relative = v - moved;
+// Turns round the velocity along n, relative to a surface of velocity `surface_velocity`, with the
+// restitution, and adds Coulomb's friction. Nothing changes where the point moves away, unless
+// `always`.
+void bounce(Vec3& v, const Vec3& surface_velocity, const Vec3& n, double restitution,
+            double friction, bool always = false) {
+    const Vec3 relative = v - surface_velocity;
     const double speed = relative.dot(n);
     if (speed >= 0 && !always) return;
     const Vec3 tangential = relative - speed * n;
-    const double impulse = -(1 + restitution) * speed, slip = tangential.norm();
+    const double impulse = -(1 + restitution) * speed;
+    const double slip = tangential.norm();
     v += impulse * n;
     if (slip > 0) v -= std::min(1.0, friction * std::abs(impulse) / slip) * tangential;
 }
 
-// Section 5 of Kim et al.: the response "reflect" or "ray" of a point that lies inside the sphere
-// at time t; others stay.
-State respond(const Sphere& sphere, double t, double dt, const State& point) {
-    const Vec3 center = sphere.center_at(t), m = point.x - center;
+// Returns the response "reflect" or "ray" (section 5 of Kim et al.) of a point that lies inside the
+// sphere at time t; others stay.
+PointState respond(const Sphere& sphere, double t, double dt, const PointState& point) {
+    const Vec3 center = sphere.center_at(t);
+    const Vec3 m = point.x - center;
     const double radius = sphere.contact_radius();
     const bool flat = sphere.flat();  // m from a place on the plane, the normal the same everywhere
     if (flat ? m.dot(sphere.normal) >= 0 : m.squaredNorm() >= radius * radius) return point;
-    const Vec3 moved = sphere.as_printed ? Vec3(Vec3::Zero()) : sphere.velocity_at(t),
-               relative = point.v - moved;
-    State after = point;
+    const Vec3 surface_velocity = sphere.as_printed ? Vec3(Vec3::Zero()) : sphere.velocity_at(t);
+    const Vec3 relative = point.v - surface_velocity;
+    PointState result = point;
     Vec3 n = flat ? sphere.normal : direction(m);
-    double since = 0;  // the surface was passed [s]
+    double elapsed = 0;  // the surface was passed [s]
     if (sphere.response == Response::ray) {
         // Eq 8-12: back along the velocity, x - s v/|v|, to where |x - center| is the radius.
         const double speed = speed_of(relative);
@@ -117,21 +121,21 @@ State respond(const Sphere& sphere, double t, double dt, const State& point) {
         double s = 0;
         if (flat) {
             s = std::min(b > 0 ? -m.dot(n) / b : 0, longest);
-            after.x += b > 0 ? Vec3(s * back) : Vec3(-m.dot(n) * n);
+            result.x += b > 0 ? Vec3(s * back) : Vec3(-m.dot(n) * n);
         } else {
-            const double whole = -b + std::sqrt(b * b - (m.squaredNorm() - radius * radius));
-            s = std::min(whole, longest);
+            const double way = -b + std::sqrt(b * b - (m.squaredNorm() - radius * radius));
+            s = std::min(way, longest);
             n = direction(m + s * back);
-            after.x = s < whole ? Vec3(point.x + s * back) : Vec3(center + radius * n);
+            result.x = s < way ? Vec3(point.x + s * back) : Vec3(center + radius * n);
         }
-        if (speed > 0) since = std::min(s / speed, dt);
+        if (speed > 0) elapsed = std::min(s / speed, dt);
     }
     // Eq 7 with restitution, and friction.
-    bounce(after.v, moved, n, sphere.restitution, sphere.friction, sphere.as_printed);
+    bounce(result.v, surface_velocity, n, sphere.restitution, sphere.friction, sphere.as_printed);
     // A point that does not bounce for good travels the rest of the step.
     if (!sphere.as_printed && (sphere.restitution < 1 || sphere.friction > 0))
-        after.x += since * (after.v - moved);
-    return after;
+        result.x += elapsed * (result.v - surface_velocity);
+    return result;
 }
 
 void collide(const Scene& scene, Points& x, Points& v, double t, double dt) {
@@ -139,14 +143,15 @@ void collide(const Scene& scene, Points& x, Points& v, double t, double dt) {
         if (sphere.penalty()) continue;
         for (int i = 0; i < scene.cloth.points(); ++i) {
             if (scene.cloth.pinned[i]) continue;
-            const State after = respond(sphere, t, dt, {x.row(i), v.row(i)});
-            x.row(i) = after.x;
-            v.row(i) = after.v;
+            const PointState result = respond(sphere, t, dt, {x.row(i), v.row(i)});
+            x.row(i) = result.x;
+            v.row(i) = result.v;
         }
     }
 }
 
-// Where a velocity jumps at an end of the step, the piece within the step counts.
+// Returns a time in the piece that counts: where a velocity jumps at an end of the step, the one
+// within the step.
 double inside(double t0, double dt, double part) {
     return t0 + std::clamp(part, 1e-6, 1 - 1e-6) * dt;
 }
@@ -157,38 +162,49 @@ void drive(const Scene& scene, Points& x, Points& v, double t0, double dt, doubl
                v.data());
 }
 
-// One step of RK4.
+// Takes a step of RK4.
 void advance(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v, double t0,
              double dt) {
     const auto slope = [&](const Points& at, const Points& velocity, double part) {
         return accelerations(scene, list, at, velocity, t0 + part * dt, inside(t0, dt, part));
     };
     drive(scene, x, v, t0, dt, 0);
-    const Points v1 = v, a1 = slope(x, v1, 0);
-    Points x2 = x + dt / 2 * v1, v2 = v + dt / 2 * a1;
+    const Points v1 = v;
+    const Points a1 = slope(x, v1, 0);
+    Points x2 = x + dt / 2 * v1;
+    Points v2 = v + dt / 2 * a1;
     drive(scene, x2, v2, t0, dt, 0.5);
     const Points a2 = slope(x2, v2, 0.5);
-    Points x3 = x + dt / 2 * v2, v3 = v + dt / 2 * a2;
+    Points x3 = x + dt / 2 * v2;
+    Points v3 = v + dt / 2 * a2;
     drive(scene, x3, v3, t0, dt, 0.5);
     const Points a3 = slope(x3, v3, 0.5);
-    Points x4 = x + dt * v3, v4 = v + dt * a3;
+    Points x4 = x + dt * v3;
+    Points v4 = v + dt * a3;
     drive(scene, x4, v4, t0, dt, 1);
     const Points a4 = slope(x4, v4, 1);
     x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
     v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
 }
 
-// One step of eq 2-6 as printed: "a" of eq 2-5 already carries the time step; eq 3-6 multiply by it
-// once more.
+// Takes a step of eq 2-6 as printed: "a" of eq 2-5 already carries the time step; eq 3-6 multiply
+// by it once more.
 void advance_as_printed(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v,
                         double t, double dt) {
     const auto slope = [&](const Points& at, const Points& velocity) {
         return accelerations(scene, list, at, velocity, t, t);
     };
-    const Points v1 = dt * v, a1 = dt * slope(x, v);
-    const Points w2 = v + dt / 2 * a1, v2 = dt * w2, a2 = dt * slope(x + dt / 2 * v1, w2);
-    const Points w3 = v + dt / 2 * a2, v3 = dt * w3, a3 = dt * slope(x + dt / 2 * v2, w3);
-    const Points w4 = v + dt * a3, v4 = dt * w4, a4 = dt * slope(x + dt * v3, w4);
+    const Points v1 = dt * v;
+    const Points a1 = dt * slope(x, v);
+    const Points w2 = v + dt / 2 * a1;
+    const Points v2 = dt * w2;
+    const Points a2 = dt * slope(x + dt / 2 * v1, w2);
+    const Points w3 = v + dt / 2 * a2;
+    const Points v3 = dt * w3;
+    const Points a3 = dt * slope(x + dt / 2 * v2, w3);
+    const Points w4 = v + dt * a3;
+    const Points v4 = dt * w4;
+    const Points a4 = dt * slope(x + dt * v3, w4);
     x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
     v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
 }
@@ -203,7 +219,8 @@ bool step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t step
         if (scene.cloth.pinned[i]) v.row(i).setZero();
     for (std::int64_t n = 0; n < steps; ++n) {
         if (poll.stopped()) return false;
-        const double t0 = t + double(n) * dt, t1 = t + double(n + 1) * dt;
+        const double t0 = t + double(n) * dt;
+        const double t1 = t + double(n + 1) * dt;
         if (as_printed) advance_as_printed(scene, list, x, v, t0, dt);
         else advance(scene, list, x, v, t0, dt);
         drive(scene, x, v, t1, dt, 0);

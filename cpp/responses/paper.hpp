@@ -1,6 +1,6 @@
-// The responses of Kim et al., section 5, after a step: obstacle after obstacle, the state of a mass
-// point inside at the end of the step, and what becomes of it. Points do not depend on each other,
-// so any number of threads gives the same bits.
+// The responses of Kim et al., section 5, after a step: obstacle after obstacle, the state of a
+// mass point inside at the end of the step, and what becomes of it. Points do not depend on each
+// other, so any number of threads gives the same bits.
 #pragma once
 
 #include <algorithm>
@@ -30,21 +30,21 @@ struct Contact {
           top(surface.level_at(s.offset)),
           dt(step) {}
 
-    // Velocity on which the response acts: relative to the sphere, or absolute in the as_printed
-    // reading.
+    // Returns the velocity on which the response acts: relative to the sphere, or absolute in the
+    // as_printed reading.
     Vec3 relative(const Vec3& v) const { return sphere.as_printed ? v : Vec3(v - velocity); }
 };
 
-// Unit normal at d; a point at the exact centre leaves along that of the place.
+// Returns the unit normal at d; a point at the exact centre leaves along that of the place.
 inline Vec3 outward_normal(const Surface& surface, const Vec3& d) {
     const Vec3 m = surface.gradient(d);
     const double length = m.norm();
     return length > 0 ? Vec3(m / length) : surface.normal;
 }
 
-// Reflection about the tangent plane (eq 7), scaled by restitution, with Coulomb friction: the
-// tangential impulse is at most friction times the normal impulse. As printed: reflected in any
-// case.
+// Reflects about the tangent plane (eq 7), scaled by restitution, with Coulomb friction: the
+// tangential impulse is at most friction times the normal impulse. As printed, the velocity is
+// reflected in any case.
 inline Vec3 reflection(const Contact& contact, const Vec3& velocity, const Vec3& normal) {
     const double normal_speed = contact.relative(velocity).dot(normal);
     if (normal_speed >= 0 && !contact.sphere.as_printed) return velocity;
@@ -59,14 +59,15 @@ inline Vec3 reflection(const Contact& contact, const Vec3& velocity, const Vec3&
     return result;
 }
 
-// Method 1: reflect the velocity, leave the position alone.
+// Method 1 reflects the velocity, and leaves the position alone.
 inline PointState respond_reflect(const Contact& contact, const PointState& point) {
     const Vec3 normal = outward_normal(contact.surface, point.position - contact.surface.place);
     return {point.position, reflection(contact, point.velocity, normal)};
 }
 
-// |v| of velocities so small or so large that their squares would vanish or overflow. Written out,
-// because the summation order of Eigen's stableNorm depends on where its operand lies in memory.
+// Returns |v|, also of velocities so small or so large that their squares would vanish or overflow.
+// It is written out, because the summation order of Eigen's stableNorm depends on where its operand
+// lies in memory.
 inline double length_of(const Vec3& v) {
     const double largest = v.cwiseAbs().maxCoeff();
     return largest > 0 ? largest * (v / largest).norm() : 0;
@@ -75,7 +76,7 @@ inline double length_of(const Vec3& v) {
 // Method 2: cast a ray from the point back along its velocity. The point moves to the intersection
 // of ray and surface, and its velocity is reflected there.
 //
-// With b = -v/|v| the level (Surface in model/sphere.hpp) along the ray is f + 2 s m.b + k s^2: eq 9
+// With b = -v/|v| the level (model/sphere.hpp) along the ray is f + 2 s m.b + k s^2: eq 9
 // with its errata corrected, over the radius. Division by v.v makes no speed too small. The point
 // lies inside, C = f - top < 0, so exactly one distance along the ray is positive:
 //
@@ -131,8 +132,8 @@ inline PointState respond(const Contact& contact, const PointState& point) {
                                                     : respond_reflect(contact, point);
 }
 
-// The level, with a curvature, below which a point may be in contact: rounding by epsilon hides none.
-// It grows with the distance, which the smaller curvature covers.
+// The level, with a curvature, below which a point may be in contact: rounding by epsilon hides
+// none. It grows with the distance, which the smaller curvature covers.
 struct NearLevel {
     double level, curvature;
 
@@ -155,8 +156,6 @@ struct Responses {
 
 template <class Real, class Layout>
 class PaperResponses {
-    using Points = StatePoints<Real, Layout>;
-
 public:
     PaperResponses(const Plan& plan, const Layout& layout, Impulses& impulses)
         : plan_(plan),
@@ -167,9 +166,9 @@ public:
           geometry_(layout.geometry(kernels_.lanes)) {}
     PaperResponses(const PaperResponses&) = delete;
 
-    // After the step of dt that ends at the time t.
+    // Respond after the step of dt that ends at the time t.
     Responses respond(AlignedVector<Real>& memory, double t, double dt, int threads) {
-        std::vector<int> found;
+        std::vector<int> near_points;
         std::vector<std::vector<int>> of_parts;
         Responses all;
         for (std::size_t number = 0; number < plan_.spheres.size(); ++number) {
@@ -177,15 +176,16 @@ public:
             if (sphere.penalty()) continue;
             const Contact contact(sphere, t, 2 * double(Real(dt / 2)));  // as the shader has it
             const SurfaceLevel<Real> level = level_of(contact);
-            const int parts =
-                std::max(1, std::min(threads, plan_.cloth.points() / least_points_per_thread));
+            const std::int64_t most =
+                plan_.cloth.points() / heuristics::points_per_thread_of_response;
+            const int parts = int(std::clamp<std::int64_t>(most, 1, threads));
             std::atomic<std::int64_t> count{0};
             std::atomic<bool> changed{false};
             of_parts.assign(std::size_t(parts), {});
             in_team(parts, [&](int thread, int team) {
                 std::vector<int>& near = of_parts[std::size_t(thread)];
                 std::int64_t responses = 0;
-                bool moved = false;
+                bool has_changed = false;
                 for (int r = geometry_.rows * thread / team;
                      r < geometry_.rows * (thread + 1) / team; ++r)
                     each_near(memory, r, level, [&](int i) {
@@ -194,21 +194,21 @@ public:
                             !touches(contact, points_.position(memory, i)))
                             return;
                         ++responses;
-                        moved |= respond(memory, number, contact, i);
+                        has_changed |= respond(memory, number, contact, i);
                     });
                 count += responses;
-                if (moved) changed = true;
+                if (has_changed) changed = true;
             });
             all.count += count;
             all.changed |= changed;
             for (const std::vector<int>& near : of_parts)
-                found.insert(found.end(), near.begin(), near.end());
+                near_points.insert(near_points.end(), near.begin(), near.end());
         }
-        // Pinned points too; no other point can be inside.
+        // Depths count pinned points too; no other point can be inside.
         for (const Sphere& sphere : plan_.spheres) {
             if (sphere.penalty()) continue;
             const Surface surface = sphere.surface_at(t);
-            for (const int i : found) {
+            for (const int i : near_points) {
                 const double level = surface.level(points_.position(memory, i) - surface.place);
                 all.depth = std::max(all.depth, -surface.height(level));
             }
@@ -217,9 +217,6 @@ public:
     }
 
 private:
-    // Below this number of points a second thread costs more than it saves.
-    static constexpr int least_points_per_thread = 8192;
-
     SurfaceLevel<Real> level_of(const Contact& contact) const {
         const NearLevel near(contact, plan_.cloth, std::numeric_limits<Real>::epsilon());
         SurfaceLevel<Real> level{};
@@ -231,7 +228,7 @@ private:
         level.below = Real(near.level);
         return level;
     }
-    // `visit(i)` for the points of a row that may be below a level.
+    // Calls `visit(i)` for the points of a row that may be below a level.
     template <class Visit>
     void each_near(const AlignedVector<Real>& memory, int row, const SurfaceLevel<Real>& level,
                    const Visit& visit) const {
@@ -247,17 +244,17 @@ private:
     }
     bool respond(AlignedVector<Real>& memory, std::size_t number, const Contact& contact, int i) {
         const int columns = plan_.cloth.columns;
-        const PointState before = points_.get(memory, i);
-        const PointState after = clothsim::respond(contact, before);
+        const PointState start = points_.get(memory, i);
+        const PointState result = clothsim::respond(contact, start);
         impulses_.give(number, i / columns, i % columns,
-                       plan_.cloth.mass[std::size_t(i)] * (after.velocity - before.velocity));
-        points_.set(memory, i, after);
-        return after != before;
+                       plan_.cloth.mass[std::size_t(i)] * (result.velocity - start.velocity));
+        points_.set(memory, i, result);
+        return result != start;
     }
 
     const Plan& plan_;
     const Layout& layout_;
-    Points points_;
+    StatePoints<Real, Layout> points_;
     Impulses& impulses_;
     const RealKernels<Real>& kernels_;
     VectorGeometry geometry_;

@@ -15,7 +15,7 @@ group_size: int
 most_threads: int
 spring_kinds: tuple[tuple[Family, int, int], ...]
 neighbours: tuple[tuple[int, int, Family, int], ...]
-extents_that_are_far: float
+heuristics: dict[str, Any]  # of cpp/memory/heuristics.hpp
 
 class Cloth:
     def __init__(self, **values: Any) -> None: ...

@@ -3,6 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim import _core
 from variants import FIXED, cases, pairs
 
 DT = 5e-4
@@ -152,13 +153,12 @@ def test_the_report_has_the_momentum_of_its_run(contact, options):
 
 
 def test_each_row_of_points_has_sums_of_its_own():
-    cloth = cs.Cloth(
-        (128, 128), mass=1.0, stiffness=60.0, damping=0.01, pins=()
-    )  # 8192 points for each of two threads
+    side = int(np.ceil(np.sqrt(2 * _core.heuristics["points_per_thread_of_response"])))
+    cloth = cs.Cloth((side, side), mass=1.0, stiffness=60.0, damping=0.01, pins=())
     ball = cs.Sphere(
         (0.5, -10.02, 0.5), 10.0, response="ray", offset=0.01, restitution=0.0, friction=0.3
     )
-    scene = cs.Scene(cloth, ball, velocity=np.broadcast_to((0.1, -2.0, 0.0), (128, 128, 3)))
+    scene = cs.Scene(cloth, ball, velocity=np.broadcast_to((0.1, -2.0, 0.0), (side, side, 3)))
     first, second = (cs.Stepper(scene, threads=threads) for threads in (1, 2))
     for stepper in (first, second):
         stepper.advance(60, 2e-4)

@@ -9,11 +9,14 @@ import warnings
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim import _core
 from clothsim.engine.options import Options
 from commands import python
 from tables import each
 from variants import NAMED_KERNELS, cases, pairs
 
+LEAST_POINTS = _core.heuristics["points_per_thread_of_step"]
+TEAM = int(np.sqrt(_core.heuristics["points_of_team"]))  # side of the smallest cloth for a team
 BALL = cs.Sphere((0.6, -0.2, 0.4), 0.25, friction=0.1, response="ray", offset="edge")
 
 
@@ -56,7 +59,7 @@ def test_threads_exchange_the_halo_rows_of_every_set_of_springs(variant, crumple
 @each("members", [3, 5, 7])
 def test_members_that_a_team_steps_have_the_same_bits(variant, crumpled, same_bits, members):
     scene, x, v, dt = crumpled(shape=(64, 70), spheres=BALL)
-    assert x[..., 0].size >= 4 * 1024  # of cpp/driver/simulation.cpp
+    assert x[..., 0].size >= 4 * LEAST_POINTS
     xs, vs = np.stack([x + 0.01 * k for k in range(members)]), np.stack([v] * members)
     expected = cs.step(scene, xs, vs, dt, 15, **variant.options)
     for threads in (2, 4):
@@ -78,11 +81,11 @@ def test_an_unstable_member_that_a_team_steps_is_named(crumpled):
     "available, shape, members, threads",
     [
         (16, (32, 32), 1, 1),
-        (16, (127, 129), 1, 1),
-        (16, (128, 128), 1, 16),
-        (64, (128, 128), 1, 16),  # 1,024 points a thread
-        (16, (128, 128), 3, 16),
-        (64, (128, 128), 40, 40),
+        (16, (TEAM - 1, TEAM + 1), 1, 1),
+        (16, (TEAM, TEAM), 1, 16),
+        (64, (TEAM, TEAM), 1, TEAM**2 // LEAST_POINTS),
+        (16, (TEAM, TEAM), 3, 16),
+        (64, (TEAM, TEAM), 40, 40),
         (16, (32, 32), 3, 3),
         (2, (32, 32), 3, 2),
         (400, (32, 32), 300, 256),

@@ -126,11 +126,9 @@ def test_view_is_a_cell_of_a_notebook(opened, monkeypatch, tmp_path):
     assert page.said == [] and page.asked[0] == cell.as_uri() and frame.is_hidden("#problem")
 
 
-def test_view_says_what_it_does_not_take_and_where_no_browser_is(monkeypatch, tmp_path):
+def test_view_refuses_what_is_no_scene_and_says_where_no_browser_is(monkeypatch, tmp_path):
     monkeypatch.setattr("clothsim.gpu.live_page.mkdtemp", lambda prefix: str(tmp_path))
     monkeypatch.setattr("webbrowser.open", lambda url: False)
-    with pytest.raises(TypeError, match="view has the unknown argument 'port'; accepted: 'scene'"):
-        cs.view(cs.scenes.paper_static(), port=8080)
     with pytest.raises(TypeError, match="scene must be"):
         cs.view("paper_static")
     assert not list(tmp_path.iterdir())

@@ -44,7 +44,8 @@ struct EdgeRowPointers {
 template <class Real>
 struct EdgeArguments;
 
-// Adds to the forces on the pending row; whether forces may act on rows [begin, end) of a stage.
+// The first adds to the forces on the pending row; the second returns whether forces may act on
+// rows [begin, end) of a stage.
 template <class Real>
 using EdgeForcesKernel = void (*)(const EdgeArguments<Real>&);
 template <class Real>
@@ -59,10 +60,10 @@ struct EdgeArguments : StepConstants<Real> {
     const EdgeRowPointers<Real>* rows;  // of the band, in the order of the sweep
     const Real* coefficients;  // [class][SpringKind][EdgeCoefficientIndex][lane]
     const std::uint8_t* coefficient_class;  // per vector of a row
-    // [vector][columns - 1][lane]: all bits where so many columns follow, else none.
+    // Of shape [vector][columns - 1][lane]: all bits where so many columns follow, else none.
     const Real* reach;
-    // The first of a row, in which each lane has every spring: all but the last two of a row
-    // without padding.
+    // The first vectors of a row, in which each lane has every spring: all but the last two of a
+    // row without padding.
     int whole_vectors;
     // Scratch, three vectors for each vector of mass points and one more for forces past the row's
     // end. The rows take turns: forces received by the current row, by the next row, and by the row

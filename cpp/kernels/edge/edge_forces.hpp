@@ -10,7 +10,7 @@
 namespace clothsim {
 namespace {
 
-// sum[l] += weight a[l], in double.
+// Adds weight a[l] to sum[l], in double.
 template <class V>
 CLOTHSIM_INLINE void add_lanes(double* sum, double weight, V a) {
     const auto add = [weight](double* to, auto lanes) __attribute__((always_inline)) {
@@ -26,34 +26,34 @@ CLOTHSIM_INLINE void add_lanes(double* sum, double weight, V a) {
     }
 }
 
-// The impulse and the work of forces on points, and how deep they are, scaled, into a block.
+// Adds the impulse and the work of forces on points, and how deep they are, scaled, to a record.
 template <class V, class Real>
-CLOTHSIM_INLINE void add_to_block(double* block, int lanes, const PenaltyArguments<Real>& p,
-                                  const Vector3<V>& force, V depth) {
+CLOTHSIM_INLINE void add_to_record(double* record, int lanes, const PenaltyArguments<Real>& p,
+                                   const Vector3<V>& force, V depth) {
     constexpr int W = int(V::size);
-    double* const tail = block + ContactBlock::tail * lanes;
-    tail[ContactBlock::touched] = 1;
-    add_lanes(block, p.weight, force.x);
-    add_lanes(block + lanes, p.weight, force.y);
-    add_lanes(block + 2 * lanes, p.weight, force.z);
+    double* const tail = record + ContactRecord::tail * lanes;
+    tail[ContactRecord::touched] = 1;
+    add_lanes(record, p.weight, force.x);
+    add_lanes(record + lanes, p.weight, force.y);
+    add_lanes(record + 2 * lanes, p.weight, force.z);
     if (p.moves) {
         const Vector3<V> velocity{V(p.velocity[0]), V(p.velocity[1]), V(p.velocity[2])};
-        add_lanes(block + ContactBlock::work * lanes, p.weight,
+        add_lanes(record + ContactRecord::work * lanes, p.weight,
                   dot<Arithmetic::fused>(force, velocity));
     }
-    if (!p.noted) return;
+    if (!p.between_steps) return;
     alignas(64) Real depths[W];
     (depth * V(1 / p.scale)).store_aligned(depths);
-    double* const deepest = block + ContactBlock::depth * lanes;
+    double* const deepest = record + ContactRecord::depth * lanes;
     for (int l = 0; l < W; ++l) deepest[l] = std::max(deepest[l], double(depths[l]));
-    if (tail[ContactBlock::met] != 0 && tail[ContactBlock::first] <= p.time) return;
-    tail[ContactBlock::first] = p.time;
-    tail[ContactBlock::met] = 1;
+    if (tail[ContactRecord::met] != 0 && tail[ContactRecord::first] <= p.time) return;
+    tail[ContactRecord::first] = p.time;
+    tail[ContactRecord::met] = 1;
 }
 
 // How the edge kernel finds the depth of a point in the layer. `direct`: from the distance to the
 // centre, which costs half as much and loses what the radius rounds by.
-enum class Surface { flat, direct, curved };
+enum class DepthMethod { flat, direct, curved };
 
 // The law of forces/penalty.hpp in fewer operations than forces/penalty_lanes.hpp has: constants
 // are folded, and the depth is scaled so that its cube is the elastic part of the push.
@@ -63,32 +63,36 @@ CLOTHSIM_INLINE Vector3<V> added(const Vector3<V>& a, V scale, const Vector3<V>&
     return {xsimd::fma(scale, b.x, a.x), xsimd::fma(scale, b.y, a.y), xsimd::fma(scale, b.z, a.z)};
 }
 
-template <class V, class Real, Surface surface, bool plain>
+template <class V, class Real, DepthMethod method, bool plain>
 __attribute__((noinline)) void penalty_on_row(const EdgeArguments<Real>& e, const Real* source,
                                               const Real* free, const PenaltyArguments<Real>& p,
-                                              double* block) {
+                                              double* record) {
     constexpr int W = int(V::size);
     const std::ptrdiff_t stride = source_stride<V>(e.stage);
-    const V zero(Real(0)), one(Real(1));
+    const V zero(Real(0));
+    const V one(Real(1));
     const Vector3<V> normal{V(p.normal[0]), V(p.normal[1]), V(p.normal[2])};
     const Vector3<V> place{V(p.place[0]), V(p.place[1]), V(p.place[2])};
-    const V curvature(p.curvature), scale(p.scale), scaled_reach(p.scaled_reach);
-    const V scaled_radius(p.scaled_radius), dissipation(p.dissipation);
+    const V curvature(p.curvature);
+    const V scale(p.scale);
+    const V scaled_reach(p.scaled_reach);
+    const V scaled_radius(p.scaled_radius);
+    const V dissipation(p.dissipation);
     Vector3<V> all{zero, zero, zero};
     V deepest = zero;
     bool touched = false;
-    const bool noted = p.noted;
+    const bool between_steps = p.between_steps;
     for (int k = 0; k < e.vectors; ++k, source += stride) {
         const Vector3<V> x = load3<V>(source, W);
         Vector3<V> across =
             normal;  // the normal times the distance from the centre over the radius
         V square = one, root = one;  // of that distance over the radius, and 1 / its root
         V depth;                     // times the scale
-        if constexpr (surface == Surface::flat) {
+        if constexpr (method == DepthMethod::flat) {
             depth = xsimd::fnma(x.x, place.x, scaled_reach);
             depth = xsimd::fnma(x.y, place.y, depth);
             depth = xsimd::fnma(x.z, place.z, depth);
-        } else if constexpr (surface == Surface::direct) {
+        } else if constexpr (method == DepthMethod::direct) {
             across = {xsimd::fma(curvature, x.x, place.x), xsimd::fma(curvature, x.y, place.y),
                       xsimd::fma(curvature, x.z, place.z)};
             square = xsimd::max(dot<Arithmetic::fused>(across, across),
@@ -108,7 +112,7 @@ __attribute__((noinline)) void penalty_on_row(const EdgeArguments<Real>& e, cons
         depth = xsimd::max(depth, zero);
         if (free) depth = xsimd::select(V::load_aligned(free + k * W) != zero, depth, zero);
         if (xsimd::none(depth > zero)) continue;
-        if constexpr (surface != Surface::flat) {
+        if constexpr (method != DepthMethod::flat) {
             const auto centre = square <= V(smallest_squared_length<Real>);
             if (__builtin_expect(xsimd::any(centre), 0)) {  // where the normal is that of the place
                 across = {xsimd::select(centre, normal.x, across.x),
@@ -126,16 +130,16 @@ __attribute__((noinline)) void penalty_on_row(const EdgeArguments<Real>& e, cons
         const V damped = q * reciprocal_root<Arithmetic::fused>(xsimd::fma(q, q, square));
         const V elastic = depth * depth * depth;
         const V push = xsimd::fnma(elastic, damped, elastic);
-        const V along = surface == Surface::flat ? push : push * root;
+        const V along = method == DepthMethod::flat ? push : push * root;
         Real* const force = e.force + k * 3 * W;
-        if (noted) deepest = xsimd::max(deepest, depth);
+        if (between_steps) deepest = xsimd::max(deepest, depth);
         touched = true;
         if constexpr (plain) {
             store3(force, W, added(load3<V>(force, W), along, across));
-            if constexpr (surface == Surface::flat) all.x = all.x + along;
+            if constexpr (method == DepthMethod::flat) all.x = all.x + along;
             else all = added(all, along, across);
         } else {
-            const V part = surface == Surface::flat ? closing : closing * (root * root);
+            const V part = method == DepthMethod::flat ? closing : closing * (root * root);
             const Vector3<V> slip{xsimd::fnma(part, across.x, u.x),
                                   xsimd::fnma(part, across.y, u.y),
                                   xsimd::fnma(part, across.z, u.z)};
@@ -151,13 +155,13 @@ __attribute__((noinline)) void penalty_on_row(const EdgeArguments<Real>& e, cons
         }
     }
     if (!touched) return;
-    if constexpr (plain && surface == Surface::flat)
+    if constexpr (plain && method == DepthMethod::flat)
         all = {all.x * normal.x, all.x * normal.y, all.x * normal.z};
-    add_to_block(block, e.contacts.lanes, p, all, deepest);
+    add_to_record(record, e.contacts.lanes, p, all, deepest);
 }
 
-// The obstacles that rows [begin, end) of a stage may touch, a bit each, in `near`; whether there
-// are any. Beyond 64 obstacles a bit stands for several.
+// Sets in `near` a bit for each obstacle that rows [begin, end) of a stage may touch, and returns
+// whether there are any. Beyond 64 obstacles a bit stands for several.
 template <class Arch, class Real>
 bool edge_near(const EdgeArguments<Real>& e, int begin, int end) {
     using V = Lanes<Real, Arch>;
@@ -166,7 +170,8 @@ bool edge_near(const EdgeArguments<Real>& e, int begin, int end) {
     bool any = false;
     for (int i = 0; i < e.contacts.count; ++i) {
         const PenaltyArguments<Real>& p = e.contacts.obstacles[i];
-        const V side(p.side), bound(p.bound);
+        const V side(p.side);
+        const V bound(p.bound);
         for (int row = begin; row < end; ++row) {
             const EdgeRowPointers<Real>& r = e.rows[row];
             bool near = p.axis < 0;
@@ -189,12 +194,12 @@ bool edge_near(const EdgeArguments<Real>& e, int begin, int end) {
 
 template <class V, class Real, bool plain>
 CLOTHSIM_INLINE auto kernel_of(const PenaltyArguments<Real>& p) {
-    if (p.curvature == 0) return &penalty_on_row<V, Real, Surface::flat, plain>;
-    if (p.direct) return &penalty_on_row<V, Real, Surface::direct, plain>;
-    return &penalty_on_row<V, Real, Surface::curved, plain>;
+    if (p.curvature == 0) return &penalty_on_row<V, Real, DepthMethod::flat, plain>;
+    if (p.direct) return &penalty_on_row<V, Real, DepthMethod::direct, plain>;
+    return &penalty_on_row<V, Real, DepthMethod::curved, plain>;
 }
 
-// The obstacles on the row that is pending.
+// Adds the forces of the obstacles on the row that is pending.
 template <class Arch, class Real>
 void edge_forces(const EdgeArguments<Real>& e) {
     using V = Lanes<Real, Arch>;
@@ -203,11 +208,11 @@ void edge_forces(const EdgeArguments<Real>& e) {
         if (!(near >> (i % 64) & 1)) continue;
         const PenaltyArguments<Real>& p = e.contacts.obstacles[i];
         const EdgeRowPointers<Real>& row = e.rows[e.pending];
-        double* const block =
+        double* const record =
             e.contacts.sums + row.row * e.contacts.row + p.number * e.contacts.obstacle;
         const bool plain = !p.moves && p.friction == 0;
         const auto act = plain ? kernel_of<V, Real, true>(p) : kernel_of<V, Real, false>(p);
-        act(e, e.pending_source, row.free, p, block);
+        act(e, e.pending_source, row.free, p, record);
     }
 }
 

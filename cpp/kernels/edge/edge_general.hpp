@@ -10,7 +10,7 @@
 namespace clothsim {
 namespace {
 
-// The springs that start in a row: its own, or only what they hand down to rows below.
+// Sums the springs that start in a row: its own, or only what they hand down to rows below.
 template <class Real>
 CLOTHSIM_INLINE Legs legs_of_row(const Features& features, const EdgeSources<Real>& source,
                                  bool own) {
@@ -32,10 +32,10 @@ __attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e,
     const Legs legs = legs_of_row(e.features, source, own);
     const auto has = [legs](Leg leg)
                          __attribute__((always_inline)) { return (legs >> leg & 1) != 0; };
-    const std::ptrdiff_t stride = source_stride<V>(e.stage),
-                         past = std::ptrdiff_t(e.vectors) * 3 * W;
+    const std::ptrdiff_t stride = source_stride<V>(e.stage);
+    const std::ptrdiff_t past = std::ptrdiff_t(e.vectors) * 3 * W;
     const int m = e.vectors;
-    const auto points = [](const Real* p) __attribute__((always_inline)) -> Points<V> {
+    const auto points = [](const Real* p) __attribute__((always_inline)) -> PointLanes<V> {
         if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
         else return {load3<V>(p, W), {}};
     };
@@ -48,21 +48,25 @@ __attribute__((noinline)) void sum_row(const EdgeArguments<Real>& e,
     Vector3<V> fell = none, rose = none;  // the diagonal forces of the vector before
     const SpringConstants<V> constants{};
     for (int k = 0; k < m; ++k) {
-        const std::ptrdiff_t at = k * stride, next = place_of(k + 1),
-                             vector = std::ptrdiff_t(k) * 3 * W;
+        const std::ptrdiff_t at = k * stride;
+        const std::ptrdiff_t next = place_of(k + 1);
+        const std::ptrdiff_t vector = std::ptrdiff_t(k) * 3 * W;
         const Real* const coefficients = e.coefficients + e.coefficient_class[k] * class_size;
         if (ahead) fetch<V>(e, ahead, k);
-        const auto pull = [&](Leg leg, const Points<V>& from, const Real* to)
+        const auto pull = [&](Leg leg, const PointLanes<V>& from, const Real* to)
                               __attribute__((always_inline)) {
                                   Spring<V> spring = stretch<damped>(from, to, constants);
                                   root(spring, constants);
-                                  return force<damped, Springs::by_coefficient>(
+                                  return force<damped, SpringChoice::by_coefficient>(
                                       spring, coefficients + kind_of_leg[leg] * kind_size);
                               };
-        const Points<V> point = points(source.here + at);
-        if (pending.there) finish_any<V, Real>(e, pending, k);
+        const PointLanes<V> point = points(source.here + at);
+        if (pending.exists) finish_any<V, Real>(e, pending, k);
 
-        Vector3<V> drop = none, drop_2 = none, falls = none, rises = none;
+        Vector3<V> drop = none;
+        Vector3<V> drop_2 = none;
+        Vector3<V> falls = none;
+        Vector3<V> rises = none;
         if (has(down)) drop = pull(down, point, source.below + at);
         if (has(falling)) {
             falls = pull(falling, point, source.below + next);
@@ -111,8 +115,8 @@ CLOTHSIM_INLINE void sum_row(EdgeArguments<Real>& e, const EdgeSources<Real>& so
     std::swap(e.received[0], e.received[1]);
 }
 
-// One stage of rows [begin, end), with two more behind them in `e.rows`: null past the last of the
-// cloth.
+// Takes rows [begin, end), with two more behind them in `e.rows`, through one stage: rows past the
+// last of the cloth are null.
 template <class Arch, class Real>
 void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
     using V = Lanes<Real, Arch>;
@@ -129,8 +133,8 @@ void edge_rows_of_any(EdgeArguments<Real>& e, int begin, int end) {
     }
 }
 
-// Forces of the two rows before a band on its first two. Of the first of them springs two rows on
-// count alone: it comes without the row below.
+// Adds forces of the two rows before a band on its first two. Of the first of them only springs two
+// rows on count: it comes without the row below.
 template <class Arch, class Real>
 void edge_halo_of_any(EdgeArguments<Real>& e, const EdgeSources<Real>& before_2,
                       const EdgeSources<Real>& before) {

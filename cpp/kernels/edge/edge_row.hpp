@@ -108,7 +108,8 @@ struct Turns {
     }();
     static constexpr int first_of_point = order[0] == rising ? 1 : 0;
     static constexpr int finishing = std::min(all.finishing_turn, count - 1);
-    // The turn in which the last of these becomes a force; the first turn if there are none.
+    // Returns the turn in which the last of these becomes a force; the first turn if there are
+    // none.
     static constexpr int after(Legs wanted) {
         int turn = 0;
         for (int i = 0; i < legs; ++i)
@@ -117,7 +118,8 @@ struct Turns {
     }
 };
 
-// Beside structural and shear springs, for which the loop over rows is compiled in versions.
+// Features beside structural and shear springs, for which the loop over rows is compiled in
+// versions.
 struct EdgeSet {
     bool bend, damped;
 };
@@ -149,8 +151,9 @@ class RowPass {
     const int m_;
     const SpringConstants<V> constants_{};
 
-    // Passed on from vector to vector within the row.
-    Vector3<V> to_next_ = none(), to_next_2_ = none();
+    // Forces that pass from vector to vector within the row.
+    Vector3<V> to_next_ = none();
+    Vector3<V> to_next_2_ = none();
     Vector3<V> fell_ = none(), rose_ = none();  // the diagonal forces of the vector before
     // Forces to which the row's end adds, where `fixed` keeps them in registers.
     Vector3<V> kept_[2];
@@ -160,7 +163,7 @@ class RowPass {
         int k;
         std::ptrdiff_t at, next, next_2;  // places of the vector and of the two behind it
         std::ptrdiff_t vector;  // place of its forces
-        Points<V> point;
+        PointLanes<V> point;
         Spring<V> springs[leg_count];
         Vector3<V> f[leg_count];  // forces
         // `within` is the force of the row on the vector; for the first vector, the received force.
@@ -168,19 +171,19 @@ class RowPass {
     };
 
     static CLOTHSIM_INLINE Vector3<V> none() { return {V(Real(0)), V(Real(0)), V(Real(0))}; }
-    static CLOTHSIM_INLINE Points<V> points(const Real* p) {
+    static CLOTHSIM_INLINE PointLanes<V> points(const Real* p) {
         if constexpr (damped) return {load3<V>(p, W), load3<V>(p + 3 * W, W)};
         else return {load3<V>(p, W), {}};
     }
-    // How many vectors follow in the row, as far as is known.
+    // Returns how many vectors follow in the row, as far as is known.
     static constexpr int following(Place place) {
         return place == Place::inner ? 2 : place == Place::second_last ? 1 : 0;
     }
-    // The place of vector k. Behind the last vector stands the first, a lane on.
+    // Returns the place of vector k. Behind the last vector stands the first, a lane on.
     CLOTHSIM_INLINE std::ptrdiff_t place_of(int k) const {
         return k < m_ ? k * stride_ : (k - m_) * stride_ + 1;
     }
-    // The place of the vector so many behind vector k, which is at `at`.
+    // Returns the place of the vector so many behind vector k, which is at `at`.
     template <Place place, int count>
     CLOTHSIM_INLINE std::ptrdiff_t place_behind(int k, std::ptrdiff_t at) const {
         constexpr int past = count - following(place);  // the first vector is one past the last
@@ -211,11 +214,11 @@ class RowPass {
         constexpr bool all = columns <= following(place);
         SomeLanes<V> lanes;
         if constexpr (!all) lanes = reach_(c.k, columns);
-        c.f[leg] = force<damped, all ? Springs::all : Springs::some>(
+        c.f[leg] = force<damped, all ? SpringChoice::all : SpringChoice::some>(
             c.springs[leg], e_.coefficients + kind * (EdgeCoefficientIndex::count * W), lanes);
     }
 
-    // Sums for the rows below that a turn completes.
+    // Adds up sums for the rows below that a turn completes.
     template <int turn, bool first>
     CLOTHSIM_INLINE void send_down(Column& c) {
         constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
@@ -235,7 +238,7 @@ class RowPass {
         if constexpr (set.bend && complete(downs)) store3(received_2_ + c.vector, W, c.f[down_2]);
     }
 
-    // Sums for the points of the row that a turn completes.
+    // Adds up sums for the points of the row that a turn completes.
     template <int turn, bool first>
     CLOTHSIM_INLINE void sum_own(Column& c) {
         constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
@@ -258,7 +261,7 @@ class RowPass {
         if constexpr (turn < Order::legs)
             begin<Order::order[turn]>(c, turn == Order::first_of_point);
         if constexpr (turn == Order::finishing)
-            if (__builtin_expect(pending_.there, 1))
+            if (__builtin_expect(pending_.exists, 1))
                 finish_vector<V, Real, stage, fixed>(e_, pending_, c.k);
         if constexpr (of_root >= 0 && of_root < Order::legs)
             root(c.springs[Order::order[of_root]], constants_);
@@ -267,7 +270,7 @@ class RowPass {
         sum_own<turn, first>(c);
     }
 
-    // `first`: the row's first vector, which is passed nothing.
+    // `first`: the vector is the row's first, to which nothing is passed.
     template <Place place, bool first>
     CLOTHSIM_INLINE void column(int k) {
         if constexpr (!fixed)
@@ -332,7 +335,7 @@ public:
     }
 };
 
-// Rows [begin, end) in one stage, with one number of vectors; 0: that of `e`.
+// Takes rows [begin, end) through one stage, with one number of vectors; 0: that of `e`.
 template <class Arch, class Real, EdgeSet set, Stage stage, int fixed>
 __attribute__((noinline)) void edge_rows_of(EdgeArguments<Real>& e, int begin, int end) {
     const auto source = [&](int row) -> const Real* {
@@ -371,8 +374,8 @@ CLOTHSIM_INLINE void edge_rows_in(EdgeArguments<Real>& e, int begin, int end) {
     edge_rows_of<Arch, Real, set, stage, 0>(e, begin, end);
 }
 
-// One stage of rows [begin, end), of which all have two more behind them in `e.rows`. Code that
-// knows its stage takes nine tenths of the time of code that asks.
+// Takes rows [begin, end), of which all have two more behind them in `e.rows`, through one stage.
+// Code that knows its stage takes nine tenths of the time of code that asks.
 template <class Arch, class Real, EdgeSet set>
 void edge_rows(EdgeArguments<Real>& e, int begin, int end) {
     switch (e.stage) {

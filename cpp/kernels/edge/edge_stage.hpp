@@ -47,7 +47,7 @@ struct SpringConstants {
 };
 
 template <class V>
-struct Points {
+struct PointLanes {
     Vector3<V> x, v;
 };
 
@@ -60,9 +60,9 @@ struct Spring {
     V root;  // squared length, then root_scale / length
 };
 
-// From points in registers to points in memory at `b`.
+// Stretches springs from points in registers to points in memory at `b`.
 template <bool damped, class V, class Real>
-CLOTHSIM_INLINE Spring<V> stretch(const Points<V>& a, const Real* b,
+CLOTHSIM_INLINE Spring<V> stretch(const PointLanes<V>& a, const Real* b,
                                   const SpringConstants<V>& constants) {
     constexpr int W = int(V::size);
     Spring<V> s;
@@ -87,10 +87,10 @@ CLOTHSIM_INLINE void root(Spring<V>& s, const SpringConstants<V>& constants) {
 // Which lanes have a spring, and how: all of them, some, or those whose coefficients are not 0. In
 // the first two all families are damped alike or not at all: the damping constant is in the unit of
 // acceleration.
-enum class Springs { all, some, by_coefficient };
+enum class SpringChoice { all, some, by_coefficient };
 
-// On the points at b; an acceleration where all points have one mass.
-template <bool damped, Springs springs, class V, class Real>
+// Returns the force on the points at b, an acceleration where all points have one mass.
+template <bool damped, SpringChoice choice, class V, class Real>
 CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients,
                                  SomeLanes<V> lanes = {}) {
     constexpr int W = int(V::size);
@@ -99,7 +99,7 @@ CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients,
     V scale;
     if constexpr (damped) {
         scale = s.rate;
-        if constexpr (springs == Springs::by_coefficient)
+        if constexpr (choice == SpringChoice::by_coefficient)
             scale = scale * V::load_aligned(coefficients + EdgeCoefficientIndex::damping * W);
         scale = xsimd::fms(scale, s.root, tension);
         scale =
@@ -108,7 +108,7 @@ CLOTHSIM_INLINE Vector3<V> force(const Spring<V>& s, const Real* coefficients,
         scale = exact_at_rest<Real> ? stiffness - s.root * tension
                                     : xsimd::fnma(s.root, tension, stiffness);
     }
-    if constexpr (springs == Springs::some) scale = zero_elsewhere(lanes, scale);
+    if constexpr (choice == SpringChoice::some) scale = zero_elsewhere(lanes, scale);
     return {scale * s.d.x, scale * s.d.y, scale * s.d.z};
 }
 
@@ -131,13 +131,13 @@ private:
     SomeLanes<V> known_[fixed ? 2 * fixed : 1];
 };
 
-// Whether a stage reads x_n and v_n in state records, or the result of the stage before in work
-// records.
+// Returns whether a stage reads x_n and v_n in state records, or the result of the stage before in
+// work records.
 constexpr bool source_is_state(Stage stage) {
     return stage == Stage::first || stage == Stage::evaluate;
 }
 
-// Elements from vector to vector of the rows that a stage reads.
+// Returns the elements from vector to vector of the rows that a stage reads.
 template <class V>
 CLOTHSIM_INLINE std::ptrdiff_t source_stride(Stage stage) {
     return (source_is_state(stage) ? StateRecord::count : WorkRecord::count) * int(V::size);
@@ -149,7 +149,7 @@ CLOTHSIM_INLINE std::ptrdiff_t source_stride(Stage stage) {
 // are summed.
 template <class Real>
 struct PendingRow {
-    bool there = false;
+    bool exists = false;
     Real* state;
     Real* work;
     const Real* source;
@@ -181,10 +181,11 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
     const Real* const source = row.source + k * source_stride<V>(stage);
     Real* const state = row.state + k * (StateRecord::count * W);
     Real* const work = row.work + k * ((stage == Stage::evaluate ? 3 : WorkRecord::count) * W);
-    const V step(stage == Stage::third ? e.h : e.half_h),
-        step_a(stage == Stage::third ? e.h_a : e.half_h_a);
+    const V step(stage == Stage::third ? e.h : e.half_h);
+    const V step_a(stage == Stage::third ? e.h_a : e.half_h_a);
     const std::ptrdiff_t compensation = fixed ? fixed * StateRecord::count * W : e.compensation;
-    const V h2_6(e.h2_6), h_6(e.h_6);
+    const V h2_6(e.h2_6);
+    const V h_6(e.h_6);
     V acceleration[3] = {force.x, force.y, force.z};
     if (__builtin_expect(e.drag != 0, 0))
         each<3>(CLOTHSIM_EACH(j) {
@@ -216,14 +217,15 @@ CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow
         } else if constexpr (stage == Stage::fourth) {
             add_increment<compensated>(v, v + compensation, h_6 * (V::load_aligned(sum) + a));
         } else {
-            const V v0 = V::load_aligned(v),
-                    vs = stage == Stage::first ? v0 : V::load_aligned(source + (3 + j) * W);
+            const V v0 = V::load_aligned(v);
+            const V vs = stage == Stage::first ? v0 : V::load_aligned(source + (3 + j) * W);
             xsimd::fma(step, vs, V::load_aligned(x)).store_aligned(work + j * W);
             xsimd::fma(step_a, a, v0).store_aligned(work + (3 + j) * W);
             if constexpr (stage == Stage::first) a.store_aligned(first);
             if constexpr (stage == Stage::second) a.store_aligned(sum);
             if constexpr (stage == Stage::third) {
-                const V middle = V::load_aligned(sum) + a, three = V::load_aligned(first) + middle;
+                const V middle = V::load_aligned(sum) + a;
+                const V three = V::load_aligned(first) + middle;
                 (three + middle).store_aligned(sum);
                 add_increment<compensated>(x, x + compensation, xsimd::fma(step, v0, h2_6 * three));
             }
@@ -237,7 +239,7 @@ CLOTHSIM_INLINE void finish_vector(const EdgeArguments<Real>& e, const PendingRo
     finish_stage<V, Real, stage, fixed>(e, row, k,
                                         load3<V>(e.force + k * 3 * int(V::size), int(V::size)));
 }
-// In the stage of `e`.
+// Finishes a vector in the stage of `e`.
 template <class V, class Real>
 __attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const PendingRow<Real>& row,
                                           int k) {
@@ -265,12 +267,12 @@ CLOTHSIM_INLINE const Real* row_ahead(const EdgeArguments<Real>& e, int row) {
     return e.ahead > 0 && row + e.ahead < e.row_count ? e.rows[row + e.ahead].state : nullptr;
 }
 
-// The end of the stage of the row that is pending.
+// Finishes the stage of the row that is pending.
 template <class Arch, class Real>
 void edge_finish(EdgeArguments<Real>& e) {
     using V = Lanes<Real, Arch>;
     const PendingRow<Real> pending = pending_row(e);
-    if (!pending.there) return;
+    if (!pending.exists) return;
     for (int k = 0; k < e.vectors; ++k) finish_any<V, Real>(e, pending, k);
     e.pending = -1;
 }

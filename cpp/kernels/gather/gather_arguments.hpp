@@ -40,13 +40,13 @@ struct StepConstants {
     Real half_h_a, h_a, h2_6, h_6;  // of an acceleration
 };
 
-// Scaled by 1/mass where the mass is uniform.
+// Coefficients are scaled by 1/mass where the mass is uniform.
 template <class Real>
 struct SpringCoefficients {
     Real stiffness, rest, damping;
 };
 
-// Of a vector of points in a row the lanes whose point has a neighbour so many columns on.
+// For a vector of points in a row, the lanes whose point has a neighbour so many columns on.
 struct LanesWithNeighbour {
     std::uint16_t bits[2 * stencil_reach] = {};
     static constexpr int index(int column) {
@@ -67,12 +67,12 @@ struct GatherArguments : StepConstants<Real> {
     const Real* applied;  // three planes: accelerations by forces on points; null: none
     const Real* free;  // one plane, 0 for pinned and padding points, else 1
     const std::uint8_t* row_has_fixed;
-    // Six planes each (x, y, z, vx, vy, vz).
+    // These have six planes each (x, y, z, vx, vy, vz).
     const Real* source;  // state that this stage reads
     Real* state;  // x_n, v_n; stage four writes the new state here
     Real* target;  // state for the next stage
     Real* compensation;  // what rounding took from x and v; null: not compensated
-    // Three planes each.
+    // These have three planes each.
     Real* first_acceleration;
     Real* acceleration_sum;  // a2 + a3
     PenaltyRows<Real> contacts;  // sums of rows and of groups of columns

@@ -29,9 +29,9 @@ struct SpringLanes {
 };
 
 // Elements from a component to the ones after it.
-struct Planes {
+struct PlaneOffsets {
     std::ptrdiff_t one, three, five;
-    explicit CLOTHSIM_INLINE Planes(std::ptrdiff_t plane)
+    explicit CLOTHSIM_INLINE PlaneOffsets(std::ptrdiff_t plane)
         : one(plane), three(3 * plane), five(5 * plane) {
         // The compiler would make a pointer of each row and component, which are more than there
         // are registers.
@@ -40,24 +40,25 @@ struct Planes {
 };
 
 template <class V, class Real>
-CLOTHSIM_INLINE Vector3<V> position(const Real* p, const Planes& planes) {
+CLOTHSIM_INLINE Vector3<V> position(const Real* p, const PlaneOffsets& planes) {
     return {V::load_unaligned(p), V::load_unaligned(p + planes.one),
             V::load_unaligned(p + 2 * planes.one)};
 }
 
 template <class V, class Real>
-CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const Planes& planes) {
+CLOTHSIM_INLINE Vector3<V> velocity(const Real* p, const PlaneOffsets& planes) {
     return {V::load_unaligned(p + planes.three), V::load_unaligned(p + 4 * planes.one),
             V::load_unaligned(p + planes.five)};
 }
 
-// `all`: every point has this neighbour; otherwise those of the lanes whose bit is set in `there`.
+// Adds the force of a spring. `all`: every point has this neighbour; otherwise those of the lanes
+// whose bit is set in `there`.
 template <bool damped, bool all, class V, class Real>
 CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
-                                const Real* other, const Planes& planes,
+                                const Real* other, const PlaneOffsets& planes,
                                 const SpringLanes<V>& spring, std::uint64_t there) {
     const Vector3<V> d = position<V>(other, planes) - x;
-    // First what the most operations wait for.
+    // What the most operations wait for comes first.
     // Coincident points: a spring without direction gives no force instead of a NaN.
     const V l = xsimd::sqrt(xsimd::max(dot(d, d), V(smallest_squared_length<Real>)));
     const V r = V(Real(1)) / l;
@@ -70,7 +71,7 @@ CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Ve
     force = {scale * d.x + force.x, scale * d.y + force.y, scale * d.z + force.z};
 }
 
-// A bit for each of `neighbours` that the points of a row may have.
+// Returns a bit for each of `neighbours` that the points of a row may have.
 CLOTHSIM_INLINE unsigned neighbours_of_row(const Features& features, int row, int rows) {
     unsigned present = 0;
     each<neighbour_count>([&](auto n) __attribute__((always_inline)) {
@@ -84,7 +85,7 @@ CLOTHSIM_INLINE unsigned neighbours_of_row(const Features& features, int row, in
 
 template <bool damped, class V, class Real>
 CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const Vector3<V>& v,
-                                 const Real* point, const Planes& planes,
+                                 const Real* point, const PlaneOffsets& planes,
                                  const SpringLanes<V> (&springs)[spring_kind_count],
                                  const LanesWithNeighbour& lanes, unsigned present,
                                  std::ptrdiff_t stride) {
@@ -101,7 +102,8 @@ CLOTHSIM_INLINE void add_springs(Vector3<V>& force, const Vector3<V>& x, const V
 
 template <class V, class Real>
 CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t point,
-                                  const Planes& planes, const V (&v_here)[3], const V (&a)[3]) {
+                                  const PlaneOffsets& planes, const V (&v_here)[3],
+                                  const V (&a)[3]) {
     each<3>([&](auto k) __attribute__((always_inline)) {
         const std::ptrdiff_t at = point + k * planes.one;
         Real *const x = g.state + at, *const v = x + planes.three;
@@ -109,7 +111,8 @@ CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t
         if (g.stage == Stage::evaluate) return a[k].store_unaligned(first);
         if (g.stage == Stage::fourth) {
             constexpr bool compensated = sizeof(Real) == 4;
-            const V one = V::load_unaligned(first), middle = V::load_unaligned(sum);
+            const V one = V::load_unaligned(first);
+            const V middle = V::load_unaligned(sum);
             const V dx = V(g.h) * V::load_unaligned(v) + V(g.h2_6) * (one + middle);
             const V dv = V(g.h_6) * ((one + a[k]) + (middle + middle));
             Real* const low = compensated ? g.compensation + at : nullptr;
@@ -118,7 +121,8 @@ CLOTHSIM_INLINE void finish_stage(const GatherArguments<Real>& g, std::ptrdiff_t
             return;
         }
         const bool whole = g.stage == Stage::third;
-        const V step(whole ? g.h : g.half_h), step_a(whole ? g.h_a : g.half_h_a);
+        const V step(whole ? g.h : g.half_h);
+        const V step_a(whole ? g.h_a : g.half_h_a);
         (step * v_here[k] + V::load_unaligned(x)).store_unaligned(g.target + at);
         (step_a * a[k] + V::load_unaligned(v)).store_unaligned(g.target + at + planes.three);
         if (g.stage == Stage::first) a[k].store_unaligned(first);
@@ -143,8 +147,8 @@ __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int 
     const V zero(Real(0));
     for (int i = 0; i < g.contacts.count; ++i) {
         const PenaltyArguments<Real>& p = g.contacts.obstacles[i];
-        double* const block = g.contacts.sums + row * g.contacts.row +
-            column / group_size * ContactBlock::size(group_size) + p.number * g.contacts.obstacle;
+        double* const record = g.contacts.sums + row * g.contacts.row +
+            column / group_size * ContactRecord::size(group_size) + p.number * g.contacts.obstacle;
         if (p.axis >= 0) {
             const V along = p.axis == 0 ? x.x : p.axis == 1 ? x.y : x.z;
             if (xsimd::none(V(p.side) * along < V(p.bound))) continue;
@@ -159,7 +163,7 @@ __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int 
         const Vector3<V> f = flat ? push_of<true>(at, depth, v, constants, p.friction > 0)
                                   : push_of<false>(at, depth, v, constants, p.friction > 0);
         force = force + f;
-        double* const sums = block + column % group_size;
+        double* const sums = record + column % group_size;
         alignas(64) Real values[4][W];
         f.x.store_aligned(values[0]);
         f.y.store_aligned(values[1]);
@@ -172,23 +176,24 @@ __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int 
                 sums[j * lanes + l] += impulse;
                 work += impulse * double(p.velocity[j]);
             }
-            sums[ContactBlock::work * lanes + l] += work;
-            double& deepest = sums[ContactBlock::depth * lanes + l];
-            if (p.noted && double(values[3][l]) > deepest) deepest = double(values[3][l]);
+            sums[ContactRecord::work * lanes + l] += work;
+            double& deepest = sums[ContactRecord::depth * lanes + l];
+            if (p.between_steps && double(values[3][l]) > deepest) deepest = double(values[3][l]);
         }
-        double* const tail = block + ContactBlock::tail * lanes;
-        tail[ContactBlock::touched] = 1;
-        if (!p.noted || (tail[ContactBlock::met] != 0 && tail[ContactBlock::first] <= p.time))
+        double* const tail = record + ContactRecord::tail * lanes;
+        tail[ContactRecord::touched] = 1;
+        if (!p.between_steps ||
+            (tail[ContactRecord::met] != 0 && tail[ContactRecord::first] <= p.time))
             continue;
-        tail[ContactBlock::first] = p.time;
-        tail[ContactBlock::met] = 1;
+        tail[ContactRecord::first] = p.time;
+        tail[ContactRecord::met] = 1;
     }
 }
 
 template <class V, class Real, bool damped>
 __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const Tile& tile) {
     const V zero(Real(0));
-    const Planes planes(g.plane);
+    const PlaneOffsets planes(g.plane);
     const std::ptrdiff_t stride = g.stride;
     SpringLanes<V> springs[spring_kind_count];
     each<spring_kind_count>([&](auto kind) __attribute__((always_inline)) {
@@ -203,7 +208,8 @@ __attribute__((noinline)) void gather_rows(const GatherArguments<Real>& g, const
             // than there are registers.
             asm("" : "+r"(at));
             const Real* const point = g.source + at;
-            const Vector3<V> x = position<V>(point, planes), v = velocity<V>(point, planes);
+            const Vector3<V> x = position<V>(point, planes);
+            const Vector3<V> v = velocity<V>(point, planes);
             Vector3<V> a{zero, zero, zero};
             add_springs<damped>(a, x, v, point, planes, springs, g.lanes[column / int(V::size)],
                                 present, stride);

@@ -20,10 +20,6 @@ PRECISIONS: tuple[Precision, ...] = ("double", "single")
 KERNELS: tuple[Kernel, ...] = get_args(Kernel)
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
-# Mass points from which one cloth is stepped by all threads. Smaller ones gain less than the
-# threads would take from others.
-_LEAST_POINTS_OF_TEAM = 16_384
-_LEAST_POINTS_OF_THREAD = 1024
 _MOST_PLANS = 8  # kept for a scene
 _warned: set[str] = set()  # what this process was warned of
 
@@ -73,7 +69,9 @@ class Options:
             _warn_of_threads(self.threads)
             return self.threads
         points = shape[0] * shape[1]
-        team = points // _LEAST_POINTS_OF_THREAD if points >= _LEAST_POINTS_OF_TEAM else 1
+        team = 1
+        if points >= _core.heuristics["points_of_team"]:
+            team = points // _core.heuristics["points_per_thread_of_step"]
         return min(max(team, members), available_threads(), _core.most_threads)
 
 

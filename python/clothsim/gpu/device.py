@@ -15,7 +15,7 @@ from typing import Any
 from ..base.extras import needed
 
 ADAPTER_VARIABLE = "CLOTHSIM_GPU_ADAPTER"
-# float64, and the integers of its size that `keep` takes it through.
+# `keep` takes float64 through integers of its size.
 FLOAT64 = ("shader-f64", "shader-int64")
 
 # Drivers that the backend is written for; OpenGL would lack float64 and large buffers.
@@ -26,7 +26,7 @@ _LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 
 @cache
 def load_wgpu() -> Any:
-    """The module wgpu, or an ImportError that names the extra."""
+    """Return the module wgpu, or raise an ImportError that names the extra."""
     wgpu = needed("wgpu", "backend 'gpu'", "gpu")
     extras = needed("wgpu.backends.wgpu_native", "backend 'gpu'", "gpu").extras
     # OpenGL, and Mesa's layer that asks a display for its adapter, write to stderr if there is no
@@ -61,7 +61,7 @@ class Adapter:
 
 
 def adapters() -> list[Adapter]:
-    """The graphics adapters that `backend="gpu"` can use, best first.
+    """Return the graphics adapters that `backend="gpu"` can use, best first.
 
     Returns
     -------
@@ -81,12 +81,12 @@ def adapters() -> list[Adapter]:
     >>> all(adapter.largest_buffer > 0 for adapter in adapters())  # doctest: +SKIP
     True
     """
-    found = [
+    handles = [
         handle
         for handle in load_wgpu().gpu.enumerate_adapters_sync()
         if handle.info["backend_type"] in _BACKENDS
     ]
-    found.sort(key=lambda handle: _ORDER.index(handle.info["adapter_type"]))
+    handles.sort(key=lambda handle: _ORDER.index(handle.info["adapter_type"]))
     return [
         Adapter(
             name=str(handle.info["device"]).strip(),
@@ -98,25 +98,27 @@ def adapters() -> list[Adapter]:
             handle=handle,
             place=place,
         )
-        for place, handle in enumerate(found)
+        for place, handle in enumerate(handles)
     ]
 
 
 def chosen_adapter() -> Adapter:
-    """The adapter in use: the best, or that of CLOTHSIM_GPU_ADAPTER by name or by number from 0."""
-    found = adapters()
-    if not found:
+    """Return the adapter in use: the best, or that of CLOTHSIM_GPU_ADAPTER by name or by number
+    from 0.
+    """
+    choices = adapters()
+    if not choices:
         raise RuntimeError(
             "backend 'gpu' found no Vulkan, Metal or Direct3D 12 adapter; install the graphics "
             "driver, or Mesa's software one (Debian: mesa-vulkan-drivers)"
         )
-    wanted = os.environ.get(ADAPTER_VARIABLE, "")
-    for adapter in sorted(found, key=lambda adapter: wanted != str(adapter.place)):
-        if wanted == str(adapter.place) or wanted.lower() in adapter.name.lower():
+    name = os.environ.get(ADAPTER_VARIABLE, "")
+    for adapter in sorted(choices, key=lambda adapter: name != str(adapter.place)):
+        if name == str(adapter.place) or name.lower() in adapter.name.lower():
             return adapter
     raise ValueError(
         f"{ADAPTER_VARIABLE} must be part of the name of an adapter, or its place from 0 on, "
-        f"({', '.join(repr(a.name) for a in found)}), got {wanted!r}"
+        f"({', '.join(repr(a.name) for a in choices)}), got {name!r}"
     )
 
 
@@ -139,11 +141,13 @@ class Device:
     def check_process(self) -> None:
         """Raise an error in a fork of the process that opened this device."""
         if os.getpid() != self._process:
-            told = "backend 'gpu' cannot be used in a process forked from one that has used it"
-            raise RuntimeError(f"{told}; start processes with the method 'spawn'")
+            raise RuntimeError(
+                "backend 'gpu' cannot be used in a process forked from one that has used it; start "
+                "processes with the method 'spawn'"
+            )
 
     def create_buffer(self, size: int, *usages: str) -> Any:
-        """A buffer of `size` bytes."""
+        """Return a buffer of `size` bytes."""
         usage = sum(getattr(self.wgpu.BufferUsage, name) for name in usages)
         return self.handle.create_buffer(size=-(-size // 16) * 16, usage=usage)
 
@@ -152,18 +156,18 @@ _opened: dict[str, Device] = {}
 
 
 def opened() -> Device:
-    """The device of the chosen adapter, shared by all states of this process."""
+    """Return the device of the chosen adapter, shared by all states of this process."""
     for device in _opened.values():
         device.check_process()
-    asked = os.environ.get(ADAPTER_VARIABLE, "")
-    if asked not in _opened:
-        _opened[asked] = Device(chosen_adapter())
-    return _opened[asked]
+    name = os.environ.get(ADAPTER_VARIABLE, "")
+    if name not in _opened:
+        _opened[name] = Device(chosen_adapter())
+    return _opened[name]
 
 
 @contextmanager
 def using(adapter: Adapter) -> Iterator[None]:
-    """A context in which new states take this adapter, as with CLOTHSIM_GPU_ADAPTER.
+    """Return a context in which new states take this adapter, as with CLOTHSIM_GPU_ADAPTER.
 
     Parameters
     ----------
@@ -178,12 +182,12 @@ def using(adapter: Adapter) -> Iterator[None]:
     ...     with using(adapter):
     ...         run = cs.simulate(scene, 0.1, dt=1e-4, precision="single", backend="gpu")
     """
-    before = os.environ.get(ADAPTER_VARIABLE, "")
+    previous = os.environ.get(ADAPTER_VARIABLE, "")
     os.environ[ADAPTER_VARIABLE] = str(adapter.place)
     try:
         yield
     finally:
-        os.environ[ADAPTER_VARIABLE] = before
+        os.environ[ADAPTER_VARIABLE] = previous
 
 
 @contextmanager
@@ -195,11 +199,10 @@ def translated(adapter: Adapter) -> Iterator[None]:
     except wgpu.GPUError as error:
         text = " ".join(str(error).split())
         if "lost" in text.lower():
-            told = (
+            raise RuntimeError(
                 f"the graphics adapter {adapter.name} was lost; restart the process, and go on "
                 "from a snapshot"
-            )
-            raise RuntimeError(told) from error
+            ) from error
         if isinstance(error, wgpu.GPUOutOfMemoryError) or "memory" in text.lower():
             raise MemoryError(f"the graphics adapter {adapter.name} is out of memory") from error
         raise RuntimeError(f"the graphics adapter {adapter.name} failed: {text}") from error

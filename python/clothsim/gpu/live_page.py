@@ -80,7 +80,7 @@ CHANGED = (
 def live_page(
     scene: Scene, path: str | Path, dt: float | None = None, title: str | None = None
 ) -> Path:
-    """`Scene.to_live_html`."""
+    """Write the page of `Scene.to_live_html`."""
     path = file_path("path", path)
     return write_bytes(path, _page(scene, dt, title).encode())
 
@@ -128,8 +128,8 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
         if title is None
         else check.instance("title", title, str)
     )
-    guaranteed = max_stable_dt(scene)
-    usual = guaranteed / 2 if math.isfinite(guaranteed) else UNLIMITED_DT
+    stable_dt = max_stable_dt(scene)
+    usual = stable_dt / 2 if math.isfinite(stable_dt) else UNLIMITED_DT
     dt = check.number("dt", usual if dt is None else dt, minimum=0, exclusive=True)
     check_scenes([scene])
     data = _data(scene, dt)
@@ -154,7 +154,7 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
 
 
 def _stored(scene: Scene, dt: float) -> Run:
-    """A short run of the scene, or its first step where the run does not come to its end."""
+    """Return a short run of the scene, or its first step where the run does not come to its end."""
     points = math.prod(scene.cloth.shape)
     duration = min(STORED, STORED_STEPS / points * dt)
     frames = min(max(STORED_POINTS // points, 2), 60)
@@ -167,7 +167,7 @@ def _stored(scene: Scene, dt: float) -> Run:
 
 
 def _toml(scene: Scene) -> str:
-    """The scene's file, with "@name" in place of the values that the page's controls change.
+    """Return the scene's file, with "@name" in place of the values that the page's controls change.
 
     The page leaves the line of a value out that the scene has none of.
     """
@@ -188,19 +188,18 @@ def _packed(content: bytes) -> str:
 
 
 def _state(scene: Scene) -> np.ndarray:
-    """The planes of the initial state, shape (1, 6, points)."""
-    x, v = (
-        scene.initial_position,
-        np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity),
-    )
+    """Return the planes of the initial state, shape (1, 6, points)."""
+    x = scene.initial_position
+    v = np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity)
     return planes_of(x, v, [scene])
 
 
 def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
-    """Names of the page's collision methods, the WGSL and the responses of each, and the index of
-    the scene's own.
+    """Return names of the page's collision methods, the WGSL and the responses of each, and the
+    index of the scene's own.
     """
-    features, layered = Features.of(scene), _in_layers(scene)
+    features = Features.of(scene)
+    layered = _in_layers(scene)
 
     def method(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
         return {
@@ -209,7 +208,8 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
             "printed": [sphere.as_printed for sphere in spheres],
         }
 
-    names, methods = [], []
+    names = []
+    methods = []
     for name, response, as_printed in METHODS:
         if response == "penalty" and not (scene.spheres and layered):
             continue
@@ -232,13 +232,15 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
 
 
 def _data(scene: Scene, dt: float) -> dict[str, Any]:
-    """Everything that solver.js and live.js know of the scene."""
-    cloth, eps = scene.cloth, float(np.finfo(np.float32).eps)
+    """Return everything that solver.js and live.js know of the scene."""
+    cloth = scene.cloth
+    eps = float(np.finfo(np.float32).eps)
     names, methods, own = _methods(scene)
     features = replace(Features.of(scene), moving=True, spheres=())
     lengths = rest_lengths(scene)
     masses = cloth.mass_per_point.ravel()
-    lightest, stiffest = float(masses.min()), max(cloth.family_stiffness.values())
+    lightest = float(masses.min())
+    stiffest = max(cloth.family_stiffness.values())
     return {
         "shape": list(cloth.shape),
         "size": list(cloth.size),
@@ -253,7 +255,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "stiffness": dict(cloth.family_stiffness),
         "damping": dict(cloth.family_damping),
         "drag": cloth.drag,
-        # What a slider goes up to four times of, where the scene has none: a tenth of the critical
+        # A slider goes up to four times this, where the scene has none: a tenth of the critical
         # damping of a spring.
         "usualDissipation": 0.5,  # s/m
         "usualDamping": 0.2 * math.sqrt(stiffest * lightest),
@@ -289,16 +291,12 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
 
 
 def _in_layers(scene: Scene) -> Scene | None:
-    """The scene with obstacles of response "penalty" alone and all their parameters; None where the
-    cloth gives them no stiffness.
+    """Return the scene with obstacles of response "penalty" alone and all their parameters; None
+    where the cloth gives them no stiffness.
     """
     obstacles = []
     for sphere in scene.spheres:
-        changes: dict[str, Any] = {}
-        if sphere.response != "penalty":
-            changes = {"response": "penalty", "restitution": None}
-            changes |= {"as_printed": False} if sphere.as_printed else {}
-        obstacle = sphere.replace(**changes)
+        obstacle = sphere._as_layer()
         try:
             obstacles.append(obstacle.replace(**obstacle.layer(scene.cloth)))
         except ValueError:
@@ -313,7 +311,7 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
         "center": list(sphere.center),
         "radius": sphere.radius if math.isfinite(sphere.radius) else None,  # None: a plane
         "normal": list(core.normal),
-        # None: that of the response.
+        # None takes that of the response.
         "restitution": sphere.to_dict().get("restitution"),
         "friction": sphere.friction,
         "side": side,
@@ -326,8 +324,8 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
 
 
 def _layers(scene: Scene) -> list[dict[str, Any]]:
-    """Of each obstacle the parameters of its layer, those that the scene gives, and the normal at
-    the surface point from which the core in single measures the initial state.
+    """Return for each obstacle the parameters of its layer, those that the scene gives, and the
+    normal at the surface point from which the core in single measures the initial state.
     """
     layered = _in_layers(scene)
     if layered is None:

@@ -23,15 +23,15 @@ from .device import Device
 FIRST_SPRING = 5
 FIRST_WEIGHT = FIRST_SPRING + 3 * len(_core.spring_kinds)
 CONTACT_SIZE = 28
-# What the shader notes of each member, in the order of `results` (layout.wgsl): the first mass
+# The shader notes these of each member, in the order of `results` (layout.wgsl): the first mass
 # point that is not finite or too fast, the first pinned one in an obstacle, the first through a
 # layer (counted over obstacle after obstacle), and the steps before the first contact with a layer.
 FINDINGS = ("bad", "pinned_inside", "passed", "first_contact")
 
 
 def springs(neighbours: Sequence[tuple[int, int, str, int]] = _core.neighbours) -> str:
-    """WGSL of the override constants of the families and of a mass point's spring forces, from
-    cpp/model/stencil.hpp.
+    """Return the WGSL of the override constants of the families and of a mass point's spring
+    forces, from cpp/model/stencil.hpp.
 
     A neighbour is rows and columns on, family, and kind of spring. The forces add up in this order,
     which is part of their bits.
@@ -104,14 +104,14 @@ class Features:
         )
 
     def constants(self) -> dict[str, float]:
-        """Values of the shader's override constants."""
+        """Return values of the shader's override constants."""
         switches = {family: float(family in self.families) for family in FAMILIES}
         names = ("spring_damping", "drag", "mass_per_point", "pinned", "moving")
         return switches | {name: float(getattr(self, name)) for name in names}
 
     def contacts(self) -> str:
-        """WGSL of the forces of penalty obstacles and of the responses after a step, both in the
-        order of the obstacles.
+        """Return the WGSL of the forces of penalty obstacles and of the responses after a step,
+        both in the order of the obstacles.
         """
         lines = [
             "fn add_contacts(force: vec3<real>, x: vec3<real>, v: vec3<real>, id: vec3<u32>) "
@@ -141,7 +141,7 @@ class Features:
 
 @cache
 def shader_text(name: str) -> str:
-    """The text of shaders/`name`.wgsl."""
+    """Return the text of shaders/`name`.wgsl."""
     return files(__package__).joinpath("shaders", f"{name}.wgsl").read_text(encoding="utf-8")
 
 
@@ -156,8 +156,8 @@ _EXPONENT = {
 
 
 def keep(word: str, name: str = "keep", zero: str = "constants.zero") -> str:
-    """WGSL of a function that returns its argument of type `word`, and hides that from the
-    compiler.
+    """Return the WGSL of a function that returns its argument of type `word`, and hides that from
+    the compiler.
 
     The value passes through integers and a zero from a buffer. So the compiler cannot replace (a +
     b) - a by b, and cannot fuse a product with a sum.
@@ -166,8 +166,11 @@ def keep(word: str, name: str = "keep", zero: str = "constants.zero") -> str:
 
 
 def source(features: Features, precision: str, float64: bool) -> str:
-    """The whole WGSL of a step: `real` is the type of its arithmetic, `wide` that of a response."""
-    real, wide = "f64" if precision == "double" else "f32", "f64" if float64 else "f32"
+    """Return the whole WGSL of a step: `real` is the type of its arithmetic, `wide` that of a
+    response.
+    """
+    real = "f64" if precision == "double" else "f32"
+    wide = "f64" if float64 else "f32"
     bits, exponent = _EXPONENT[real]
     lines = [
         f"alias real = {real};",
@@ -263,15 +266,15 @@ def check_scenes(scenes: Sequence[Scene]) -> None:
 
 
 def rest_lengths(scene: Scene) -> list[float]:
-    """Rest lengths of the kinds of springs [m]."""
+    """Return rest lengths of the kinds of springs [m]."""
     height, width = scene.cloth.spacing
     along = [(columns * width, rows * height) for _, rows, columns in _core.spring_kinds]
     return [math.sqrt(c * c + r * r) for c, r in along]
 
 
 def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> np.ndarray:
-    """Entry of `parameters` for one member (layout.wgsl), with the speed above which its state has
-    run away [m/s].
+    """Return the entry of `parameters` for one member (layout.wgsl), with the speed above which its
+    state has run away [m/s].
     """
     cloth = scene.cloth
     # 1/mass is folded into the coefficients where it is uniform, as in the core.
@@ -279,7 +282,7 @@ def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> 
     numbers = [*scene.gravity, cloth.drag * scale, min(speed_limit, float(np.finfo(dtype).max))]
     for (family, *_), rest_length in zip(_core.spring_kinds, rest_lengths(scene), strict=True):
         stiffness, damping = (
-            found.get(family, 0.0) for found in (cloth.family_stiffness, cloth.family_damping)
+            values.get(family, 0.0) for values in (cloth.family_stiffness, cloth.family_damping)
         )
         numbers += [stiffness * scale, rest_length, damping * scale]
     weights = np.where(cloth.pinned, 0.0, 1 / cloth.mass_per_point)

@@ -35,15 +35,13 @@ from .shader import (
 )
 
 NONE = 0xFFFFFFFF
-# Steps between two checks of the state, at most. The exact step of a failure is then found by
+# The state is checked after so many steps at most. The exact step of a failure is then found by
 # repeating steps.
 MOST_STEPS_UNCHECKED = 96
-# Steps a submission: the adapter works on one while the host records the next.
+# A submission has so many steps: the adapter works on one while the host records the next.
 STEPS_PER_SUBMISSION = 32
 # The state is inspected after as many steps as this takes [s], or fewer.
 SECONDS_BETWEEN_CHECKS = 0.02
-# Depth below a true surface up to which nobody is warned, as in the core [m].
-NEGLIGIBLE_DEPTH = 1e-9
 NOT_WATCHED = {"points": 0.0, "triangles": 0.0, "first_contact": math.inf}
 
 
@@ -56,8 +54,9 @@ class Clock(NamedTuple):
     steps: int = 0
     dt: float = 0.0
 
-    def at(self, further: int) -> float:
-        return self.origin + float(self.steps + further) * self.dt
+    def at(self, steps: int) -> float:
+        """Return the time [s] so many steps from now."""
+        return self.origin + float(self.steps + steps) * self.dt
 
 
 class Simulation:
@@ -73,7 +72,8 @@ class Simulation:
             )
         check_scenes(scenes)
         self._scenes = list(scenes)
-        self._precision, self._single = precision, precision == "single"
+        self._precision = precision
+        self._single = precision == "single"
         self._shape = (len(scenes), *scenes[0].cloth.shape, 3)
         self._clock = Clock(time)
         self._stable_dt = [math.inf] * len(scenes)
@@ -88,17 +88,18 @@ class Simulation:
         # The state in host memory, as `split` gives it; up to date for frozen members.
         self._parts: list[np.ndarray] = []
         self._downloaded = False  # the present state
-        self._block: Block | None = None
-        with self._used():
-            self._make_block(scenes)
+        self._adapter_state: AdapterState | None = None
+        with self._exclusive():
+            self._make_adapter_state(scenes)
 
-    def _make_block(self, scenes: Sequence[Scene]) -> None:
-        """Make the block of the members that are not frozen; None: all are."""
+    def _make_adapter_state(self, scenes: Sequence[Scene]) -> None:
+        """Make the state of the members that are not frozen; None: all are."""
         members = [member for member, frozen in enumerate(self.frozen) if not frozen]
-        chosen, origins = [scenes[member] for member in members], self._origins[members]
+        chosen = [scenes[member] for member in members]
+        origins = self._origins[members]
         normals = [self._normals[member] for member in members]
-        self._block = (
-            Block(self.device, members, chosen, origins, normals, self._precision)
+        self._adapter_state = (
+            AdapterState(self.device, members, chosen, origins, normals, self._precision)
             if members
             else None
         )
@@ -121,25 +122,24 @@ class Simulation:
         """Set positions and velocities, shape ([B,] rows, columns, 3), and the time; None leaves a
         value as it is.
         """
-        with self._used():
+        with self._exclusive():
             if x is None or v is None:
                 own = vectors(joined(self._state(), self._origins), self._shape)
-                x, v = (
-                    one if given is None else given for one, given in zip(own, (x, v), strict=True)
-                )
+                x = own[0] if x is None else x
+                v = own[1] if v is None else v
             planes = planes_of(x, v, self._scenes)
-            moved = False
+            origins = self._origins
             if time is not None:
                 self._clock = Clock(time)
             if self._single:
-                origins = far_origins(planes[:, :3])
-                moved, self._origins = (origins != self._origins).any(), origins
+                self._origins = far_origins(planes[:, :3])
                 planes[:, :3] -= self._origins[:, :, None]
             parts = split(planes, self._single)
             normals = self._normals
             self._choose_normals(self._scenes, parts)
-            if moved or any((a != b).any() for a, b in zip(normals, self._normals)):
-                self._make_block(self._scenes)
+            changed = (origins != self._origins).any()
+            if changed or any((a != b).any() for a, b in zip(normals, self._normals)):
+                self._make_adapter_state(self._scenes)
             self._take(parts)
 
     def step(
@@ -153,19 +153,18 @@ class Simulation:
         x_out: Any,
         v_out: Any,
     ) -> Any:
-        """A whole call: a state in, steps, and the state out if no event has to be reported."""
+        """Take a whole call: a state in, steps, and the state out unless there is an event."""
         self.load(x, v, time)
-        return self.advance(
-            steps, dt, threads
-        )  # an outcome, after which the caller stores the state
+        # The caller stores the state after this outcome.
+        return self.advance(steps, dt, threads)
 
     def set_scene(self, scenes: Sequence[Scene], stable_dt: Sequence[float]) -> None:
-        """Replace the scenes and guaranteed steps [s]; the state stays, and pinned points stop."""
-        with self._used():
+        """Replace the scenes and stable time steps [s]; the state stays, and pinned points stop."""
+        with self._exclusive():
             check_scenes(scenes)
             parts = self._state()
             self._choose_normals(scenes, parts)
-            self._make_block(scenes)
+            self._make_adapter_state(scenes)
             for part in parts:
                 stop_pinned_points(part, scenes)
             self._scenes = list(scenes)
@@ -177,28 +176,28 @@ class Simulation:
     def _take(self, parts: list[np.ndarray]) -> None:
         self._parts = parts
         self._downloaded = True
-        if self._block:
-            self._block.upload(parts)
+        if self._adapter_state:
+            self._adapter_state.upload(parts)
 
     def _state(self) -> list[np.ndarray]:
-        if self._block and not self._downloaded:
-            self._block.download(self._parts)
+        if self._adapter_state and not self._downloaded:
+            self._adapter_state.download(self._parts)
         self._downloaded = True
         return self._parts
 
     def store(self, x: np.ndarray | None, v: np.ndarray | None) -> None:
         """Write positions and velocities into arrays of the shape that `load` takes, or None."""
-        with self._used():
+        with self._exclusive():
             planes = joined(self._state(), self._origins)
             for array, values in zip((x, v), vectors(planes, self._shape), strict=True):
                 if array is not None:
                     array[...] = values.reshape(array.shape)
 
     def snapshot(self) -> dict[str, Any]:
-        """The clock and the whole state, with the fields of the core's; there are no impulses and
-        no sums of contacts.
+        """Return the clock and the whole state, with the fields of the core's; there are no
+        impulses and no sums of contacts.
         """
-        with self._used():
+        with self._exclusive():
             fields: dict[str, Any] = {}
             for name, part in zip(("", "_low"), self._state()):
                 fields["positions" + name], fields["velocities" + name] = vectors(
@@ -219,18 +218,18 @@ class Simulation:
 
     def restore(self, fields: dict[str, Any]) -> None:
         """Return to the state of `snapshot`."""
-        with self._used():
+        with self._exclusive():
             names = ("", "_low") if self._single else ("",)
             parts = [
                 planes_of(fields["positions" + n], fields["velocities" + n], self._scenes)
                 for n in names
             ]
-            self.frozen = [bool(one) for one in fields["frozen"]]
+            self.frozen = [bool(frozen) for frozen in fields["frozen"]]
             self._origins = np.array(fields["origins"])
             if self._single:
                 ends = np.cumsum([len(scene.spheres) for scene in self._scenes])
                 self._normals = np.split(fields["normals"], ends[:-1])
-            self._make_block(self._scenes)
+            self._make_adapter_state(self._scenes)
             self._clock = Clock(
                 float(fields["clock_origin"]),
                 int(fields["clock_steps"]),
@@ -255,15 +254,16 @@ class Simulation:
         raise ValueError("set_force needs backend 'cpu': the compute shader has no force on points")
 
     def set_stable_dt(self, stable_dt: Sequence[float]) -> None:
-        """Set each member's guaranteed step [s]. The core checks speeds only above this step."""
-        self._stable_dt, self._step_set = list(stable_dt), 0.0
+        """Set each member's stable time step [s]. The core checks speeds only above this step."""
+        self._stable_dt = list(stable_dt)
+        self._step_set = 0.0
 
     def set_frozen(self, member: int, frozen: bool) -> None:
         """Exclude a member from further steps, or include it again."""
-        with self._used():
+        with self._exclusive():
             parts = self._state()
             self.frozen[member] = frozen
-            self._make_block(self._scenes)
+            self._make_adapter_state(self._scenes)
             self._take(parts)
 
     def set_watch(self, every: int, interval: float) -> None:
@@ -271,34 +271,35 @@ class Simulation:
 
     def sample(self) -> None:
         """Look at the present state, if no step has."""
-        with self._used():
+        with self._exclusive():
             self._look()
 
     def _look(self) -> dict[str, Any]:
         """Measure how deep the cloth is in the obstacles; what a user should be told of it, in the
         core's form.
         """
-        found: dict[str, Any] = {}
+        events: dict[str, Any] = {}
         x, _ = vectors(joined(self._state(), self._origins), self._shape)
         for member, (scene, extremes) in enumerate(zip(self._scenes, self._extremes, strict=True)):
             if self.frozen[member]:
                 continue
-            plan, time = kept_plan(scene, Options()), self._clock.at(0)
+            plan = kept_plan(scene, Options())
+            time = self._clock.at(0)
             penetrations = [penetration(x[member], s, time) for s in scene.spheres]
             for name in ("points", "triangles"):
-                depth = max((float(one[name]) for one in penetrations), default=0.0)
+                depth = max((float(depths[name]) for depths in penetrations), default=0.0)
                 extremes[name] = max(extremes[name], depth)
             if not self._has_penalty(scene):
                 continue
             below = extremes["points"], extremes["triangles"]
-            if max(below) > NEGLIGIBLE_DEPTH:
-                found.setdefault("below", (member, *below))
+            if max(below) > _core.heuristics["negligible_depth"]:
+                events.setdefault("below", (member, *below))
             limits = stable_depths(scene, "rk4", self._clock.dt) if self._clock.dt else []
             depths = _core.contact_depths(plan, np.ascontiguousarray(x[member]), time)
             for k, (limit, (depth, _)) in enumerate(zip(limits, depths)):
                 if depth > limit:
-                    found.setdefault("stiff", (member, k, depth))
-        return found
+                    events.setdefault("stiff", (member, k, depth))
+        return events
 
     @staticmethod
     def _has_penalty(scene: Scene) -> bool:
@@ -310,11 +311,11 @@ class Simulation:
         does not tell them. Depths are those of the states that have been looked at.
         """
         nan = math.nan
-        found = []
+        members = []
         for scene, count, extremes in zip(self._scenes, self.contacts, self._extremes, strict=True):
             responded = count > 0
             first = extremes["first_contact"]
-            found.append(
+            members.append(
                 {
                     **dict.fromkeys(("stretch", "energy_gained"), nan),
                     "point_depth": extremes["points"],
@@ -327,70 +328,75 @@ class Simulation:
                     "obstacle_work": [nan for _ in scene.spheres],
                 }
             )
-        return found
+        return members
 
     def advance(self, steps: int, dt: float, threads: int) -> dict[str, Any]:
         """Take steps and return the outcome in the core's form: steps done, and the bad point if
         there is one.
         """
-        with self._used(), Interrupts() as interrupts:
+        with self._exclusive(), Interrupts() as interrupts:
             self._downloaded = False
             if dt != self._clock.dt:
                 self._clock = Clock(self._clock.at(0), 0, dt)
-            if dt != self._step_set and self._block:
-                self._block.set_step(dt, self._stable_dt)
+            if dt != self._step_set and self._adapter_state:
+                self._adapter_state.set_step(dt, self._stable_dt)
             self._step_set = dt
-            self._found: dict[str, Any] = {}
+            self._events: dict[str, Any] = {}
             try:
-                outcome = {**self._advance(steps, interrupts), **self._found}
+                outcome = {**self._advance(steps, interrupts), **self._events}
                 if any(map(self._has_penalty, self._scenes)):
                     outcome = {**self._look(), **outcome}
                 return outcome
             except Exception:
-                if self._block:
-                    self._block.take_back()
+                if self._adapter_state:
+                    self._adapter_state.take_back()
                 raise
 
     def _advance(self, steps: int, interrupts: Interrupts) -> dict[str, Any]:
-        done, most = 0, MOST_STEPS_UNCHECKED
-        while done < steps:
-            count = min(self._steps_unchecked, steps - done, most)
+        total = 0
+        most = MOST_STEPS_UNCHECKED
+        while total < steps:
+            count = min(self._steps_unchecked, steps - total, most)
             start = time.monotonic()
             if bad := self._try(count):
                 if count == 1:
-                    return {**bad, "time": self._clock.at(1), "step": done + 1, "steps": done}
-                most = (
-                    1  # repeated steps give the same bits, so single ones find the one that fails
-                )
+                    return {**bad, "time": self._clock.at(1), "step": total + 1, "steps": total}
+                # Repeated steps give the same bits, so single ones find the one that fails.
+                most = 1
                 continue
-            done += count
-            wanted = int(SECONDS_BETWEEN_CHECKS * count / max(time.monotonic() - start, 1e-9))
-            self._steps_unchecked = min(max(1, wanted), MOST_STEPS_UNCHECKED)
+            total += count
+            seconds = max(time.monotonic() - start, 1e-9)
+            quick = int(SECONDS_BETWEEN_CHECKS * count / seconds)
+            self._steps_unchecked = min(max(1, quick), MOST_STEPS_UNCHECKED)
             interrupts.deliver()
-        return {"steps": done}
+        return {"steps": total}
 
     def _try(self, steps: int) -> dict[str, Any] | None:
-        """Take `steps` steps. If a state is bad, undo them and return what `Block.run` found."""
-        if self._block:
-            if bad := self._block.run([self._clock.at(k) for k in range(steps + 1)]):
+        """Take `steps` steps. If a state is bad, undo them and return what `AdapterState.run`
+        found.
+        """
+        if self._adapter_state:
+            if bad := self._adapter_state.run([self._clock.at(k) for k in range(steps + 1)]):
                 if steps == 1 and bad["obstacle"] >= 0:
                     bad |= self._deepest(bad["member"])
                     self._downloaded = False
-                self._block.take_back()
+                self._adapter_state.take_back()
                 return bad
-            self._block.ahead = False
-            counts = self._block.contacts, self._block.first
-            for member, count, first in zip(self._block.members, *counts, strict=True):
+            self._adapter_state.uncommitted = False
+            counts = self._adapter_state.contacts, self._adapter_state.first
+            for member, count, first in zip(self._adapter_state.members, *counts, strict=True):
                 self.contacts[member] += int(count)
                 extremes = self._extremes[member]
                 if first != NONE and extremes["first_contact"] == math.inf:
                     extremes["first_contact"] = self._clock.at(int(first))
-            self._found = {**self._block.found, **self._found}
+            self._events = {**self._adapter_state.events, **self._events}
         self._clock = self._clock._replace(steps=self._clock.steps + steps)
         return None
 
     def _deepest(self, member: int) -> dict[str, int]:
-        """The point of a member that is furthest through a layer after a step, and the obstacle."""
+        """Return the point of a member that is furthest through a layer after a step, and the
+        obstacle.
+        """
         scene = self._scenes[member]
         x, _ = vectors(joined(self._state(), self._origins), (len(self._scenes), -1, 3))
         depths = _core.contact_depths(
@@ -405,7 +411,7 @@ class Simulation:
         return {"obstacle": obstacle, "point": depths[obstacle][1]}
 
     @contextmanager
-    def _used(self) -> Any:
+    def _exclusive(self) -> Any:
         """Admit one caller at a time, and translate errors of wgpu."""
         self.device.check_process()
         if not self._busy.acquire(blocking=False):
@@ -420,7 +426,7 @@ class Simulation:
             self._busy.release()
 
 
-class Block:
+class AdapterState:
     """The members of a batch with these indices on the adapter. Their scenes have one shape and
     equal `Features`: a dispatch per stage serves all. `origins` are those of their positions [m],
     shape (members, 3), `normals` those of each member's obstacles.
@@ -435,45 +441,47 @@ class Block:
         normals: Sequence[np.ndarray],
         precision: str,
     ) -> None:
-        self.device, self.members = device, list(members)
+        self.device = device
+        self.members = list(members)
         self.single = precision == "single"
         self.real = np.float32 if self.single else np.float64
         self.wide = np.float64 if device.float64 else np.float32
         shared = all(scene is scenes[0] for scene in scenes) and (origins == origins[0]).all()
-        shared &= all((one == normals[0]).all() for one in normals)
+        shared &= all((rows == normals[0]).all() for rows in normals)
         self.scenes = [scenes[0]] if shared else list(scenes)
-        self.origins, self.normals = origins[: len(self.scenes)], normals
+        self.origins = origins[: len(self.scenes)]
+        self.normals = normals
         self.plans = [kept_plan(scene, Options()) for scene in self.scenes]
         self.features = Features.of(scenes[0])
         self.pipelines = pipelines(device, self.features, precision)
         rows, columns = scenes[0].cloth.shape
         self.points = rows * columns
         self.groups = math.ceil(columns / GROUP[0]), math.ceil(rows / GROUP[1]), len(members)
-        self.ahead = False  # of the checkpoint
+        self.uncommitted = False  # steps after the checkpoint can be undone
         self._make_buffers(rows, columns, len(members))
 
     def _make_buffers(self, rows: int, columns: int, members: int) -> None:
-        create, adapter, bytes_of_real = (
-            self.device.create_buffer,
-            self.device.adapter,
-            np.dtype(self.real).itemsize,
-        )
+        create = self.device.create_buffer
+        adapter = self.device.adapter
+        bytes_of_real = np.dtype(self.real).itemsize
         six = 6 * self.points * members * bytes_of_real
-        for needed, most, what in (
+        for needed, most, unit in (
             (six, adapter.largest_buffer, "bytes in a buffer"),
             (max(self.groups), self.device.groups_limit, "workgroups in a direction"),
         ):
             if needed > most:
                 raise ValueError(
                     f"scene is too large for the graphics adapter: {members} of shape {rows} x "
-                    f"{columns} take {needed:,} {what}, {adapter.name} has at most {most:,}"
+                    f"{columns} take {needed:,} {unit}, {adapter.name} has at most {most:,}"
                 )
-        both = ("STORAGE", "COPY_SRC", "COPY_DST")
-        self.state = create(six, *both)
-        self.compensation = create(six if self.single else 16, *both)
+        usages = ("STORAGE", "COPY_SRC", "COPY_DST")
+        self.state = create(six, *usages)
+        self.compensation = create(six if self.single else 16, *usages)
         working = [create(six, "STORAGE") for _ in range(3)]
-        one = FIRST_WEIGHT + self.points
-        self.parameters = create(one * len(self.scenes) * bytes_of_real, "STORAGE", "COPY_DST")
+        per_member = FIRST_WEIGHT + self.points
+        self.parameters = create(
+            per_member * len(self.scenes) * bytes_of_real, "STORAGE", "COPY_DST"
+        )
         per_scene = len(self.features.spheres) * CONTACT_SIZE
         per_step = per_scene * len(self.scenes)
         tables = 1 + MOST_STEPS_UNCHECKED if self.features.moving else 1
@@ -482,12 +490,14 @@ class Block:
         )
         self._results = np.zeros(1 + (1 + len(FINDINGS)) * members, np.uint32)
         self._results[1 : 1 + len(FINDINGS) * members] = NONE
-        self.results = create(self._results.nbytes, *both)
+        self.results = create(self._results.nbytes, *usages)
         self.constants = create(96, "UNIFORM", "COPY_DST")
         self.readback = create(self._results.nbytes, "MAP_READ", "COPY_DST")
-        self.kept = [self.state, self.compensation][: 1 + self.single]
-        self.checkpoint = [create(buffer.size, "COPY_SRC", "COPY_DST") for buffer in self.kept]
-        stride = (one, per_scene) if len(self.scenes) > 1 else (0, 0)
+        self.saved_buffers = [self.state, self.compensation][: 1 + self.single]
+        self.checkpoint = [
+            create(buffer.size, "COPY_SRC", "COPY_DST") for buffer in self.saved_buffers
+        ]
+        stride = (per_member, per_scene) if len(self.scenes) > 1 else (0, 0)
         self._integers = np.array([rows, columns, *stride, per_step, 0, members], np.uint32)
         bound = [
             self.constants,
@@ -504,13 +514,13 @@ class Block:
         )
 
     def upload(self, parts: Sequence[np.ndarray]) -> None:
-        """Upload this block's part of the batch's state, in the form of `split`."""
-        for buffer, planes in zip(self.kept, parts, strict=True):
+        """Upload these members' part of the batch's state, in the form of `split`."""
+        for buffer, planes in zip(self.saved_buffers, parts, strict=True):
             self._write(buffer, planes[self.members])
 
     def download(self, parts: Sequence[np.ndarray]) -> None:
-        """Write this block's state into the batch's; members outside it keep their values."""
-        for part, buffer in zip(parts, self.kept, strict=True):
+        """Write these members' state into the batch's; the others keep their values."""
+        for part, buffer in zip(parts, self.saved_buffers, strict=True):
             values = np.frombuffer(self.device.handle.queue.read_buffer(buffer), self.real)
             part[self.members] = values[: 6 * len(self.members) * self.points].reshape(
                 -1, 6, self.points
@@ -520,7 +530,7 @@ class Block:
         self.device.handle.queue.write_buffer(buffer, 0, np.ascontiguousarray(values))
 
     def set_step(self, dt: float, stable_dt: Sequence[float]) -> None:
-        """Set the time step `dt` [s]; `stable_dt` has the guaranteed step of each member."""
+        """Set the time step `dt` [s]; `stable_dt` has the stable time step of each member."""
         numbers = np.array([dt / 2, dt, dt * dt / 6, dt / 6]).astype(self.real)
         self._write(
             self.constants, np.frombuffer(numbers.tobytes() + self._integers.tobytes(), np.uint8)
@@ -565,16 +575,15 @@ class Block:
         """
         if self.features.moving:
             self._write_contacts(times)
-        handle, steps = self.device.handle, len(times) - 1
+        handle = self.device.handle
+        steps = len(times) - 1
         self._write(self.results, self._results)
         encoder = handle.create_command_encoder()
-        for buffer, copy in zip(self.kept, self.checkpoint, strict=True):
+        for buffer, copy in zip(self.saved_buffers, self.checkpoint, strict=True):
             encoder.copy_buffer_to_buffer(buffer, 0, copy, 0, buffer.size)
         for first in range(0, steps, STEPS_PER_SUBMISSION):
-            count, last = (
-                min(STEPS_PER_SUBMISSION, steps - first),
-                first + STEPS_PER_SUBMISSION >= steps,
-            )
+            count = min(STEPS_PER_SUBMISSION, steps - first)
+            last = first + STEPS_PER_SUBMISSION >= steps
             work = encoder.begin_compute_pass()
             work.set_bind_group(0, self.bindings)
             for stage in [*self.pipelines.stages * count, *[self.pipelines.check] * last]:
@@ -586,7 +595,7 @@ class Block:
                     self.results, 0, self.readback, 0, self._results.nbytes
                 )
             handle.queue.submit([encoder.finish()])
-            self.ahead = True
+            self.uncommitted = True
             encoder = handle.create_command_encoder()
         return self._read_results()
 
@@ -596,14 +605,16 @@ class Block:
             np.frombuffer(self.readback.read_mapped(), np.uint32)[: len(self._results)]
         )
         self.readback.unmap()
-        *found, self.contacts = results[1:].reshape(1 + len(FINDINGS), -1)  # layout.wgsl
-        self.first = found[FINDINGS.index("first_contact")]
+        values_of = results[1:].reshape(1 + len(FINDINGS), -1)  # layout.wgsl
+        findings = dict(zip(FINDINGS, values_of))
+        self.contacts = values_of[-1]
+        self.first = findings["first_contact"]
         firsts = {
             name: (self.members[k], int(values[k]))
-            for name, values in zip(FINDINGS, found, strict=True)
+            for name, values in findings.items()
             for k in np.flatnonzero(values != NONE)[:1]
         }
-        self.found = {k: firsts[k] for k in ("pinned_inside",) if k in firsts}
+        self.events = {k: firsts[k] for k in ("pinned_inside",) if k in firsts}
         for name in ("bad", "passed"):
             if name in firsts:
                 member, value = firsts[name]
@@ -617,16 +628,16 @@ class Block:
 
     def take_back(self) -> None:
         """Return to the checkpoint of `run`, if its steps have not been accepted."""
-        if self.ahead:
+        if self.uncommitted:
             encoder = self.device.handle.create_command_encoder()
-            for buffer, copy in zip(self.kept, self.checkpoint, strict=True):
+            for buffer, copy in zip(self.saved_buffers, self.checkpoint, strict=True):
                 encoder.copy_buffer_to_buffer(copy, 0, buffer, 0, buffer.size)
             self.device.handle.queue.submit([encoder.finish()])
-        self.ahead = False
+        self.uncommitted = False
 
 
 def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarray:
-    """Positions [m] and velocities [m/s], shape ([B,] rows, columns, 3), as float64 planes
+    """Return positions [m] and velocities [m/s], shape ([B,] rows, columns, 3), as float64 planes
     (members, 6, points).
 
     Pinned points rest. There is one scene for each member.
@@ -645,48 +656,51 @@ def stop_pinned_points(planes: np.ndarray, scenes: Sequence[Scene]) -> None:
 
 
 def far_origins(positions: np.ndarray) -> np.ndarray:
-    """Origins, shape (members, 3), of positions in single, shape (members, 3, points) [m].
+    """Return origins, shape (members, 3), of positions in single, shape (members, 3, points) [m].
 
     An origin is 0, except for a cloth that is far away for its size.
     """
-    low, high = positions.min(axis=2), positions.max(axis=2)
+    low = positions.min(axis=2)
+    high = positions.max(axis=2)
     middle = low / 2 + high / 2
     distance = np.linalg.norm(middle, axis=1)
-    far = distance > _core.extents_that_are_far * np.linalg.norm(high - low, axis=1)
+    far = distance > _core.heuristics["extents_that_are_far"] * np.linalg.norm(high - low, axis=1)
     far &= distance < np.finfo(np.float32).max
     return np.where(far[:, None], middle, 0.0)
 
 
 def split(planes: np.ndarray, single: bool) -> list[np.ndarray]:
     """Split float64 planes into parts to upload: the state, and in single also its compensation."""
-    whole = planes.astype(np.float32)
-    return [whole, (planes - whole).astype(np.float32)] if single else [planes]
+    if not single:
+        return [planes]
+    high = planes.astype(np.float32)
+    return [high, (planes - high).astype(np.float32)]
 
 
 def normals_of(scene: Scene) -> np.ndarray:
-    """Normals of the obstacles of a scene, shape (obstacles, 3)."""
+    """Return normals of the obstacles of a scene, shape (obstacles, 3)."""
     return np.reshape([sphere.normal for sphere in scene.core_spheres], (-1, 3))
 
 
 def middles(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Mean positions of the parts of states in single, shape (members, 3), summed point by point
-    as in the core.
+    """Return mean positions of the parts of states in single, shape (members, 3), summed point by
+    point as in the core.
     """
     x = parts[0][:, :3].astype(np.float64) + parts[1][:, :3]
     return np.asarray(np.cumsum(x, axis=2)[..., -1] / x.shape[2])
 
 
 def joined(parts: Sequence[np.ndarray], origins: np.ndarray) -> np.ndarray:
-    """The parts as float64 planes in the scene's coordinates, shape (members, 6, points)."""
-    whole = parts[0].astype(np.float64)
+    """Return the parts as float64 planes in the scene's coordinates, shape (members, 6, points)."""
+    planes = parts[0].astype(np.float64)
     for part in parts[1:]:
-        whole += part
+        planes += part
     origins = origins[:, :, None]
-    positions = whole[:, :3]
+    positions = planes[:, :3]
     np.add(positions, origins, out=positions, where=origins != 0)  # -0 stays -0
-    return whole
+    return planes
 
 
 def vectors(planes: np.ndarray, shape: tuple[int, ...]) -> list[np.ndarray]:
-    """Planes (members, 6, points) as positions and velocities of `shape`."""
+    """Return planes (members, 6, points) as positions and velocities of `shape`."""
     return [half.swapaxes(1, 2).reshape(shape) for half in (planes[:, :3], planes[:, 3:])]

@@ -1,3 +1,3 @@
-"""The time integration methods, and what theory says of them: stability regions, guaranteed step,
+"""The time integration methods, and what theory says of them: stability regions, the stable step,
 limiting term.
 """

@@ -1,4 +1,4 @@
-"""The guaranteed stable time step of a cloth, for all but extreme states (see `max_stable_dt`), and
+"""The stable time step of a cloth, guaranteed for all but extreme states (see `max_stable_dt`), and
 what limits it.
 """
 
@@ -20,8 +20,8 @@ _limit = lru_cache(maxsize=4096)(box_limit)
 
 
 def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
-    """The guarantee that `clothsim.max_stable_dt` gives without a state [s]; that of rk4 for a
-    method without steps of a given length.
+    """Return the stable time step that `clothsim.max_stable_dt` gives without a state [s]; that of
+    rk4 for a method without steps of a given length.
     """
     if METHODS[integrator].family == "stabilised":
         integrator = "rk4"
@@ -40,7 +40,7 @@ def damping_ratio(scene: Scene) -> float:
     return _limit("rk4", omega, 0.0) / _limit("rk4", omega, damping)
 
 
-# From these ratios on damped cloths cost less by rkc2 than by dop853, down to these tolerances.
+# From these ratios on, damped cloths cost less by rkc2 than by dop853, down to these tolerances.
 _DAMPED = ((20.0, 1e-6), (4.0, 1e-5))
 
 
@@ -56,7 +56,9 @@ def least_rtol_of_rkc2(scene: Scene) -> float:
 
 
 def usable_dt(scene: Scene, integrator: str) -> float:
-    """`stable_dt`, or a ValueError for a method that has no stable time step for this scene."""
+    """Return `stable_dt`, or raise a ValueError for a method that has no stable time step for this
+    scene.
+    """
     limit = stable_dt(scene, integrator)
     if limit == 0:
         raise ValueError(
@@ -68,7 +70,7 @@ def usable_dt(scene: Scene, integrator: str) -> float:
 
 
 def limit_in_layer(scene: Scene, integrator: str, k: int, depth: float) -> float:
-    """Return the guaranteed time step with mass points so deep [m] in the layer of an obstacle [s].
+    """Return the stable time step with mass points so deep [m] in the layer of an obstacle [s].
 
     Bounds at depth d: stiffness 6 k (d/h)^2, damping c F0 + 2 mu F0 / v_s, F0 = k d^3 / h^2, over
     the mass of the lightest free point, beside those of the springs.
@@ -102,10 +104,12 @@ class _LayerBounds(NamedTuple):
 
 def _layer_bounds(scene: Scene, k: int) -> tuple[float, _LayerBounds]:
     """Return the thickness of the layer of an obstacle [m], and the bounds in it."""
-    obstacle, cloth = scene.spheres[k], scene.cloth
+    obstacle = scene.spheres[k]
+    cloth = scene.cloth
     layer = obstacle.layer(cloth)
     mass = float(cloth.mass_per_point.min(initial=math.inf, where=~cloth.pinned))
-    thickness, stiffness = layer["thickness"], layer["stiffness"]
+    thickness = layer["thickness"]
+    stiffness = layer["stiffness"]
     damping = layer["dissipation"] + 2 * obstacle.friction / layer["slip_speed"]
     bounds = _LayerBounds(
         *_core.mode_bounds(cloth.core, scene.core_forces),
@@ -116,7 +120,7 @@ def _layer_bounds(scene: Scene, k: int) -> tuple[float, _LayerBounds]:
 
 
 def _limit_at(integrator: str, bounds: _LayerBounds, part: float) -> float:
-    """Return the guaranteed time step at `part` of the thickness of a layer [s]."""
+    """Return the stable time step at `part` of the thickness of a layer [s]."""
     stiffness = bounds.stiffness + bounds.square * part**2
     return box_limit(integrator, math.sqrt(stiffness), bounds.damping + bounds.cube * part**3)
 
@@ -127,7 +131,8 @@ _BISECTIONS = 12  # of a depth, to 5e-4 of the thickness
 @lru_cache(maxsize=4096)
 def _stable_part(integrator: str, bounds: _LayerBounds, dt: float) -> float:
     """Return the part of the thickness of a layer up to which a time step is stable."""
-    low, high = 0.0, 2.0
+    low = 0.0
+    high = 2.0
     if _limit_at(integrator, bounds, high) >= dt:
         return math.inf
     for _ in range(_BISECTIONS):
@@ -144,17 +149,18 @@ _TIE = 0.95  # families whose removal lowers the bound by this part of the most 
 
 @dataclass(frozen=True)
 class LimitingTerm:
-    """The term that limits the guaranteed time step."""
+    """The term that limits the stable time step."""
 
-    # "stiffness", "damping", "nothing", or "method" where the integrator has no stable time step
-    # for this cloth.
+    # The kind is "stiffness", "damping", "nothing", or "method" where the integrator has no stable
+    # time step for this cloth.
     kind: str
     # The spring families of the term, "points" for drag, and "air" for wind.
     families: tuple[str, ...]
     values: tuple[float, ...]  # of the term, for each family [N/m] or [N s/m]; of air [1/s]
-    # Where the other kind limits the step, all families reduced in proportion; 0 if there is none.
+    # Below these values the other kind limits the step, all families reduced in proportion; 0 if
+    # there is none.
     below: tuple[float, ...]
-    max_stable_dt: float  # the guaranteed time step [s]
+    max_stable_dt: float  # the stable time step [s]
     integrator: str
 
     def __str__(self) -> str:
@@ -178,12 +184,12 @@ class LimitingTerm:
         )
 
     def _listed(self, numbers: tuple[float, ...]) -> str:
-        different = dict.fromkeys(f"{one:.3g}" for one in numbers)
+        different = dict.fromkeys(f"{number:.3g}" for number in numbers)
         return f"{' and '.join(different)} {'N/m' if self.kind == 'stiffness' else 'N s/m'}"
 
 
 def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
-    """The term that limits the step that `stable_dt` gives for a scene."""
+    """Return the term that limits the step that `stable_dt` gives for a scene."""
     if METHODS[integrator].family == "stabilised":
         integrator = "rk4"
     wind = scene.wind.core.damping_bound(scene.cloth.core) if scene.wind else 0.0
@@ -197,28 +203,41 @@ def _term_of(cloth: Cloth, wind: float, integrator: str) -> LimitingTerm:
         omega2, delta = _core.mode_bounds(scene.cloth.core, scene.core_forces)
         return math.sqrt(omega2), delta + wind
 
-    k, c = cloth.family_stiffness, cloth.family_damping
+    k = cloth.family_stiffness
+    c = cloth.family_damping
     omega, delta = bounds()
     limit = box_limit(integrator, omega, delta)
-    alone = box_limit(integrator, omega, 0.0), box_limit(integrator, 0.0, delta)
+    limit_undamped = box_limit(integrator, omega, 0.0)
+    limit_damping = box_limit(integrator, 0.0, delta)
     if not math.isfinite(limit):
         return LimitingTerm("nothing", (), (), (), limit, integrator)
     if limit == 0:
         return LimitingTerm("method", (), (), (), limit, integrator)
-    if alone[1] < alone[0]:
-        kind, values, factor = "damping", c, alone[1] / alone[0]
-        left = {f: bounds(damping={**c, f: 0.0})[1] for f in c}
-        left["points"] = bounds(drag=0.0)[1]
-        left["air"] = delta - wind
+    if limit_damping < limit_undamped:
+        kind = "damping"
+        factor = limit_damping / limit_undamped
+        bound = delta
+        bounds_without = {f: bounds(damping={**c, f: 0.0})[1] for f in c}
+        bounds_without["points"] = bounds(drag=0.0)[1]
+        bounds_without["air"] = delta - wind
         values = {**c, "points": cloth.drag, "air": wind}
-        whole = delta
     else:
-        kind, values, factor = "stiffness", k, (alone[0] / alone[1]) ** 2
-        left = {f: bounds(stiffness={**k, f: 0.0})[0] for f in k}
-        whole = omega
-    fall = {f: whole - rest for f, rest in left.items()}
-    named = tuple(f for f in fall if fall[f] >= _TIE * max(fall.values()))
-    if named[-1] == "air":  # whose values have another unit
-        named = ("air",)
-    given = tuple(values[f] for f in named)
-    return LimitingTerm(kind, named, given, tuple(factor * one for one in given), limit, integrator)
+        kind = "stiffness"
+        factor = (limit_undamped / limit_damping) ** 2
+        bound = omega
+        bounds_without = {f: bounds(stiffness={**k, f: 0.0})[0] for f in k}
+        values = k
+    fall = {f: bound - rest for f, rest in bounds_without.items()}
+    families = tuple(f for f in fall if fall[f] >= _TIE * max(fall.values()))
+    if families[-1] == "air":  # the values of air have another unit
+        families = ("air",)
+    terms = tuple(values[f] for f in families)
+    below = tuple(factor * term for term in terms)
+    return LimitingTerm(
+        kind=kind,
+        families=families,
+        values=terms,
+        below=below,
+        max_stable_dt=limit,
+        integrator=integrator,
+    )

@@ -54,7 +54,7 @@ class Integrator:
     in_kernels: bool = field(repr=False)  # whether the kernels take whole steps
     # Runge-Kutta: factors of the powers of z, from 1 on, by which a step multiplies exp(z).
     terms: tuple[float, ...] = field(repr=False)
-    # As many drifts and kicks, in turn, as parts of the step.
+    # There are as many drifts as kicks, in turn, as parts of the step.
     splitting: tuple[list[float], list[float]] = field(repr=False)
     # The explicit method that replaces a splitting where there is damping. For each stage and for
     # the result: factors of the velocity in x, and of the accelerations in x and in v.
@@ -92,7 +92,8 @@ class Integrator:
         return axis_limit(self.name, damping=True)
 
     def order_of(self, scene: Scene) -> int:
-        """The order with which the error of this scene falls: `order_damped` if it is damped.
+        """Return the order with which the error of this scene falls: `order_damped` if it is
+        damped.
 
         Examples
         --------
@@ -131,14 +132,16 @@ _PROPERTIES = {
 
 
 def _terms(tableau: list[list[float]], order: int, stages: int) -> tuple[float, ...]:
-    """The stability polynomial. Up to the order it is that of exp(z); the further terms are b
-    A^(k-1) 1.
+    """Return the stability polynomial. Up to the order it is that of exp(z); the further terms are
+    b A^(k-1) 1.
 
     In long double, as the terms of dop853 cancel.
     """
-    whole = np.array(tableau, np.longdouble)
-    a, row = whole[:stages, :stages], whole[stages, :stages]
-    terms, factorial = [1.0], 1
+    weights = np.array(tableau, np.longdouble)
+    a = weights[:stages, :stages]
+    row = weights[stages, :stages]
+    terms = [1.0]
+    factorial = 1
     for k in range(1, stages + 1):
         factorial *= k
         terms.append(1 / factorial if k <= order else float(row.sum()))
@@ -147,7 +150,7 @@ def _terms(tableau: list[list[float]], order: int, stages: int) -> tuple[float, 
 
 
 def _integrator(name: str, facts: dict[str, Any]) -> Integrator:
-    """A method that the core has described."""
+    """Return a method that the core has described."""
     drifts, kicks = facts.get("splitting", ((), ()))
     tableau = facts.get("tableau")
     return Integrator(
@@ -168,10 +171,10 @@ class _Integrators(dict[str, Integrator]):
 
     def __repr__(self) -> str:
         rows: list[tuple[str, ...]] = [("name", "order", "stages", "omega dt", "delta dt", "kind")]
-        for one in self.values():
-            stages, kind = one._traits
-            limits = (f"{limit:.3f}" for limit in (one.imaginary_limit, one.real_limit))
-            rows.append((one.name, str(one.order), stages, *limits, kind))
+        for method in self.values():
+            stages, kind = method._traits
+            limits = (f"{limit:.3f}" for limit in (method.imaginary_limit, method.real_limit))
+            rows.append((method.name, str(method.order), stages, *limits, kind))
         return aligned(rows, left=range(6))
 
 
@@ -180,7 +183,7 @@ METHODS = _Integrators({name: _integrator(name, facts) for name, facts in _core.
 
 
 def integrators() -> Mapping[str, Integrator]:
-    """The time integration methods by name, each an `Integrator`.
+    """Return the time integration methods by name, each an `Integrator`.
 
     Returns
     -------
@@ -211,14 +214,14 @@ def integrator_name(
 
     `fixed`: steps of a given length are asked for, which some methods do not take.
     """
-    found = str(check.choice(argument, name, (*more, *METHODS)))
-    if fixed and found not in more and METHODS[found].family == "stabilised":
+    method = str(check.choice(argument, name, (*more, *METHODS)))
+    if fixed and method not in more and METHODS[method].family == "stabilised":
         raise ValueError(
-            f"{argument} must be another than {found!r} here, which takes no steps of a given "
+            f"{argument} must be another than {method!r} here, which takes no steps of a given "
             "length, as its stages follow from the damping: give simulate rtol or atol and no "
             "dt, or take 'rk4'"
         )
-    return found
+    return method
 
 
 def warn_of_order(integrator: str, scene: Scene) -> bool:

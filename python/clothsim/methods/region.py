@@ -25,10 +25,10 @@ from .integrators import METHODS, integrator_name
 _ANGLES = 257
 _RADIUS_STEP = 0.05
 _BISECTIONS = 30
-# Growth a step that counts as rounding: e-fold in 1e9 steps. Below a radius of 1 it falls with the
+# This growth a step counts as rounding: e-fold in 1e9 steps. Below a radius of 1 it falls with the
 # square of the radius, as the growth does that Euler's method gives an undamped oscillator.
 _ROUNDING = 1e-9
-# The first radius up to which a region is searched; then twice as far, until it ends on every ray.
+# A region is searched up to this radius first, then twice as far, until it ends on every ray.
 _FARTHEST = 10.0
 _NOWHERE = 1e-7  # a region that ends before this radius ends at the origin: double resolves no less
 
@@ -36,7 +36,8 @@ _NOWHERE = 1e-7  # a region that ends before this radius ends at the origin: dou
 def amplification_matrix(
     integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike
 ) -> Floats:
-    """The matrix, shape (..., 2, 2), by which a step maps (x, dt v) of the damped oscillator.
+    """Return the matrix, shape (..., 2, 2), by which a step maps (x, dt v) of the damped
+    oscillator.
 
     `omega_dt` and `delta_dt` are omega dt and delta dt of x'' = - omega^2 x - delta x', >= 0.
 
@@ -47,9 +48,11 @@ def amplification_matrix(
     square = omega * omega
     method = METHODS[integrator_name(integrator, fixed=True)]
     if method.family == "splitting":
-        one, zero = np.ones_like(square), np.zeros_like(square)
-        x, w = np.stack([one, zero], -1), np.stack([zero, one], -1)
-        k, c = square[..., None], delta[..., None]
+        unit = np.ones_like(square)
+        x = np.stack([unit, 0 * unit], -1)
+        w = np.stack([0 * unit, unit], -1)
+        k = square[..., None]
+        c = delta[..., None]
         x, w, _ = splitting_step(integrator, lambda x, w: -k * x - c * w, x, w)
         return np.stack([x, w], -2)
     slope = np.stack(
@@ -67,7 +70,7 @@ def amplification_matrix(
 def splitting_step(
     integrator: str, acceleration: Callable[[Any, Any], Any], x: Any, w: Any
 ) -> tuple[Any, Any, list[Any]]:
-    """One step of a splitting method from positions x and w, dt times the velocities.
+    """Take a step of a splitting method from positions x and w, dt times the velocities.
 
     `acceleration(x, w)` returns dt^2 times the acceleration. The result is x and w at the end of
     the step, and the accelerations in the order of their evaluation.
@@ -94,7 +97,7 @@ def splitting_step(
 def stable(
     integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike
 ) -> npt.NDArray[np.bool_]:
-    """Whether a step does not amplify the mode, per entry."""
+    """Return whether a step does not amplify the mode, per entry."""
     g = amplification_matrix(integrator, omega_dt, delta_dt)
     trace = g[..., 0, 0] + g[..., 1, 1]
     determinant = g[..., 0, 0] * g[..., 1, 1] - g[..., 0, 1] * g[..., 1, 0]
@@ -108,39 +111,43 @@ def stable(
 
 @cache
 def border_of_region(integrator: str) -> tuple[Floats, Floats]:
-    """Angles of rays from the omega axis to the delta axis, and the radius where each ray leaves
-    the region.
+    """Return angles of rays from the omega axis to the delta axis, and the radius where each ray
+    leaves the region.
     """
     angle = np.linspace(0.0, np.pi / 2, _ANGLES)
     return angle, _exit_radii(integrator, angle)
 
 
 def _exit_radii(integrator: str, angle: Floats) -> Floats:
-    """The radius where the ray of each angle (from the omega axis) leaves the stable region."""
+    """Return the radius where the ray of each angle (from the omega axis) leaves the region."""
     if METHODS[integrator].family == "implicit":
         return np.full(len(angle), np.inf)
     if METHODS[integrator].family == "stabilised":  # enough stages damp all but undamped motion
         return np.where(angle > 0, np.inf, 0.0)
-    omega, delta = np.cos(angle), np.sin(angle)
+    omega = np.cos(angle)
+    delta = np.sin(angle)
     omega[angle >= np.pi / 2] = 0.0
-    farthest, bad = _FARTHEST, np.zeros((1, 1), bool)
+    farthest = _FARTHEST
+    bad = np.zeros((1, 1), bool)
     while not bad.any(axis=1).all():
         radii = np.arange(_RADIUS_STEP, farthest, _RADIUS_STEP)
         bad = ~stable(integrator, radii * omega[:, None], radii * delta[:, None])
         farthest *= 2
     first = bad.argmax(axis=1)
-    high, low = radii[first], np.where(first > 0, radii[first - 1], 0.0)
+    high = radii[first]
+    low = np.where(first > 0, radii[first - 1], 0.0)
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         good = stable(integrator, middle * omega, middle * delta)
-        low, high = np.where(good, middle, low), np.where(good, high, middle)
+        low = np.where(good, middle, low)
+        high = np.where(good, high, middle)
     return np.where(low < _NOWHERE, 0.0, low)
 
 
 @cache
 def axis_limit(integrator: str, damping: bool) -> float:
-    """Where the stable region ends on the delta axis (`damping`) or on the omega axis, less what
-    counts as rounding.
+    """Return where the stable region ends on the delta axis (`damping`) or on the omega axis, less
+    what counts as rounding.
     """
     return (1 - _ROUNDING) * float(
         _exit_radii(integrator, np.array([np.pi / 2 if damping else 0.0]))[0]
@@ -149,7 +156,7 @@ def axis_limit(integrator: str, damping: bool) -> float:
 
 @cache
 def notched(integrator: str) -> bool:
-    """Whether slow modes with little damping can limit the step more than fast modes.
+    """Return whether slow modes with little damping can limit the step more than fast modes.
 
     This holds for dopri5: its region ends at 1 on the omega axis, and at 3 right beside the axis.
     """
@@ -158,21 +165,23 @@ def notched(integrator: str) -> bool:
 
 
 def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> Floats:
-    """Largest stable time step of each mode [s]; infinite for one at rest.
+    """Return the largest stable time step of each mode [s]; infinite for one at rest.
 
     `omega` and `delta` are angular frequency and damping of the modes [1/s], >= 0, of one shape.
     """
     angle, radius = border_of_region(integrator)
-    omega, delta = np.asarray(omega, float), np.asarray(delta, float)
-    ray, size = np.atleast_1d(np.arctan2(delta, omega)), np.hypot(omega, delta)
+    omega = np.asarray(omega, float)
+    delta = np.asarray(delta, float)
+    ray = np.atleast_1d(np.arctan2(delta, omega))
+    size = np.hypot(omega, delta)
     if not np.isfinite(radius).all():  # implicit
         return np.full(size.shape, np.inf)
-    after = np.searchsorted(angle, ray).clip(1, len(angle) - 1)
-    pair = radius[after - 1], radius[after]
+    right = np.searchsorted(angle, ray).clip(1, len(angle) - 1)
+    pair = radius[right - 1], radius[right]
     steady = np.abs(pair[0] - pair[1]) < 0.02 * pair[1]  # else the border jumps between the rays
     exits = np.interp(ray, angle, radius)
     if not steady.all():
-        # Each ray once: of an undamped cloth all modes are on one.
+        # Each ray is searched once: all modes of an undamped cloth are on a single one.
         rays, place = np.unique(ray[~steady], return_inverse=True)
         exits[~steady] = _exit_radii(integrator, rays)[place.ravel()]
     exits = exits.reshape(size.shape)
@@ -180,7 +189,8 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
 
 
 def box_limit(integrator: str, omega: float, delta: float) -> float:
-    """Largest time step that is stable for every mode with at most this omega and this delta [s].
+    """Return the largest time step that is stable for every mode with at most this omega and this
+    delta [s].
 
     Modes may combine frequency and damping in any way. So the whole box [0, omega dt] x [0, delta
     dt] has to lie in the stable region. Between two rays the box is taken at its widest and the
@@ -190,10 +200,9 @@ def box_limit(integrator: str, omega: float, delta: float) -> float:
         return float(mode_limit(integrator, omega, delta))
     angle, radius = border_of_region(integrator)
     box = np.full(len(angle), np.hypot(omega, delta))  # as far as the corner, then the far side
-    before = angle < np.arctan2(delta, omega)
-    after = ~before
-    box[before] = omega / np.cos(angle[before])
-    box[after] = delta / np.sin(angle[after])
+    low = angle < np.arctan2(delta, omega)
+    box[low] = omega / np.cos(angle[low])
+    box[~low] = delta / np.sin(angle[~low])
     widest = np.maximum(box[:-1], box[1:])
-    widest[np.count_nonzero(before) - 1] = np.hypot(omega, delta)
+    widest[np.count_nonzero(low) - 1] = np.hypot(omega, delta)
     return float((np.minimum(radius[:-1], radius[1:]) / widest).min())

@@ -35,8 +35,8 @@ SPRING_DTYPE = np.dtype(
     ]
 )
 
-# Per family and direction, the (row, column) offsets of the spring's two ends from a cell's
-# corner: the order of the spring table.
+# The (row, column) offsets of a spring's two ends from a cell's corner, per family and direction,
+# are in the order of the spring table.
 _ENDS = tuple(
     (family, *ends)
     for family, r, c in _core.spring_kinds
@@ -45,7 +45,7 @@ _ENDS = tuple(
     ]  # a diagonal has a mirror image
 )
 
-# What can be replaced beside everything else: arrays and pins stay.
+# These can be replaced beside everything else: arrays and pins stay.
 _FORCES = {"stiffness", "damping"}
 
 
@@ -143,7 +143,8 @@ class Cloth(Record):
         springs: Iterable[Family] = ("structural", "shear", "bend"),
         pins: Pins = ((0, 0), (-1, 0)),
     ) -> None:
-        shape, springs = checked_shape(shape, least=2), _springs(springs)
+        shape = checked_shape(shape, least=2)
+        springs = _springs(springs)
         sides = enumerate(check.items("size", size, 2, "numbers > 0"))
         self._set(
             shape=shape,
@@ -163,7 +164,7 @@ class Cloth(Record):
             return super().replace(**changes)
         return self._copy(
             ("core",),
-            **{name: _per_family(name, one, self.springs) for name, one in changes.items()},
+            **{name: _per_family(name, value, self.springs) for name, value in changes.items()},
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -181,7 +182,8 @@ class Cloth(Record):
 
     @property
     def spacing(self) -> tuple[float, float]:
-        (height, width), (rows, columns) = self.size, self.shape
+        (height, width) = self.size
+        (rows, columns) = self.shape
         return height / (rows - 1) if rows > 1 else 0.0, width / (
             columns - 1
         ) if columns > 1 else 0.0
@@ -258,7 +260,7 @@ class Cloth(Record):
         )
 
     def spring_count(self, family: Family | None = None) -> int:
-        """Number of springs, of one family or in all.
+        """Return the number of springs, of one family or in all.
 
         Parameters
         ----------
@@ -272,22 +274,22 @@ class Cloth(Record):
         """
         if family is not None:
             check.choice("family", family, FAMILIES)
-        wanted = self.springs if family is None else (family,)
+        families = self.springs if family is None else (family,)
         return sum(
             math.prod(self._cells(*ends))
             for name, *ends in _ENDS
-            if name in wanted and name in self.springs
+            if name in families and name in self.springs
         )
 
     def _cells(self, first: tuple[int, int], second: tuple[int, int]) -> tuple[int, int]:
-        """How many springs with these ends fit along the rows and along the columns."""
+        """Return how many springs with these ends fit along the rows and along the columns."""
         rows, columns = (
             max(n - max(a, b), 0) for n, a, b in zip(self.shape, first, second, strict=True)
         )
         return rows, columns
 
     def spring_table(self) -> npt.NDArray[np.void]:
-        """Every spring, one row each.
+        """Return every spring, one row each.
 
         The order is structural (r, c)-(r, c+1) and (r, c)-(r+1, c); shear (r, c)-(r+1, c+1) and (r,
         c+1)-(r+1, c); bend (r, c)-(r, c+2) and (r, c)-(r+2, c). Each of these six is ordered by r,
@@ -305,8 +307,10 @@ class Cloth(Record):
         >>> table[["i", "j", "rest_length"]].tolist()
         [(0, 1, 1.0), (2, 3, 1.0), (0, 2, 1.0), (1, 3, 1.0)]
         """
-        stiffness, damping = self.family_stiffness, self.family_damping
-        table, done = np.empty(self.spring_count(), SPRING_DTYPE), 0
+        stiffness = self.family_stiffness
+        damping = self.family_damping
+        table = np.empty(self.spring_count(), SPRING_DTYPE)
+        first_row = 0
         for family, first, second in _ENDS:
             if family not in self.springs:
                 continue
@@ -315,12 +319,14 @@ class Cloth(Record):
                 *(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True))
             )
             corners = (np.arange(rows)[:, None] * self.columns + np.arange(columns)).ravel()
-            block = table[done : done + corners.size]
+            springs = table[first_row : first_row + corners.size]
             for field, (r, c) in (("i", first), ("j", second)):
-                block[field] = corners + (r * self.columns + c)
-            block["family"], block["rest_length"] = family, length
-            block["stiffness"], block["damping"] = stiffness[family], damping[family]
-            done += corners.size
+                springs[field] = corners + (r * self.columns + c)
+            springs["family"] = family
+            springs["rest_length"] = length
+            springs["stiffness"] = stiffness[family]
+            springs["damping"] = damping[family]
+            first_row += corners.size
         return table
 
 
@@ -347,14 +353,14 @@ def _springs(value: Any) -> tuple[Family, ...]:
 def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mapping[str, float]:
     if isinstance(value, float) or not isinstance(value, Mapping):
         return check.number(name, value, minimum=0)
-    given = check.keys(name, value, springs, required=springs)
+    numbers = check.keys(name, value, springs, required=springs)
     return MappingProxyType(
-        {f: check.number(f"{name}[{f!r}]", given[f], minimum=0) for f in springs}
+        {f: check.number(f"{name}[{f!r}]", numbers[f], minimum=0) for f in springs}
     )
 
 
 def _groups_of(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, Any]]:
-    """Pins with motions as plain data: the points of each motion."""
+    """Return pins with motions as plain data: the points of each motion."""
     groups: dict[Motion | None, list[list[int]]] = {}
     for pair, motion in pins.items():
         groups.setdefault(motion, []).append(list(pair))
@@ -365,7 +371,7 @@ def _groups_of(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, 
 
 
 def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
-    """The argument `pins` of a cloth, checked."""
+    """Return the argument `pins` of a cloth, checked."""
     accepted = (
         "pins must be (row, column) pairs, a mapping of such pairs to motions, or a "
         f"boolean array of shape {shape}"
@@ -375,7 +381,7 @@ def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
     if (
         isinstance(value, (list, tuple))
         and value
-        and all(isinstance(one, Mapping) for one in value)
+        and all(isinstance(group, Mapping) for group in value)
     ):
         return _driven_pins(_from_groups(value), shape)  # as in to_dict
     if isinstance(value, (str, bytes)) or not np.iterable(value):
@@ -396,7 +402,7 @@ def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
 
 
 def _driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
-    """The pins of a mapping; without any motion the pairs alone."""
+    """Return the pins of a mapping; without any motion the pairs alone."""
     pairs = _checked_pins(list(value), shape)
     motions = [
         checked_motion(f"pins[{pair}]", motion) for pair, motion in zip(pairs, value.values())
@@ -413,10 +419,10 @@ def _driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
 def _from_groups(groups: Sequence[Mapping[str, Any]]) -> dict[tuple[int, int], Motion | None]:
     pins: dict[tuple[int, int], Motion | None] = {}
     for k, group in enumerate(groups):
-        given = check.keys(f"pins[{k}]", group, ("points", "motion"), required=("points",))
-        motion = given.get("motion")
+        entries = check.keys(f"pins[{k}]", group, ("points", "motion"), required=("points",))
+        motion = entries.get("motion")
         motion = motion_from_dict(motion) if isinstance(motion, Mapping) else motion
-        for pair in given["points"]:
+        for pair in entries["points"]:
             row, column = check.items(f"pins[{k}] points", pair, 2, "integers (row, column)")
             pins[row, column] = motion
     return pins

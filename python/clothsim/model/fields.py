@@ -106,16 +106,16 @@ _PIN_NAME = re.compile(r"pin(\d+)_([xyz])")
 
 
 def check_name(name: Any) -> str:
-    """`name` if it can be swept, else an error that suggests the nearest name."""
+    """Return `name` if it can be swept, else raise an error that suggests the nearest name."""
     text = name if isinstance(name, str) else ""
-    known = name
+    field = name
     if obstacle := _OBSTACLE_NAME.fullmatch(text):
-        known = f"{obstacle[1]}_{obstacle[3]}"
+        field = f"{obstacle[1]}_{obstacle[3]}"
     elif pin := _PIN_NAME.fullmatch(text):
-        known = f"pin0_{pin[2]}"
-    if isinstance(known, str) and known in NAMES:
+        field = f"pin0_{pin[2]}"
+    if isinstance(field, str) and field in NAMES:
         return str(name)
-    hint = check.nearest(known, NAMES)
+    hint = check.nearest(field, NAMES)
     raise ValueError(
         f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() "
         "lists them"
@@ -123,7 +123,7 @@ def check_name(name: Any) -> str:
 
 
 def sweepable() -> dict[str, str]:
-    """Every name that `sweep` takes in ``over``, with its unit.
+    """Return every name that `sweep` takes in ``over``, with its unit.
 
     Returns
     -------
@@ -142,7 +142,7 @@ def sweepable() -> dict[str, str]:
 
 
 def units(name: str) -> str:
-    """The unit of a swept name; "" where its values have none."""
+    """Return the unit of a swept name; "" where its values have none."""
     if _PIN_NAME.fullmatch(name):
         return "m"
     match = _OBSTACLE_NAME.fullmatch(name)
@@ -153,7 +153,7 @@ def units(name: str) -> str:
 
 
 def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
-    """A copy of `scene` with the named values.
+    """Return a copy of `scene` with the named values.
 
     Whole arguments are set before parts of them, whatever the order of `values`.
     """
@@ -185,7 +185,8 @@ def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
 
 
 def _with_pins(scene: Scene, values: Mapping[str, float]) -> Floats:
-    position, pins = scene.initial_position.copy(), [*scene.cloth.pins]
+    position = scene.initial_position.copy()
+    pins = [*scene.cloth.pins]
     for name, value in values.items():
         # The name has passed check_name.
         index, component = _PIN_NAME.fullmatch(name).groups()  # type: ignore[union-attr]
@@ -211,8 +212,8 @@ def _with_families(cloth: Cloth, parts: Mapping[str, Any]) -> dict[str, dict[str
         argument, _, family = name.rpartition("_")
         if family not in cloth.springs:
             raise ValueError(f"{name} needs a cloth with {family} springs, got {cloth.springs}")
-        whole = cloth.family_stiffness if argument == "stiffness" else cloth.family_damping
-        changed.setdefault(argument, dict(whole))[family] = value
+        values = cloth.family_stiffness if argument == "stiffness" else cloth.family_damping
+        changed.setdefault(argument, dict(values))[family] = value
     return changed
 
 
@@ -221,10 +222,10 @@ def _change_wind(wind: Wind | None, values: Mapping[str, Any]) -> Wind:
         raise ValueError(f"{next(iter(values))} needs a scene with wind")
     parts = {name.removeprefix("wind_"): value for name, value in values.items()}
     velocity = {c: parts.pop(f"velocity_{c}") for c in _COMPONENTS if f"velocity_{c}" in parts}
-    whole = {name: parts.pop(name) for name in _WIND if name in parts}
+    arguments = {name: parts.pop(name) for name in _WIND if name in parts}
     if velocity:
-        whole["velocity"] = _with_components(whole.get("velocity", wind.velocity), velocity)
-    wind = wind.replace(**whole)
+        arguments["velocity"] = _with_components(arguments.get("velocity", wind.velocity), velocity)
+    wind = wind.replace(**arguments)
     for part, value in parts.items():
         if wind.motion is None or part not in _arguments(type(wind.motion)):
             raise ValueError(f"wind_{part} needs a wind whose motion has it, got {wind.motion!r}")
@@ -249,7 +250,7 @@ def _change_spheres(
             for name, (kind, index, part) in parts.items()
             if index in (None, k) and _has(sphere, kind, part)
         }
-        # Whole arguments first and together; a part is then a part of the new whole.
+        # Whole arguments are replaced first and together; a part is then a part of the new whole.
         arguments = _arguments(type(sphere))
         sphere = sphere.replace(
             **{part: values[name] for name, part in own.items() if part in arguments}
@@ -279,11 +280,11 @@ def _check_obstacle(
 
 
 def _change_part(sphere: Sphere | Plane, name: str, part: str, value: Any) -> Sphere | Plane:
-    whole, _, component = part.rpartition("_")
+    vector_name, _, component = part.rpartition("_")
     if part == "center":
         return sphere.replace(**{sphere._place_name: value})
-    if whole in ("center", "point", "normal"):
-        argument = sphere._place_name if whole == "center" else whole
+    if vector_name in ("center", "point", "normal"):
+        argument = sphere._place_name if vector_name == "center" else vector_name
         vector = _with_components(getattr(sphere, argument), {component: value})
         return sphere.replace(**{argument: vector})
     if sphere.motion is None or part not in _arguments(type(sphere.motion)):

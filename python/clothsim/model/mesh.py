@@ -14,11 +14,11 @@ GROUP = (_core.group_size, _core.group_size, 1)
 
 
 def checked_shape(value: Any, least: int = 1) -> tuple[int, int]:
-    """`value` as (rows, columns) of a grid with at least `least` mass points, which the core
+    """Return `value` as (rows, columns) of a grid with at least `least` mass points, which the core
     numbers in 32 bits.
     """
-    given = check.items("shape", value, 2, "integers (rows, columns)")
-    rows, columns = (check.integer(f"shape[{k}]", n, minimum=1) for k, n in enumerate(given))
+    numbers = check.items("shape", value, 2, "integers (rows, columns)")
+    rows, columns = (check.integer(f"shape[{k}]", n, minimum=1) for k, n in enumerate(numbers))
     if not least <= rows * columns < 2**31:
         raise ValueError(
             f"shape must have {least:,} to {2**31 - 1:,} mass points, got {(rows, columns)}"
@@ -30,7 +30,7 @@ def checked_shape(value: Any, least: int = 1) -> tuple[int, int]:
 def thread_grid(
     shape: tuple[int, int], group: tuple[int, int, int] = GROUP
 ) -> npt.NDArray[np.void]:
-    """The compute shader's thread for each mass point (Kim et al., section 3.1).
+    """Return the compute shader's thread for each mass point (Kim et al., section 3.1).
 
     One thread per mass point, groups of 16 x 16 x 1 threads::
 
@@ -68,7 +68,8 @@ def thread_grid(
 
 @check.named
 def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
-    """The triangles of the sheet: two per cell, split from (row, column + 1) to (row + 1, column).
+    """Return the triangles of the sheet: two per cell, split from (row, column + 1) to (row + 1,
+    column).
 
     Corners run counterclockwise seen from above, so that normals of the flat sheet point up (+y).
 
@@ -89,5 +90,8 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     """
     rows, columns = checked_shape(shape)
     index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    a = index[:-1, :-1]
+    b = index[:-1, 1:]
+    c = index[1:, :-1]
+    d = index[1:, 1:]
     return np.stack([a, c, b, b, c, d], axis=-1).reshape(-1, 3)

@@ -33,8 +33,8 @@ from .record import Record
 
 Vectors = npt.NDArray[np.float64]
 
-# As MotionPiece in cpp/model/motion.hpp, with polynomial = (p0, ..., p5). Units: s (or parts of the
-# period), m, rad, 1.
+# The fields are those of MotionPiece in cpp/model/motion.hpp, with polynomial = (p0, ..., p5).
+# Units: s (or parts of the period), m, rad, 1.
 PIECE = np.dtype(
     [
         ("begin", "f8"),
@@ -55,7 +55,8 @@ _MOST_STOPS = 1_000_000  # of a motion in a run, each of which costs a step
 class BaseMotion(Record):
     kind: ClassVar[str]
     relative = True  # displacements count from the start, not from the origin
-    _period, _phase = 0.0, 0.0  # s, 1; no period: not periodic
+    _period = 0.0  # s; 0: not periodic
+    _phase = 0.0  # part of the period
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:
@@ -70,7 +71,8 @@ class BaseMotion(Record):
     @cached_property
     def largest_speed(self) -> float:
         """The largest speed, within 1e-3 of it [m/s]."""
-        pieces, phase = self.pieces, self._phase
+        pieces = self.pieces
+        phase = self._phase
         parts = np.linspace(0.0, 1.0, 65)
         times = (pieces["begin"][:, None] + parts * pieces["length"][:, None]).ravel()
         if self._period:
@@ -92,7 +94,7 @@ class BaseMotion(Record):
         }
 
     def center_at(self, t: npt.ArrayLike, center0: Numbers) -> Vectors:
-        """Centre of the sphere at the time `t` [m], the shape of `t` with 3 appended.
+        """Return the centre of the sphere at the time `t` [m], the shape of `t` with 3 appended.
 
         Parameters
         ----------
@@ -109,8 +111,8 @@ class BaseMotion(Record):
         return self._center(_times(t), np.array(check.vector("center0", center0)))
 
     def velocity_at(self, t: npt.ArrayLike) -> Vectors:
-        """Velocity of the sphere [m/s], the derivative of `center_at`; where it jumps, the velocity
-        just after.
+        """Return the velocity of the sphere [m/s], the derivative of `center_at`; where it jumps,
+        the velocity just after.
 
         Parameters
         ----------
@@ -125,8 +127,10 @@ class BaseMotion(Record):
         return self._velocity(_times(t))
 
     def _stops(self, begin: float, end: float) -> list[float]:
-        """Times between `begin` and `end` at which a piece ends."""
-        begins, period, phase = self.pieces["begin"].tolist(), self._period, self._phase
+        """Return the times between `begin` and `end` at which a piece ends."""
+        begins = self.pieces["begin"].tolist()
+        period = self._period
+        phase = self._phase
         times = begins[1:]
         if period:
             first, last = (math.floor(t / period + phase) for t in (begin, end))
@@ -309,7 +313,7 @@ class Sinusoid(BaseMotion):
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:
-        # Half a period each: the velocity is monotone on a piece.
+        # A piece is half a period: the velocity is monotone on it.
         return _pieces(
             [0.0, 0.5], 0.5, [], amplitude=np.outer((1, -1), self.amplitude), angle=math.pi
         )
@@ -377,17 +381,17 @@ class Keyframes(BaseMotion):
         times = check.array("times", times, (count,))
         check.check_all("times", times, np.diff(times, prepend=-np.inf) > 0, "strictly increasing")
         places = {"centers": centers, "offsets": offsets}
-        given = {
+        tables = {
             name: check.array(name, value, (count, 3))
             for name, value in places.items()
             if value is not None
         }
-        if len(given) != 1:
+        if len(tables) != 1:
             raise ValueError(
                 "one of centers and offsets must be given, got "
-                f"{' and '.join(given) or 'none of them'}"
+                f"{' and '.join(tables) or 'none of them'}"
             )
-        ((name, table),) = given.items()
+        ((name, table),) = tables.items()
         if isinstance(smooth, str):
             check.choice("smooth", smooth, ("rest",))
         else:
@@ -401,12 +405,13 @@ class Keyframes(BaseMotion):
         u = np.linspace(0, 1, 17)[:, None]
         polynomial = self.pieces["polynomial"][1:-1]
         curve = np.tensordot(u ** np.arange(6), polynomial, ([1], [1]))
-        low, high = keys.min(axis=0), keys.max(axis=0)
-        beyond = np.maximum(low - curve, curve - high)
-        largest = float(beyond.max())
+        low = keys.min(axis=0)
+        high = keys.max(axis=0)
+        excess = np.maximum(low - curve, curve - high)
+        largest = float(excess.max())
         span = float((high - low).max())
         if largest > _OVERSHOOT * span:
-            at = np.unravel_index(beyond.argmax(), beyond.shape)
+            at = np.unravel_index(excess.argmax(), excess.shape)
             warn_caller(
                 f"the smooth curve leaves the range of its keys by {largest:.3g} m, "
                 f"{largest / span:.2g} of it, after t = {self.times[at[1]]:g} s; "
@@ -416,16 +421,19 @@ class Keyframes(BaseMotion):
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:
-        times, places = self.times, self.offsets if self.centers is None else self.centers
+        times = self.times
+        places = self.offsets if self.centers is None else self.centers
         assert places is not None
-        lengths, ways = np.diff(times)[:, None], np.diff(places, axis=0)
+        lengths = np.diff(times)[:, None]
+        ways = np.diff(places, axis=0)
         curve = [places[:-1], ways]
         if self.smooth == "rest":
-            still = np.zeros_like(ways)
-            curve = [places[:-1], still, still, 10 * ways, -15 * ways, 6 * ways]
+            zero = np.zeros_like(ways)
+            curve = [places[:-1], zero, zero, 10 * ways, -15 * ways, 6 * ways]
         elif self.smooth:
             speeds = _spline_velocities(lengths, ways / lengths)
-            begins, ends = lengths * speeds[:-1], lengths * speeds[1:]
+            begins = lengths * speeds[:-1]
+            ends = lengths * speeds[1:]
             curve = [places[:-1], begins, 3 * ways - 2 * begins - ends, begins + ends - 2 * ways]
         rest = (np.zeros((1, 3)),) * (len(curve) - 1)
         curves = [
@@ -436,8 +444,8 @@ class Keyframes(BaseMotion):
 
 
 def _spline_velocities(h: Vectors, d: Vectors) -> Vectors:
-    """Velocities of the clamped spline at its times; `h` are the durations and `d` the mean
-    velocities between them.
+    """Return the velocities of the clamped spline at its times; `h` are the durations and `d` the
+    mean velocities between them.
 
     The acceleration is continuous at each inner time (de Boor, A Practical Guide to Splines, IV).
     """
@@ -461,7 +469,7 @@ def _pieces(
     angle: float = 0.0,
     decay: float = 0.0,
 ) -> npt.NDArray[Any]:
-    """Pieces of these values; `polynomial` may leave out its last coefficients."""
+    """Return pieces of these values; `polynomial` may leave out its last coefficients."""
     pieces = np.zeros(len(begin), PIECE)
     for name, values in (
         ("begin", begin),
@@ -489,7 +497,7 @@ MOTIONS: dict[str, type[BaseMotion]] = {
 
 
 def checked_motion(name: str, value: Any) -> Motion | None:
-    """`value` if it is a motion or None."""
+    """Return `value` if it is a motion or None."""
     if value is not None and not isinstance(value, (Linear, Reciprocate, Sinusoid, Keyframes)):
         raise TypeError(
             f"{name} must be Linear, Reciprocate, Sinusoid, Keyframes or None, got "
@@ -499,7 +507,7 @@ def checked_motion(name: str, value: Any) -> Motion | None:
 
 
 def motion_from_dict(data: Mapping[str, Any]) -> Motion:
-    """The motion of `data`: its "kind", a key of `MOTIONS`, and the arguments of that class."""
+    """Return the motion of `data`: a "kind" of `MOTIONS`, and the arguments of that class."""
     if not isinstance(data, Mapping):
         raise TypeError(f"motion must be a mapping with a 'kind', got {check.shown(data)}")
     kind = check.choice("motion kind", data.get("kind", ""), MOTIONS)

@@ -27,7 +27,7 @@ def paper_static(
     offset: Offset | float = "edge",
     as_printed: bool = False,
 ) -> Scene:
-    """The cloth swings down on to a sphere that stands still (Kim et al., section 6, Table 3).
+    """Return the cloth that swings down on to a sphere at rest (Kim et al., section 6, Table 3).
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def paper_moving(
     phase: float = 0.05,
     deceleration: float = 7.0,
 ) -> Scene:
-    """The cloth swings down while a sphere moves back and forth (Kim et al., section 6, Table 4).
+    """Return the cloth that swings down on to a moving sphere (Kim et al., section 6, Table 4).
 
     The sphere of radius 0.25 m travels one metre along x about (0, -0.5, 0.5), the centre of the
     hanging cloth. The paper prints neither its period nor its start. Here it touches the cloth
@@ -101,7 +101,7 @@ def _sphere(
 
 @check.named
 def paper_swing(bend: bool = False) -> Scene:
-    """The paper's cloth swings down without a sphere (Kim et al., Table 2).
+    """Return the paper's cloth that swings down without a sphere (Kim et al., Table 2).
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def hanging(
     drag: float = 0.6,
     springs: Iterable[Family] = ("structural",),
 ) -> Scene:
-    """A cloth that hangs from its top row and settles under its own weight.
+    """Return a cloth that hangs from its top row and settles under its own weight.
 
     Row 0 is pinned along y = 0. The other rows start straight below it, unstretched, in the plane z
     = 0. With structural springs only, every column is a chain, whose springs carry the weight of
@@ -170,7 +170,7 @@ def oscillator(
     length: float = 1.0,
     damping: float = 0.0,
 ) -> Scene:
-    """Two mass points and one spring along x: the harmonic oscillator. No gravity.
+    """Return two mass points and one spring along x: the harmonic oscillator, without gravity.
 
     Point (0, 0) is pinned at the origin; point (0, 1) is let go at x = length + amplitude and
     moves on the x axis. Undamped::

@@ -16,7 +16,7 @@ Self = TypeVar("Self", bound="Record")
 
 
 def _key(value: Any) -> Any:
-    """A hashable form of a value, equal for equal values."""
+    """Return a hashable form of a value, equal for equal values."""
     if isinstance(value, np.ndarray):
         return value.shape, (value + 0.0).tobytes()  # -0.0 is 0.0
     if isinstance(value, Mapping):
@@ -31,13 +31,11 @@ def _short(value: Any) -> str:
         4 if value and isinstance(value[0], Record) else 24
     ):
         return f"<{len(value)} entries, the first {value[0]!r}>"
-    return repr(
-        value.tolist()
-        if isinstance(value, np.ndarray)
-        else dict(value)
-        if isinstance(value, Mapping)
-        else value
-    )
+    if isinstance(value, np.ndarray):
+        return repr(value.tolist())
+    if isinstance(value, Mapping):
+        return repr(dict(value))
+    return repr(value)
 
 
 def _plain(value: Any) -> Any:
@@ -65,7 +63,7 @@ class Record:
         return tuple(_key(value) for value in self._values().values())
 
     def _values(self) -> dict[str, Any]:
-        """The arguments by name."""
+        """Return the arguments by name."""
         names = self.__match_args__  # type: ignore[attr-defined]
         return {name: getattr(self, name) for name in names}
 
@@ -84,7 +82,8 @@ class Record:
             object.__setattr__(self, name, value)
 
     def replace(self: Self, **changes: Any) -> Self:
-        """A copy with the named arguments of the constructor changed; the original stays as it is.
+        """Return a copy with the named arguments of the constructor changed; the original stays as
+        it is.
 
         Parameters
         ----------
@@ -98,18 +97,18 @@ class Record:
         return type(self)(**{**self._values(), **changes})
 
     def _copy(self: Self, forget: Collection[str], **values: Any) -> Self:
-        """A copy with other values, already checked, that shares what this record has cached,
-        except `forget`.
+        """Return a copy with other values, already checked, that shares what this record has
+        cached, except `forget`.
         """
-        made = object.__new__(type(self))
-        made.__dict__.update(self.__dict__, **values)
+        copy = object.__new__(type(self))
+        copy.__dict__.update(self.__dict__, **values)
         for name in forget:
-            made.__dict__.pop(name, None)
-        return made
+            copy.__dict__.pop(name, None)
+        return copy
 
     def to_dict(self) -> dict[str, Any]:
-        """The arguments as numbers, strings, lists and dicts, as JSON and TOML can hold them; None
-        is left out.
+        """Return the arguments as numbers, strings, lists and dicts, as JSON and TOML can hold
+        them; None is left out.
 
         Examples
         --------
@@ -120,7 +119,7 @@ class Record:
 
     @classmethod
     def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
-        """The object that `data`, as from ``to_dict``, describes.
+        """Return the object that `data`, as from ``to_dict``, describes.
 
         Parameters
         ----------
@@ -138,7 +137,9 @@ class Record:
 
     @classmethod
     def _arguments(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
-        """`data` as a dict, its keys checked; `more` are keys beside the arguments."""
+        """Return `data` as a dict, its keys checked; `more` are keys beside the arguments."""
         arguments = inspect.signature(cls).parameters
-        required = [name for name, one in arguments.items() if one.default is one.empty]
+        required = [
+            name for name, argument in arguments.items() if argument.default is argument.empty
+        ]
         return check.keys(cls.__name__, data, [*more, *arguments], [*more, *required])

@@ -44,7 +44,7 @@ class DrivenPins:
     ]  # (pins, 3): the ``center0`` with which each begins at its initial position [m]
 
     def places_at(self, t: float) -> npt.NDArray[np.float64]:
-        """Places at the time `t` [m], shape (pins, 3)."""
+        """Return the places at the time `t` [m], shape (pins, 3)."""
         return np.broadcast_to(self.motion._center(np.array(t), self.starts), self.starts.shape)
 
 
@@ -115,12 +115,12 @@ class Scene(Record):
         self._set(cloth=cloth, spheres=_spheres(spheres), gravity=check.vector("gravity", gravity))
         for name, value in (("position", position), ("velocity", velocity), ("force", force)):
             self._set(**{name: None if value is None else frozen(check.array(name, value, shape))})
-        if (given := self.velocity) is not None:
-            for r, c in np.argwhere(cloth.pinned & given.any(axis=-1)).tolist():
+        if (velocities := self.velocity) is not None:
+            for r, c in np.argwhere(cloth.pinned & velocities.any(axis=-1)).tolist():
                 motion = cloth.driven.get((r, c))
-                if motion is None or not np.allclose(given[r, c], motion.velocity_at(0.0)):
+                if motion is None or not np.allclose(velocities[r, c], motion.velocity_at(0.0)):
                     raise ValueError(
-                        f"velocity must be 0 at pinned points, got {given[r, c].tolist()} at "
+                        f"velocity must be 0 at pinned points, got {velocities[r, c].tolist()} at "
                         f"point {(r, c)}; "
                         "Cloth(pins={(row, column): cs.Linear(velocity)}) drives a pin"
                     )
@@ -139,7 +139,8 @@ class Scene(Record):
                 )
 
     def replace(self, **changes: Any) -> Scene:
-        cloth, own = changes.get("cloth"), self.cloth
+        cloth = changes.get("cloth")
+        own = self.cloth
         if (
             isinstance(cloth, Cloth)
             and len(changes) == 1
@@ -199,7 +200,8 @@ class Scene(Record):
     @cached_property
     def core_forces(self) -> list[_core.Force]:
         """The forces beside springs, gravity and contact, as the core takes them."""
-        drag, wind = self.cloth.drag, self.wind
+        drag = self.cloth.drag
+        wind = self.wind
         forces = [_core.Force("drag", [drag], _core.Motion())] if drag else []
         return [*forces, wind.core] if wind else forces
 
@@ -227,7 +229,8 @@ class Scene(Record):
         """Driven pins as the core takes them: motions, and (point, start, index of the motion) in
         the order of points.
         """
-        groups, columns = self.driven_pins, self.cloth.columns
+        groups = self.driven_pins
+        columns = self.cloth.columns
         pins = [
             (int(r) * columns + int(c), start, k)
             for k, group in enumerate(groups)
@@ -274,7 +277,7 @@ class Scene(Record):
         return service("explain")(self, precision, kernel, threads, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """Lines, and a picture of the initial state, for a notebook."""
+        """Return lines, and a picture of the initial state, for a notebook."""
         bundle: dict[str, Any] = service("scene_bundle")(self)
         return bundle
 
@@ -295,7 +298,7 @@ class Scene(Record):
         path : path-like
             File to write. The shader has no `force`, no wind and no driven pins.
         dt : float, optional
-            Time step [s], > 0. Default: half of the guaranteed stable step.
+            Time step [s], > 0. Default: half of the stable time step.
         title : str, optional
             Heading of the page. Default: the shape of the cloth.
 
@@ -326,7 +329,8 @@ class Scene(Record):
         if not isinstance(spheres, (list, tuple)):
             raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
         arguments["spheres"] = tuple(
-            (Plane if {"normal", "point"} & set(one) else Sphere).from_dict(one) for one in spheres
+            (Plane if {"normal", "point"} & set(values) else Sphere).from_dict(values)
+            for values in spheres
         )
         return cls(**arguments)
 
@@ -358,13 +362,14 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
 
 
 def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
-    """Times between `begin` and `end` at which motions of pins, spheres and wind turn, or pass a
-    time of their table [s].
+    """Return times between `begin` and `end` at which motions of pins, spheres and wind turn, or
+    pass a time of their table [s].
 
     Between two of them every motion is smooth: error control ends its steps there.
     """
     motions = {pins.motion for pins in scene.driven_pins}
-    motions |= {one.motion for one in (*scene.spheres, scene.wind) if one and one.motion}
+    things = (*scene.spheres, scene.wind)
+    motions |= {thing.motion for thing in things if thing and thing.motion}
     return sorted({t for motion in motions for t in motion._stops(begin, end)})
 
 
@@ -374,7 +379,7 @@ def cloth_text(scene: Scene) -> str:
 
 
 def spheres_text(scene: Scene) -> str:
-    """Numbers of spheres and planes, and their responses."""
+    """Return the numbers of spheres and planes, and their responses."""
     spheres = scene.spheres
     if not spheres:
         return "no sphere"

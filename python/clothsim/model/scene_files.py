@@ -16,7 +16,7 @@ from .scene import Scene
 
 _END = "file"  # the last table; its only entry shows that the file has not been cut
 
-# Of other arguments the comment is the unit.
+# The comment of every other argument is its unit.
 _COMMENTS = {
     "schema": "version of this layout",
     "position": "m, one [x, y, z] per mass point of every row; without it: the flat sheet",
@@ -108,24 +108,25 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
 
 
 def text_of(data: Mapping[str, Any]) -> str:
-    """The TOML text of `Scene.to_dict`."""
+    """Return the TOML text of `Scene.to_dict`."""
     return "\n".join(_table({**data, _END: {"complete": True}}, "")) + "\n"
 
 
 def _table(data: Mapping[str, Any], path: str) -> list[str]:
-    """The lines of a table: its values, then the tables in it.
+    """Return the lines of a table: its values, then the tables in it.
 
     TOML reads a value after a table's heading as that table's, hence the order.
     """
-    lines, below = [], []
+    lines = []
+    below = []
     for key, value in data.items():
-        there = f"{path}.{key}" if path else key
+        inner_path = f"{path}.{key}" if path else key
         # The short mappings of spring families are on the lines of their keys.
-        if isinstance(value, Mapping) and there not in ("cloth.stiffness", "cloth.damping"):
-            below += ["", f"[{there}]", *_table(value, there)]
+        if isinstance(value, Mapping) and inner_path not in ("cloth.stiffness", "cloth.damping"):
+            below += ["", f"[{inner_path}]", *_table(value, inner_path)]
         elif isinstance(value, list) and value and isinstance(value[0], Mapping):
             for entry in value:
-                below += ["", f"[[{there}]]", *_table(entry, there)]
+                below += ["", f"[[{inner_path}]]", *_table(entry, inner_path)]
         else:
             comment = _COMMENTS.get(key, units(key))
             lines.append(

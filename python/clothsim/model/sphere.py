@@ -31,7 +31,7 @@ OFFSETS: tuple[Offset, ...] = get_args(Offset)
 
 
 def lengths_of_offsets(cloth: Cloth) -> dict[str, float]:
-    """The length of the cloth in eq 13 [m] by the name of an offset."""
+    """Return the length of the cloth in eq 13 [m] by the name of an offset."""
     return {"edge": max(cloth.spacing), "cell": math.hypot(*cloth.spacing)}
 
 
@@ -103,7 +103,7 @@ class Obstacle(Record):
         return cls(**arguments)
 
     def center_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
-        """Centre at the time `t` [m], the shape of `t` with 3 appended.
+        """Return the centre at the time `t` [m], the shape of `t` with 3 appended.
 
         Parameters
         ----------
@@ -118,7 +118,8 @@ class Obstacle(Record):
         return (self.motion or _STILL).center_at(t, self.center)
 
     def velocity_at(self, t: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
-        """Velocity of the centre at the time `t` [m/s], the shape of `t` with 3 appended.
+        """Return the velocity of the centre at the time `t` [m/s], the shape of `t` with 3
+        appended.
 
         Parameters
         ----------
@@ -133,7 +134,7 @@ class Obstacle(Record):
         return (self.motion or _STILL).velocity_at(t)
 
     def offset_length(self, cloth: Cloth) -> float:
-        """Length that the contact radius adds to the true radius [m].
+        """Return the length that the contact radius adds to the true radius [m].
 
         For "edge" it is O = sqrt((D/2)^2 + R^2) - R (eq 13 of Kim et al.), with R the radius and D
         the largest distance between neighbours at rest. For "cell" D is the diagonal of a cell at
@@ -190,7 +191,8 @@ class Obstacle(Record):
                 f"response must be 'penalty' for a layer, got an obstacle with {self.response!r}"
             )
         mass = float(cloth.mass_per_point.mean())
-        thickness, stiffness = self.thickness, self.stiffness
+        thickness = self.thickness
+        stiffness = self.stiffness
         if thickness is None:
             thickness = _THICKNESS * min(length for length in cloth.spacing if length > 0)
         if stiffness is None:
@@ -202,7 +204,8 @@ class Obstacle(Record):
                     "stiffness must be given for an obstacle of a cloth without springs, got None"
                 )
         fastest = thickness * math.sqrt(stiffness / (2 * mass))
-        dissipation, slip_speed = self.dissipation, self.slip_speed
+        dissipation = self.dissipation
+        slip_speed = self.slip_speed
         if dissipation is None:
             dissipation = _DISSIPATION / min(fastest, _FASTEST)
         if slip_speed is None:
@@ -215,7 +218,7 @@ class Obstacle(Record):
         }
 
     def height(self, x: npt.ArrayLike, t: float = 0.0) -> npt.NDArray[np.float64]:
-        """Height of places over the surface at the time `t` [m]; below it negative.
+        """Return the height of places over the surface at the time `t` [m]; below it negative.
 
         Parameters
         ----------
@@ -259,8 +262,8 @@ class Obstacle(Record):
         return self.replace(**changes)
 
     def contact_radius(self, cloth: Cloth) -> float:
-        """Distance from the centre below which a mass point is in contact [m]: ``radius`` +
-        ``offset_length(cloth)``.
+        """Return the distance from the centre below which a mass point is in contact [m]:
+        ``radius`` + ``offset_length(cloth)``.
 
         Parameters
         ----------

@@ -49,14 +49,15 @@ fn contact_of(member: u32, obstacle: u32) -> Contact {
         contacts[c + 4u], contacts[c + 5u]);
 }
 
-// Whether a point may be in contact, in the arithmetic of a step: no point in contact is missed.
+// Returns whether a point may be in contact, in the arithmetic of a step: no point in contact is
+// missed.
 fn is_near(contact: Contact, position: vec3<real>) -> bool {
     let d = position - vec3<real>(contact.surface.place.whole);
     let n = vec3<real>(contact.surface.normal);
     return inner(d, n + n + multiple(real(contact.near_curvature), d)) < real(contact.near_level);
 }
 
-// |a|, whose square may vanish or overflow.
+// Returns |a|, whose square may vanish or overflow.
 fn length_of(a: vec3<wide>) -> wide {
     let largest = max(abs(a.x), max(abs(a.y), abs(a.z)));
     if (!(largest > wide(0.0))) { return wide(0.0); }
@@ -72,12 +73,12 @@ fn outward_normal(surface: Surface, d: vec3<wide>) -> vec3<wide> {
     return surface.normal;
 }
 
-// Velocity on which a response acts: relative to the obstacle, or absolute as printed.
+// Returns the velocity on which a response acts: relative to the obstacle, or absolute as printed.
 fn relative(contact: Contact, velocity: vec3<wide>, as_printed: bool) -> vec3<wide> {
     return select(velocity - contact.velocity, velocity, as_printed);
 }
 
-// Eq 7, scaled by restitution, with Coulomb friction where the obstacle is `rough`.
+// Reflects by eq 7, scaled by restitution, with Coulomb friction where the obstacle is `rough`.
 fn reflection(contact: Contact, velocity: vec3<wide>, normal: vec3<wide>, as_printed: bool,
               rough: bool) -> vec3<wide> {
     let approach = relative(contact, velocity, as_printed);
@@ -141,7 +142,7 @@ fn respond_ray(point: PointState, contact: Contact, as_printed: bool, rough: boo
     return state_at_spot(point, spot_sum(surface.place, d), rebound);
 }
 
-// The point after the response to an obstacle: method 2 if `ray`, else method 1.
+// Returns the point after the response to an obstacle: method 2 if `ray`, else method 1.
 fn respond(point: PointState, contact: Contact, member: u32, ray: bool, as_printed: bool,
            rough: bool) -> PointState {
     if (!is_near(contact, point.position)) { return point; }  // nearly all points end here

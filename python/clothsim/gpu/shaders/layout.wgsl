@@ -28,23 +28,24 @@ struct Constants {
     members: u32,
 }
 
-// `parameters` of a member: gravity (3), drag, the largest speed. From `first_spring` on:
-// stiffness, rest length and damping of each kind of spring. From `first_weight` on: one weight a
-// point, 0 where it is pinned, else 1/mass.
+// `parameters` has for a member gravity (3), drag and the largest speed. From `first_spring` on
+// follow stiffness, rest length and damping of each kind of spring; from `first_weight` on one
+// weight a point, 0 where it is pinned, else 1/mass.
 @group(0) @binding(0) var<uniform> constants: Constants;
 @group(0) @binding(1) var<storage, read_write> state: array<real>;
 @group(0) @binding(2) var<storage, read_write> compensation: array<real>;
 @group(0) @binding(3) var<storage, read_write> stage_a: array<real>;
 @group(0) @binding(4) var<storage, read_write> stage_b: array<real>;
-// Three planes of the first stage's accelerations, three of the sum of the second's and third's.
+// These are three planes of the first stage's accelerations, and three of the sum of the second's
+// and third's.
 @group(0) @binding(5) var<storage, read_write> accelerations: array<real>;
 @group(0) @binding(6) var<storage, read> parameters: array<real>;
 @group(0) @binding(7) var<storage, read> contacts: array<wide>;
-// First and third stages since the host set it to 0. Then a value of every member for each of
-// FINDINGS (shader.py), and at the end the number of its responses.
+// The first value counts first and third stages since the host set it to 0. Then follow a value of
+// every member for each of FINDINGS (shader.py), and at the end the number of its responses.
 @group(0) @binding(8) var<storage, read_write> results: array<atomic<u32>>;
 
-// Whole steps, from the fourth stage on with the present one, whether or not the counting
+// Counts whole steps, from the fourth stage on with the present one, whether or not the counting
 // invocation was here before.
 fn steps_done() -> u32 { return (atomicLoad(&results[0]) - u32(stage == 3u)) / 2u; }
 
@@ -61,5 +62,5 @@ fn count_response(member: u32) {
     atomicAdd(&results[1u + findings * constants.members + member], 1u);
 }
 
-// Index of a point's value in the first plane.
+// Returns the index of a point's value in the first plane.
 fn place(id: vec3<u32>) -> u32 { return id.z * 6u * points() + id.y * constants.columns + id.x; }

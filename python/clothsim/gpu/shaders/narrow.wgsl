@@ -6,7 +6,7 @@ fn spot_difference(a: Spot, b: Spot) -> vec3<f32> {
     return keep_all(a.whole - b.whole) + (a.low - b.low);
 }
 
-// a + d with its rounding error (Knuth's two-sum).
+// Returns a + d with its rounding error (Knuth's two-sum).
 fn spot_sum(a: Spot, d: vec3<f32>) -> Spot {
     let sum = keep_all(a.whole + d);
     let part = keep_all(sum - a.whole);

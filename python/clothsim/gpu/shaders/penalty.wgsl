@@ -8,8 +8,8 @@ struct PenaltyContact {
     deepest: real,
 }
 
-// An obstacle at the time of this stage, which the host places at the start, the middle and the end
-// of each step.
+// Returns an obstacle at the time of this stage, which the host places at the start, the middle and
+// the end of each step.
 fn penalty_contact_of(member: u32, obstacle: u32) -> PenaltyContact {
     let at = contact_at(member, obstacle, u32(stage == 4u));
     let first = at + 6u * (stage / 2u);
@@ -21,8 +21,8 @@ fn penalty_contact_of(member: u32, obstacle: u32) -> PenaltyContact {
         real(contacts[c + 4u]), real(contacts[c + 5u]), real(contacts[c + 6u]));
 }
 
-// `force` plus that of an obstacle. A pinned point does not move by it. Findings are of states from
-// which a step starts.
+// Returns `force` plus that of an obstacle. A pinned point does not move by it. Findings are of
+// states from which a step starts.
 fn add_contact(force: vec3<real>, x: vec3<real>, v: vec3<real>, id: vec3<u32>,
                obstacle: u32) -> vec3<real> {
     let contact = penalty_contact_of(id.z, obstacle);

@@ -26,8 +26,8 @@ fn acceleration_at(at: u32) -> vec3<real> {
     return vec3<real>(accelerations[at], accelerations[at + n], accelerations[at + 2u * n]);
 }
 
-// A vector that the stage before left for this one: x_n for the first; then it stands in the buffer
-// that the stage does not write.
+// Returns a vector that the stage before left for this one: x_n for the first; then it stands in
+// the buffer that the stage does not write.
 fn source(at: u32) -> vec3<real> {
     let n = points();
     if (stage == 1u) { return state_at(at); }
@@ -35,7 +35,7 @@ fn source(at: u32) -> vec3<real> {
     return vec3<real>(stage_a[at], stage_a[at + n], stage_a[at + 2u * n]);
 }
 
-// Two vectors for the stage after this one.
+// Stores two vectors for the stage after this one.
 fn store(at: u32, first: vec3<real>, second: vec3<real>) {
     for (var k = 0u; k < 6u; k++) {
         let value = select(second[k % 3u], first[k % 3u], k < 3u);
@@ -44,7 +44,7 @@ fn store(at: u32, first: vec3<real>, second: vec3<real>) {
     }
 }
 
-// A vector of the state after the step.
+// Stores a vector of the state after the step.
 fn store_state(at: u32, value: vec3<real>, low: vec3<real>) {
     for (var k = 0u; k < 3u; k++) {
         state[at + k * points()] = value[k];
@@ -52,7 +52,7 @@ fn store_state(at: u32, value: vec3<real>, low: vec3<real>) {
     }
 }
 
-// `force` plus the force of the spring to the point `other`.
+// Returns `force` plus the force of the spring to the point `other`.
 fn add_spring(force: vec3<real>, x: vec3<real>, v: vec3<real>, other: u32,
               first: u32) -> vec3<real> {
     let d = source(other) - x;
@@ -101,7 +101,7 @@ fn advance(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var k = 0u; k < 3u; k++) { accelerations[into + k * points()] = sum[k]; }
 }
 
-// The last stage's sums, then the responses: a point is moved by its own invocation only.
+// Finishes the last stage's sums, then the responses: a point is moved by its own invocation only.
 fn finish(id: vec3<u32>, a: vec3<real>) {
     let at = place(id);
     let v_at = at + 3u * points();
@@ -121,7 +121,7 @@ fn finish(id: vec3<u32>, a: vec3<real>) {
     store_state(v_at, point.velocity, point.velocity_low);
 }
 
-// old + increment, and its rounding error (Kahan 1965).
+// Returns old + increment, and its rounding error (Kahan 1965).
 fn add_increment(old: vec3<real>, low: vec3<real>, increment: vec3<real>) -> array<vec3<real>, 2> {
     let whole = keep_all(increment + low);
     let next = keep_all(old + whole);
