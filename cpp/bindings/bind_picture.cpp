@@ -5,7 +5,7 @@
 #include "bindings/bindings.hpp"
 #include "bindings/unlocked.hpp"
 #include "memory/threads.hpp"
-#include "picture/frame.hpp"
+#include "picture/picture.hpp"
 
 namespace clothsim {
 namespace {

@@ -66,6 +66,7 @@ void bind_build(py::module_& m) {
                  "points_per_thread_of_step"_a = heuristics::points_per_thread_of_step,
                  "points_per_thread_of_response"_a = heuristics::points_per_thread_of_response,
                  "rows_per_thread"_a = heuristics::rows_per_thread,
+                 "bytes_in_shared_cache"_a = heuristics::bytes_in_shared_cache,
                  "steps_of_block"_a = heuristics::steps_of_block,
                  "steps_of_short_block"_a = heuristics::steps_of_short_block,
                  "negligible_depth"_a = heuristics::negligible_depth,

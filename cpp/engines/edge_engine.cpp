@@ -442,7 +442,8 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
 
 template <class Real>
 void EdgeEngine<Real>::place_contacts(Band& band) {
-    constexpr double part[] = {0, 0.5, 0.5, 1}, weight[] = {1. / 6, 1. / 3, 1. / 3, 1. / 6};
+    constexpr double part[] = {0, 0.5, 0.5, 1};
+    constexpr double weight[] = {1. / 6, 1. / 3, 1. / 3, 1. / 6};
     const double t = band.clock.at(band.step - step_);
     const double dt = band.clock.dt;
     if (band.step > step_ && !this->obstacles_move()) return this->note_time(t, band.obstacles[0]);

@@ -125,7 +125,8 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
     this->choose_sides(clock.at(0));
     Barrier barrier(team);
     run_team(team, [&](int thread) {
-        constexpr double part[] = {0, 0.5, 0.5, 1}, weight[] = {1. / 6, 1. / 3, 1. / 3, 1. / 6};
+        constexpr double part[] = {0, 0.5, 0.5, 1};
+        constexpr double weight[] = {1. / 6, 1. / 3, 1. / 3, 1. / 6};
         std::vector<PenaltyArguments<Real>> obstacles;
         for (std::int64_t k = 1; k <= steps; ++k) {
             for (int s = 0; s < 4; ++s) {

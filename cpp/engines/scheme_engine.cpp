@@ -164,7 +164,7 @@ public:
             std::swap(first_power_, end_power_);
         }
         const bool kink = this->kink_at(step_begin_, t, step_);
-        // From here on the velocity after a kink counts, and so another acceleration.
+        // The velocity after a kink counts from here on, and so another acceleration.
         const StageTime after = StageTime::of_end(t, step_);
         this->place_pins(after, 0, this->rows(), this->memory_);
         // The acceleration at the end is the first one of the next step.
@@ -348,7 +348,8 @@ private:
         const bool first = index == 0;
         const bool end = index == stages();
         const double weight = first || end ? 1 : weight_of(index);
-        ContactTally& sums = first ? first_contacts_ : end ? end_contacts_ : step_contacts_;
+        ContactTally& other_sums = end ? end_contacts_ : step_contacts_;
+        ContactTally& sums = first ? first_contacts_ : other_sums;
         if (first || end) sums.clear_rows(band.begin, band.end);
         this->place_obstacles(time, this->force_unit(), weight, first || end, band.obstacles);
         band.contacts = this->penalty_rows(band.obstacles, sums);

@@ -334,8 +334,8 @@ protected:
     }
 
     // Make room for accelerations by forces on points. They are those of the constant force, and of
-    // other forces on rows [begin, end) [N], in the layout of the kernel, which takes them in a unit
-    // [m/s^2].
+    // other forces on rows [begin, end) [N], in the layout of the kernel, which takes them in a
+    // unit [m/s^2].
     virtual void make_room_for_forces() = 0;
     virtual void put_forces(const Points& forces, int begin, int end) = 0;
     virtual double unit_of_forces() const { return 1; }

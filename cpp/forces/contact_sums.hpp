@@ -38,7 +38,8 @@ public:
             if (record[tail() + ContactRecord::touched] != 0) std::fill_n(record, size(), 0.0);
         });
     }
-    // Add the sums of other records in some rows, `weight` times. `with_extremes`: their extremes count.
+    // Add the sums of other records in some rows, `weight` times. `with_extremes`: their extremes
+    // count.
     void add_rows(const ContactTally& other, double weight, bool with_extremes, int begin,
                   int end) {
         each_record(begin, end, [&](double* record) {

@@ -55,7 +55,8 @@ struct PenaltyRows {
     const PenaltyArguments<Real>* obstacles = nullptr;
     int count = 0;
     double* sums = nullptr;
-    std::ptrdiff_t row = 0, obstacle = 0;  // elements from a record to the next
+    std::ptrdiff_t row = 0;  // elements from a row's record to the next row's
+    std::ptrdiff_t obstacle = 0;  // elements from an obstacle's record to the next one's
     int lanes = 0;
     std::uint64_t* near = nullptr;  // a bit for each obstacle near a row, row by row
 };

@@ -120,7 +120,8 @@ public:
         const Air air = at(state.time);
         const std::ptrdiff_t stride = columns + 2;
         std::vector<double> memory(std::size_t((2 * components + 6) * stride), 0.0);
-        double *upper = memory.data(), *lower = upper + components * stride;
+        double* upper = memory.data();
+        double* lower = upper + components * stride;
         double* const first = lower + components * stride + 1;
         double* const second = first + 3 * stride;
         const auto load = [&](int row, double* to) {

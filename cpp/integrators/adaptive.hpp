@@ -29,8 +29,8 @@ public:
     virtual void accept_step(double t) = 0;
     // Return the longest step from the state at time t, at most h, which has no kink of a motion
     // within. No point moves further than its distance from the spheres, or, in a step of at most
-    // `near`, than a part of their contact radius. `after_trial`: the velocities at the end of the step
-    // that was tried count too; a trial above `near` asks for no shorter one.
+    // `near`, than a part of their contact radius. `after_trial`: the velocities at the end of the
+    // step that was tried count too; a trial above `near` asks for no shorter one.
     virtual double contact_step(double t, double h, double near, bool after_trial) = 0;
     // Return the deepest free points in the layers of penalty obstacles at the end, time t, of the
     // step that was tried.
@@ -59,7 +59,8 @@ public:
     bool judge(double trial, double error, int order) {
         constexpr double safety = 0.9;  // of a step; not tuned: customary
         constexpr double integral_part = 0.4;  // of 1 / order, taken from the proportional one
-        constexpr double least_factor = 0.2, most_factor = 5;
+        constexpr double least_factor = 0.2;
+        constexpr double most_factor = 5;
         const bool was_rejected = std::exchange(rejected, !(error <= 1));
         if (rejected) {
             const double factor = std::isfinite(error) ? safety * std::pow(error, -1.0 / order) : 0;

@@ -31,7 +31,8 @@ struct ChebyshevMethod {
     std::vector<double> weights;
 
     static constexpr int error_order = 3;  // the power of the step with which the estimate falls
-    static constexpr double error_of_increment = -0.8, error_of_slopes = 0.4;
+    static constexpr double error_of_increment = -0.8;
+    static constexpr double error_of_slopes = 0.4;
 };
 
 // Returns the stages that are stable for modes of this damping rate in a step of h [s].

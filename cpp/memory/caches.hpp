@@ -12,7 +12,7 @@
 
 namespace clothsim {
 
-// Bytes of a processor's second-level cache.
+// Returns the bytes of a processor's second-level cache.
 inline std::ptrdiff_t second_level_cache() {
     using namespace heuristics;
     static const std::ptrdiff_t bytes = [] {
@@ -25,13 +25,14 @@ inline std::ptrdiff_t second_level_cache() {
     return bytes;
 }
 
-// Bytes of the working set of a strip of a wide cloth.
+// Returns the bytes of the working set of a strip of a wide cloth.
 inline std::ptrdiff_t bytes_under_way() {
     return std::max(second_level_cache(), heuristics::default_cache) / 3 *
         heuristics::thirds_of_cache_for_strip;
 }
 
-// Bytes of the largest working set of a band whose state and work are swept stage by stage.
+// Returns the bytes of the largest working set of a band whose state and work are swept stage by
+// stage.
 inline std::ptrdiff_t bytes_kept_in_cache() {
     return second_level_cache() / 4 * heuristics::quarters_of_cache_for_sweep;
 }

@@ -1,4 +1,4 @@
-// Whether the user has asked for the end, asked in the middle of long work.
+// Asks in the middle of long work whether the user wants it to end.
 #pragma once
 
 #include <atomic>

@@ -29,7 +29,8 @@ public:
 
 private:
 #if defined(__x86_64__)
-    static constexpr unsigned results = 0x8000, operands = 0x40;  // FTZ, DAZ
+    static constexpr unsigned results = 0x8000;  // FTZ
+    static constexpr unsigned operands = 0x40;   // DAZ
     unsigned before_;
 #elif defined(__aarch64__)
     static constexpr std::uint64_t both = std::uint64_t(1) << 24;  // FZ

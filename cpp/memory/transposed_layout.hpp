@@ -44,7 +44,8 @@ struct TransposedLayout {
             for (int c = own(s); c < own(s + 1); ++c)
                 column_place.push_back(s * strip_size() + in_record(c - start(s)));
     }
-    // First column of a strip's window; first of those that are its own.
+    // The first returns the first column of a strip's window; the second the first of those that
+    // are its own.
     int start(int strip) const {
         return strips == 1 ? 0 : int(std::int64_t(strip) * (columns - window) / (strips - 1));
     }
@@ -62,13 +63,13 @@ struct TransposedLayout {
     std::ptrdiff_t at(int row, int column, int k = 0) const {
         return row * row_size() + in_row(column) + k * lanes;
     }
-    // Where the column of a strip's window stands in its row.
+    // Returns where the column of a strip's window stands in its row.
     std::ptrdiff_t in_record(int column) const {
         return column % vectors * stride + column / vectors;
     }
     std::ptrdiff_t compensation() const { return vectors * stride; }
     std::ptrdiff_t first() const { return 0; }
-    // Where the state stands, without its compensation.
+    // Returns where the state stands, without its compensation.
     Spans state_spans() const {
         return {std::ptrdiff_t(strips) * rows, vectors * stride, row_size()};
     }

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "memory/poll.hpp"
-#include "picture/frame.hpp"
+#include "picture/picture.hpp"
 
 namespace clothsim::picture {
 

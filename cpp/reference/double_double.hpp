@@ -6,7 +6,8 @@
 namespace clothsim::reference {
 
 struct DoubleDouble {
-    double high = 0, low = 0;  // |low| is at most half a unit in the last place of high
+    double high = 0;
+    double low = 0;  // |low| is at most half a unit in the last place of high
 
     DoubleDouble(double value = 0, double rest = 0)
         : high(value + rest), low(rest - (high - value)) {}

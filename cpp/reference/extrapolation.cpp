@@ -38,7 +38,8 @@ struct System {
 
 void accelerations(const System& system, const State& state, const Real& t, double inside,
                    Values& a) {
-    const Values &x = state.x, &v = state.v;
+    const Values& x = state.x;
+    const Values& v = state.v;
     const Cloth& cloth = system.scene.cloth;
     for (std::size_t k = 0; k < a.size(); ++k)
         a[k] = system.scene.has_force() ? system.scene.force.data()[k] : 0;

@@ -5,14 +5,17 @@ import functools
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim import _core
 from variants import INSTRUCTION_SETS, NAMED_KERNELS, PRECISIONS, cases, pairs
 
 BOUND = {"double": 1e-12, "single": 5e-5}
 
-# More than 4 MiB each. The first is no multiple of a vector wide, and with the four doubles of AVX2
-# its strips overlap by 16 columns, so that a halo of 7 would do harm; of the second each band of
-# rows fits into cache; the third has several strips whatever the size of the second-level cache.
+# No state fits into the shared cache. The first is no multiple of a vector wide, and with the four
+# doubles of AVX2 its strips overlap by 16 columns, so that a halo of 7 would do harm; each band of
+# rows of the second fits into cache; the third has several strips whatever the size of the
+# second-level cache.
 SHAPES = [(61, 1521), (16, 5464), (40, 2600)]
+BYTES_OF_POINT = 48
 STEPS = 4
 
 UNIFORM = {"mass": "uniform", "pins": ()}
@@ -30,6 +33,7 @@ def options(request):
 
 @functools.cache
 def reference(crumpled, shape, features):
+    assert BYTES_OF_POINT * shape[0] * shape[1] > _core.heuristics["bytes_in_shared_cache"]
     state = scene, x, v, dt = crumpled(shape=shape, **FEATURES[features])
     return state, cs.reference_step(scene, x, v, dt, STEPS)
 

@@ -47,8 +47,9 @@ FEATURES = [
 
 @cases()
 def test_threads_exchange_the_halo_rows_of_every_set_of_springs(variant, crumpled, same_bits):
+    rows = 4 * _core.heuristics["rows_per_thread"]
     for feature in FEATURES:
-        scene, x, v, dt = crumpled(shape=(32, 32), **feature)
+        scene, x, v, dt = crumpled(shape=(rows, 32), **feature)
         expected = cs.step(scene, x, v, dt, 6, **variant.options)
         # The second of three meets a neighbour where it begins and where it ends.
         for threads in (2, 3):

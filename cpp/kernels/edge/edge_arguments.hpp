@@ -1,5 +1,5 @@
-// Input and output of the edge kernel. Plain data, shared by portable and per-instruction-set
-// files.
+// Input and output of the edge kernel, as plain data that portable and per-instruction-set files
+// share.
 #pragma once
 
 #include <cstddef>
@@ -60,7 +60,7 @@ struct EdgeArguments : StepConstants<Real> {
     const EdgeRowPointers<Real>* rows;  // of the band, in the order of the sweep
     const Real* coefficients;  // [class][SpringKind][EdgeCoefficientIndex][lane]
     const std::uint8_t* coefficient_class;  // per vector of a row
-    // Of shape [vector][columns - 1][lane]: all bits where so many columns follow, else none.
+    // The shape is [vector][columns - 1][lane]: all bits where so many columns follow, else none.
     const Real* reach;
     // The first vectors of a row, in which each lane has every spring: all but the last two of a
     // row without padding.

@@ -98,7 +98,8 @@ inline constexpr Pipeline pipeline =
 template <class Real, Legs present>
 struct Turns {
     static constexpr Pipeline all = pipeline<Real>;
-    static constexpr int legs = std::popcount(present), count = legs + all.to_force;
+    static constexpr int legs = std::popcount(present);
+    static constexpr int count = legs + all.to_force;
     static constexpr std::array<Leg, leg_count> order = [] {
         std::array<Leg, leg_count> order{};
         int next = 0;
@@ -124,8 +125,8 @@ struct EdgeSet {
     bool bend, damped;
 };
 
-// All springs that start in a row with two more behind it. `fixed` is the number of vectors of a
-// row, 0 if it is not known here.
+// Sums all springs that start in a row with two more behind it. `fixed` is the number of vectors of
+// a row, 0 if it is not known here.
 template <class Arch, class Real, EdgeSet set, Stage stage, int fixed>
 class RowPass {
     using V = Lanes<Real, Arch>;
@@ -177,7 +178,8 @@ class RowPass {
     }
     // Returns how many vectors follow in the row, as far as is known.
     static constexpr int following(Place place) {
-        return place == Place::inner ? 2 : place == Place::second_last ? 1 : 0;
+        if (place == Place::inner) return 2;
+        return place == Place::second_last ? 1 : 0;
     }
     // Returns the place of vector k. Behind the last vector stands the first, a lane on.
     CLOTHSIM_INLINE std::ptrdiff_t place_of(int k) const {
@@ -257,7 +259,8 @@ class RowPass {
 
     template <int turn, Place place, bool first>
     CLOTHSIM_INLINE void take_turn(Column& c) {
-        constexpr int of_root = turn - Order::all.to_root, of_force = turn - Order::all.to_force;
+        constexpr int of_root = turn - Order::all.to_root;
+        constexpr int of_force = turn - Order::all.to_force;
         if constexpr (turn < Order::legs)
             begin<Order::order[turn]>(c, turn == Order::first_of_point);
         if constexpr (turn == Order::finishing)

@@ -171,7 +171,7 @@ CLOTHSIM_INLINE PendingRow<Real> pending_row(const EdgeArguments<Real>& e) {
     return row_to_finish(e, e.pending, e.pending_source);
 }
 
-// Finish the stage of one vector on which these forces act. `fixed`: the number of vectors of a
+// Finishes the stage of one vector on which these forces act. `fixed`: the number of vectors of a
 // row, 0 if not known here.
 template <class V, class Real, Stage stage, int fixed>
 CLOTHSIM_INLINE void finish_stage(const EdgeArguments<Real>& e, const PendingRow<Real>& row, int k,
@@ -252,7 +252,7 @@ __attribute__((noinline)) void finish_any(const EdgeArguments<Real>& e, const Pe
     }
 }
 
-// Ask for the part of a row ahead that belongs to a vector. In one go the requests would wait for
+// Asks for the part of a row ahead that belongs to a vector. In one go the requests would wait for
 // each other, and the arithmetic with them.
 template <class V, class Real>
 CLOTHSIM_INLINE void fetch(const EdgeArguments<Real>& e, const Real* ahead, int k) {

@@ -1,5 +1,5 @@
-// Input and output of one RK4 stage of the gather kernel. Plain data for the portable files and the
-// per-instruction-set files, so the header holds no code but constant expressions.
+// Input and output of one RK4 stage of the gather kernel, as plain data for the portable files and
+// the per-instruction-set files. So the header holds no code but constant expressions.
 #pragma once
 
 #include <cstddef>
@@ -46,7 +46,7 @@ struct SpringCoefficients {
     Real stiffness, rest, damping;
 };
 
-// For a vector of points in a row, the lanes whose point has a neighbour so many columns on.
+// The lanes of a vector of points in a row whose point has a neighbour so many columns on.
 struct LanesWithNeighbour {
     std::uint16_t bits[2 * stencil_reach] = {};
     static constexpr int index(int column) {

@@ -58,8 +58,8 @@ CLOTHSIM_INLINE void add_spring(Vector3<V>& force, const Vector3<V>& x, const Ve
                                 const Real* other, const PlaneOffsets& planes,
                                 const SpringLanes<V>& spring, std::uint64_t there) {
     const Vector3<V> d = position<V>(other, planes) - x;
-    // What the most operations wait for comes first.
-    // Coincident points: a spring without direction gives no force instead of a NaN.
+    // What the most operations wait for comes first. Coincident points: a spring without direction
+    // gives no force instead of a NaN.
     const V l = xsimd::sqrt(xsimd::max(dot(d, d), V(smallest_squared_length<Real>)));
     const V r = V(Real(1)) / l;
     V damping_force;  // c (w.d)

@@ -111,8 +111,10 @@ def _layer_bounds(scene: Scene, k: int) -> tuple[float, _LayerBounds]:
     thickness = layer["thickness"]
     stiffness = layer["stiffness"]
     damping = layer["dissipation"] + 2 * obstacle.friction / layer["slip_speed"]
+    omega2, delta = _core.mode_bounds(cloth.core, scene.core_forces)
     bounds = _LayerBounds(
-        *_core.mode_bounds(cloth.core, scene.core_forces),
+        stiffness=omega2,
+        damping=delta,
         square=6 * stiffness / mass,
         cube=damping * stiffness * thickness / mass,
     )
@@ -209,10 +211,15 @@ def _term_of(cloth: Cloth, wind: float, integrator: str) -> LimitingTerm:
     limit = box_limit(integrator, omega, delta)
     limit_undamped = box_limit(integrator, omega, 0.0)
     limit_damping = box_limit(integrator, 0.0, delta)
-    if not math.isfinite(limit):
-        return LimitingTerm("nothing", (), (), (), limit, integrator)
-    if limit == 0:
-        return LimitingTerm("method", (), (), (), limit, integrator)
+    if limit == 0 or not math.isfinite(limit):
+        return LimitingTerm(
+            kind="method" if limit == 0 else "nothing",
+            families=(),
+            values=(),
+            below=(),
+            max_stable_dt=limit,
+            integrator=integrator,
+        )
     if limit_damping < limit_undamped:
         kind = "damping"
         factor = limit_damping / limit_undamped

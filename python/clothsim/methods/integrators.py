@@ -54,7 +54,7 @@ class Integrator:
     in_kernels: bool = field(repr=False)  # whether the kernels take whole steps
     # Runge-Kutta: factors of the powers of z, from 1 on, by which a step multiplies exp(z).
     terms: tuple[float, ...] = field(repr=False)
-    # There are as many drifts as kicks, in turn, as parts of the step.
+    # A splitting has as many drifts as kicks, which take turns, in parts of the step.
     splitting: tuple[list[float], list[float]] = field(repr=False)
     # The explicit method that replaces a splitting where there is damping. For each stage and for
     # the result: factors of the velocity in x, and of the accelerations in x and in v.
@@ -153,9 +153,12 @@ def _integrator(name: str, facts: dict[str, Any]) -> Integrator:
     """Return a method that the core has described."""
     drifts, kicks = facts.get("splitting", ((), ()))
     tableau = facts.get("tableau")
+    order, order_damped, symplectic = _PROPERTIES[name]
     return Integrator(
-        name,
-        *_PROPERTIES[name],
+        name=name,
+        order=order,
+        order_damped=order_damped,
+        symplectic=symplectic,
         **{
             key: facts[key]
             for key in ("family", "adaptive", "stages", "stages_damped", "in_kernels")

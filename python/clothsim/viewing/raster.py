@@ -120,7 +120,7 @@ def render(
 def _on_screen(
     points: Floats, camera: Camera, axes: Floats, scale: float, width: int, height: int
 ) -> Floats:
-    """Samples to the right and down, and nearness; see Sheet in cpp/picture/frame.hpp."""
+    """Samples to the right and down, and nearness; see Sheet in cpp/picture/picture.hpp."""
     seen = np.einsum("rck,ak->rca", points - camera.target, axes)
     nearness = seen[..., 2]
     if camera.distance is not None:
