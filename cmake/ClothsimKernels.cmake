@@ -1,6 +1,7 @@
-# The kernels of one instruction set, as object libraries. Only they are compiled for it: whatever else were in these files
-# could be picked by the linker for every processor. EDGE_IN_VERSIONS: besides the edge kernel's loop for every cloth those for sets
-# of families and stages, which take most of the time to compile.
+# The kernels of one instruction set, as object libraries. Only they are compiled for it: whatever
+# else were in these files could be picked by the linker for every processor. EDGE_IN_VERSIONS:
+# besides the edge kernel's loop for every cloth those for sets of families and stages, which take
+# most of the time to compile.
 function(clothsim_add_kernels isa)
   cmake_parse_arguments(PARSE_ARGV 1 arg "EDGE_IN_VERSIONS" "" "")
   string(JOIN " " flags ${arg_UNPARSED_ARGUMENTS})
@@ -9,7 +10,8 @@ function(clothsim_add_kernels isa)
   target_include_directories(${options} INTERFACE cpp)
   target_link_libraries(${options} INTERFACE clothsim_options xsimd)
   target_compile_options(${options} INTERFACE ${arg_UNPARSED_ARGUMENTS})
-  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND isa STREQUAL "avx512")  # g++ 12 warns about its own _mm512_undefined_ps
+  # g++ 12 warns about its own _mm512_undefined_ps.
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND isa STREQUAL "avx512")
     target_compile_options(${options} INTERFACE -Wno-maybe-uninitialized -Wno-uninitialized)
   endif()
   target_compile_definitions(${options} INTERFACE "CLOTHSIM_ISA=\"${isa}\"" "CLOTHSIM_ISA_FLAGS=\"${flags}\"")
@@ -18,7 +20,8 @@ function(clothsim_add_kernels isa)
   add_library(${kernels} OBJECT cpp/kernels/kernel_table.cpp)
   if(arg_EDGE_IN_VERSIONS)
     target_compile_definitions(${options} INTERFACE CLOTHSIM_EDGE_IN_VERSIONS)
-    # The parts of kernel_table.hpp (edge_part_count). Those that take longest to compile are begun first.
+    # The parts of kernel_table.hpp (edge_part_count). Those that take longest to compile are begun
+    # first.
     foreach(part RANGE 3 0 -1)
       foreach(real IN ITEMS float double)
         add_library(${kernels}_${real}_${part} OBJECT cpp/kernels/edge/edge_part.cpp)

@@ -1,5 +1,6 @@
-# Eigen and xsimd are headers that the build environment brings as Python packages: cmeel-eigen with its own
-# CMake package, xsimd inside the wheel of pythran. A system copy is taken where there is one.
+# Eigen and xsimd are headers that the build environment brings as Python packages: cmeel-eigen with
+# its own CMake package, xsimd inside the wheel of pythran. A system copy is taken where there is
+# one.
 execute_process(
   COMMAND ${Python_EXECUTABLE} -c "import sysconfig; print(sysconfig.get_paths()['purelib'])"
   OUTPUT_VARIABLE CLOTHSIM_SITE_PACKAGES OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)

@@ -2,12 +2,15 @@
 # The core under sanitizers: tools/sanitize.sh address|thread [arguments of pytest]
 #
 #   address  AddressSanitizer and UndefinedBehaviorSanitizer with float-cast-overflow
-#   thread   ThreadSanitizer with archer, which knows what the threads of LLVM's libomp wait for; libgomp it cannot see through
+#   thread   ThreadSanitizer with archer, which knows what the threads of LLVM's libomp wait for;
+#            it cannot see through libgomp
 #
 # Both need clang (Debian: clang libomp-dev).
 #
-# First planted faults have to be reported; the argument "planted" ends there. Then the core is built into build/sanitize, with the kernels
-# that every processor has, and tests have to pass without a report. PYTHON names an interpreter that has the packages of the extra "test", pybind11, cmake and ninja.
+# First planted faults have to be reported; the argument "planted" ends there. Then the core is
+# built into build/sanitize, with the kernels that every processor has, and tests have to pass
+# without a report. PYTHON names an interpreter that has the packages of the extra "test", pybind11,
+# cmake and ninja.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 kind=${1:?address or thread}
@@ -34,7 +37,8 @@ case $kind in
 esac
 LD_LIBRARY_PATH=$(dirname "$(readlink -f "$(command -v clang++)")")/../lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
 export LD_LIBRARY_PATH
-# An interpreter that has the runtime in it: preloaded, that of TSan fails. It needs the shared library of Python.
+# An interpreter that has the runtime in it: preloaded, that of TSan fails. It needs the shared
+# library of Python.
 read -r library version home < <("$PYTHON" -c \
   "import sys, sysconfig as s; print(s.get_config_var('LIBDIR'), s.get_config_var('LDVERSION'), sys.base_prefix)")
 echo "home = $home/bin" > "$folder/pyvenv.cfg"
@@ -55,7 +59,8 @@ done
 
 [ "$1" != planted ] || exit 0
 
-launcher=$(command -v ccache > /dev/null && echo ccache || true)  # the bare name: then no header is precompiled
+# The bare name makes CMake precompile no header.
+launcher=$(command -v ccache > /dev/null && echo ccache || true)
 cmake -G Ninja -S . -B "$folder" -DSKBUILD_PROJECT_VERSION=0 -DSKBUILD_PROJECT_VERSION_FULL=0 -DCMAKE_BUILD_TYPE=Sanitize \
   -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_CXX_FLAGS="-O1 -g1 -fno-omit-frame-pointer $flags" -DCLOTHSIM_PORTABLE=ON \
   -DCMAKE_CXX_COMPILER_LAUNCHER="$launcher" -DPython_EXECUTABLE="$PYTHON" -Dpybind11_DIR="$("$PYTHON" -m pybind11 --cmakedir)" \

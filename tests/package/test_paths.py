@@ -45,7 +45,7 @@ def test_a_path_that_is_gone_is_named():
 def targets():
     """Targets of the Makefile, stamps of extras included."""
     text = (ROOT / "Makefile").read_text(encoding="utf8")
-    phony = re.search(r"^\.PHONY: (.+)$", text, re.M)[1].split()
+    phony = re.search(r"^\.PHONY: ((?:.+\\\n)*.+)$", text, re.M)[1].replace("\\", " ").split()
     extras = re.search(
         r"^\[project\.optional-dependencies\]\n(.*?)\n\[",
         (ROOT / "pyproject.toml").read_text(encoding="utf8"),
