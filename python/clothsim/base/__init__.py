@@ -1,4 +1,6 @@
-"""Helpers that know nothing of cloth: checks of arguments, extras, files, progress."""
+"""Helpers that know nothing of cloth: checks of arguments, extras, files, progress, functions of
+later rooms.
+"""
 
 from importlib.util import find_spec
 
