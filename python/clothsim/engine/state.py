@@ -422,10 +422,9 @@ class State:
             check_driven_pins(self.scenes, x, time)
         if self._may_lose_order:
             self.warn_of_order()
-        try:
-            outcome = self.core.step(time, x, v, steps, dt, self.threads, *results)
-        except TypeError:  # arrays that are not contiguous
-            outcome = self.core.step(time, *self._arrays(x, v), steps, dt, self.threads, *results)
+        if not (x.flags.c_contiguous and v.flags.c_contiguous):
+            x, v = self._arrays(x, v)
+        outcome = self.core.step(time, x, v, steps, dt, self.threads, *results)
         if outcome is False:
             x, v = self._arrays(x, v)
             check_depths(self.scenes, x, time)
