@@ -110,7 +110,7 @@ def public_names(module):
 
 
 def private_uses(text, folder, allowed=()):
-    """Return imports and attributes of `cs` in a text that are neither public nor of allowed rooms."""
+    """Return imports and attributes of `cs` that are neither public nor of allowed rooms."""
     found = []
     for other, name in imports(text, folder):
         if other.split(".")[0] in allowed or (other in PUBLIC and name == other):
