@@ -15,6 +15,8 @@ from .style import BLACK, BLUE, COLORS, GREY, MARKERS, shown_axes, wrapped
 if TYPE_CHECKING:
     from ...accuracy.fit import Fit
 
+_TWO_LINES = 0.34  # inches, height of a parameter's row in which its label has two lines
+
 
 def draw_fit(result: Fit, ax: Any = None) -> Any:
     """Draw `Fit.plot`."""
@@ -45,7 +47,8 @@ def _draw_motion(result: Fit, axes: Any) -> None:
         label = f"{'xyz'[component]} of {name}"
         axes.plot(result.times, data[:, k, component], label=label, **marks)
         axes.plot(result.times, fitted[:, k, component], color=COLORS[n])
-    axes.set(xlabel="time [s]", ylabel="position [m]", title="measured (marks), fitted (lines)")
+    axes.set(xlabel="time [s]", ylabel="position [m]")
+    axes.set_title("measured (marks), fitted (lines)", fontsize="medium")
     axes.legend(fontsize="small")
 
 
@@ -55,8 +58,8 @@ def _draw_residuals(result: Fit, axes: Any) -> None:
     axes.plot(result.times, residuals, ".", ms=3, color=BLUE, alpha=0.5)
     for side in (-1, 1):
         axes.axhline(side * 2e3 * result.report["sigma"], color=GREY, ls="--")
-    title = "residuals; dashed: 2 sigma"
-    axes.set(xlabel="time [s]", ylabel="measured less fitted [mm]", title=title)
+    axes.set(xlabel="time [s]", ylabel="measured less fitted [mm]")
+    axes.set_title("residuals; dashed: 2 sigma", fontsize="medium")
 
 
 def _draw_values(result: Fit, axes: Any) -> None:
@@ -65,11 +68,13 @@ def _draw_values(result: Fit, axes: Any) -> None:
     rows = np.arange(len(parameters))
     errors = np.array([result.errors[p.name] for p in parameters])
     parts = 100 * errors / [p.scale or math.nan for p in parameters]
+    height = axes.get_window_extent().height / axes.figure.dpi / len(parameters)
+    separator = "\n" if height > _TWO_LINES else "  "
     labels = []
     for row, parameter in enumerate(parameters):
         name = parameter.name
         text = value_text(result.values[name], errors[row], units(parameter.field))
-        labels.append(f"{name}\n{text}")
+        labels.append(f"{name}{separator}{text}")
         if not math.isfinite(errors[row]):
             reason = result.report["reasons"][name] or result.report["reason"]
             where = {"transform": axes.get_yaxis_transform(), "ha": "center", "va": "center"}
@@ -84,10 +89,10 @@ def _draw_values(result: Fit, axes: Any) -> None:
         axes.set(xlim=(-widest, widest), xlabel="error [% of the value or scale]")
     else:
         axes.set_xticks([])
-    axes.set_yticks(rows, labels)
+    axes.set_yticks(rows, labels, fontsize="small")
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.grid(False, axis="y")
-    axes.set_title("values and errors (one sigma)")
+    axes.set_title("values and errors (one sigma)", fontsize="medium")
 
 
 def value_text(value: float, error: float, unit: str) -> str:
@@ -117,8 +122,8 @@ def _draw_correlation(result: Fit, names: list[str], axes: Any) -> None:
         color = "white" if abs(correlation[i, j]) > 0.6 else BLACK
         where = {"ha": "center", "va": "center"}
         axes.text(j, i, f"{correlation[i, j]:.2f}", fontsize="small", color=color, **where)
-    turn = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
+    turn = {"rotation": 30, "ha": "right", "rotation_mode": "anchor", "fontsize": "small"}
     axes.set_xticks(range(len(names)), names, **turn)
-    axes.set_yticks(range(len(names)), names)
-    axes.set_title("correlation of the parameters")
+    axes.set_yticks(range(len(names)), names, fontsize="small")
+    axes.set_title("correlations", fontsize="medium")
     axes.grid(False)

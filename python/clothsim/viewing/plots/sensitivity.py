@@ -23,18 +23,17 @@ def draw_sensitivity(data: Any, ax: Any = None) -> Any:
     grid = np.array(panels).reshape(count, 2)
     for row, (over_time, over_points) in enumerate(grid):
         parameter = data.isel(parameter=row)
-        name = str(parameter["parameter"].item())
         unit = str(parameter["unit"].item())
-        label = f"d x / d {name}"
         per = "[m]" if unit in ("", "1") else f"[m per {unit}]"
         length = np.linalg.norm(parameter["dx"].values, axis=-1)  # (times, rows, columns)
-        _draw_over_time(parameter, length, f"{label}\n{per}", over_time)
-        _draw_over_points(parameter, length, label, per, over_points)
+        _draw_over_time(parameter, length, over_time)
+        over_time.set_ylabel(per)
+        _draw_over_points(parameter, length, per, over_points)
     grid[-1, 0].set_xlabel("time [s]")
     return grid
 
 
-def _draw_over_time(parameter: Any, length: np.ndarray, label: str, axes: Any) -> None:
+def _draw_over_time(parameter: Any, length: np.ndarray, axes: Any) -> None:
     """Draw the largest derivative of a point and its error at each time."""
     times = parameter["time"].values
     marks: dict[str, Any] = {"marker": "o", "ms": 3} if len(times) < FEW else {}
@@ -46,16 +45,19 @@ def _draw_over_time(parameter: Any, length: np.ndarray, label: str, axes: Any) -
         if (values > 0).any():
             positive = np.where(values > 0, values, np.nan)
             axes.plot(times, positive, label=text, color=color, ls=dash, **marks)
-    axes.set(ylabel=label, yscale="log", xlim=(0, 1.05 * times[-1]))
+    axes.set(yscale="log", xlim=(0, 1.05 * times[-1]))
     if axes.lines:
         axes.legend(fontsize="small")
-    if parameter["reason"].item():
+    title = f"d x / d {parameter['parameter'].item()}"
+    reason = parameter["reason"].item()
+    if reason:
         end = parameter["known_until"].item()
         axes.axvline(end, color=BLACK, ls=":", lw=1)
-        axes.set_title(wrapped(parameter["reason"].item(), axes), fontsize="small")
+        title = f"{title}\n{wrapped(reason, axes)}"
+    axes.set_title(title, fontsize="medium", loc="left")
 
 
-def _draw_over_points(parameter: Any, length: np.ndarray, label: str, unit: str, axes: Any) -> None:
+def _draw_over_points(parameter: Any, length: np.ndarray, unit: str, axes: Any) -> None:
     """Draw the derivative of each point at the time at which the largest is."""
     largest = np.nan_to_num(length.max(axis=(1, 2)), nan=-1.0)
     k = int(largest.argmax())
@@ -69,6 +71,7 @@ def _draw_over_points(parameter: Any, length: np.ndarray, label: str, unit: str,
     image = axes.imshow(values, vmin=0.0, cmap="viridis", aspect="auto")
     axes.figure.colorbar(image, ax=axes, label=unit)
     time = parameter["time"].values[k]
-    axes.set(xlabel="column", ylabel="row", title=f"{label} at {time:.4g} s")
+    axes.set(xlabel="column", ylabel="row", title=f"at {time:.4g} s")
+    axes.title.set_fontsize("medium")
     for axis, count in ((axes.xaxis, values.shape[1]), (axes.yaxis, values.shape[0])):
         axis.set_ticks(np.arange(0, count, -(-count // _MOST_TICKS)))

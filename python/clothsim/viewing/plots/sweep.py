@@ -211,7 +211,7 @@ def _draw_line(data: Any, variable: str, x: str, ax: Any) -> None:
     places = _places(data[x])
     unsure = _unsure_members(data, variable)
     diverged = data["status"].values == UNSTABLE
-    dash = "-" if _numeric(data[x]) else "none"
+    dash = "-" if _numeric(data[x]) and x != "sample" else "none"
     ax.plot(places, values, marker="o", ls=dash, color=BLUE, ms=4)
     ax.plot(places[unsure], values.values[unsure], "o", **_UNSURE_LOOK)
     top = {"color": RED, "transform": ax.get_xaxis_transform(), "label": "unstable"}
