@@ -4,7 +4,7 @@ SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := pyproject.toml CMakeLists.txt docs/reproduction.md $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
+SOURCES := pyproject.toml CMakeLists.txt $(shell find cmake cpp python/clothsim -type f ! -name '*.pyc')
 
 .PHONY: accuracy bench clean demo docs lint sanitize test test-export test-gpu test-peers \
   test-sdist test-slow test-view torture wheel

@@ -11,10 +11,5 @@ data = cs.stability_map(
 agreement = float((data.stable == data.predicted).mean())
 print(f"prediction and measurement agree in {100 * agreement:.0f} % of {data.stable.size} runs")
 
-figure, axes = plt.subplots(figsize=(6, 4))
-axes.pcolormesh(data.stiffness, data.dt, data.stable.T, cmap="Blues", vmax=2)
-axes.loglog(data.stiffness, data.limit, "k-", label="predicted limit")
-axes.loglog(data.stiffness, data.guarantee, "k--", label="guaranteed")
-axes.set(xlabel="stiffness [N/m]", ylabel="time step [s]", title="blue: stable")
-axes.legend()
-figure.savefig("stability_map.png")
+data.clothsim.plot()
+plt.savefig("stability_map.png")

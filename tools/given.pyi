@@ -19,3 +19,5 @@ integrator: str
 stiffness: npt.NDArray[np.float64]
 dt: float
 duration: float
+times: Any
+positions: Any

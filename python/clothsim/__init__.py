@@ -87,7 +87,9 @@ from typing import TYPE_CHECKING
 from . import errors as errors
 from . import scenes
 from . import typing as typing
-from .base.extras import on_demand as _on_demand
+from .base import check as _check
+from .base import extras as _extras
+from .base import services as _services
 from .base.build import build_config
 from .model.cloth import Cloth
 from .model.fields import sweepable
@@ -107,7 +109,8 @@ from .model.motion import Keyframes, Linear, Reciprocate, Sinusoid
 from .model.scene import Scene
 from .model.scene_files import load_scene, save_scene
 from .run.settle import settle
-from .run.result import Run, difference, load_run
+from .run.difference import difference
+from .run.result import Run, load_run
 from .run.simulate import simulate
 from .model.sphere import Plane, Sphere
 from .model.wind import Wind
@@ -117,7 +120,8 @@ from .engine.stepping import acceleration, reference_step, step
 
 if TYPE_CHECKING:
     from .accuracy import Convergence, Reference, convergence, reference, work_precision
-    from .accuracy.fit import Fit, fit, sensitivity
+    from .accuracy.fit import Fit, fit
+    from .accuracy.sensitivity import sensitivity
     from .gpu.live_page import view
     from .stability.map import stability_map
     from .sweeps.sweep import sweep
@@ -155,11 +159,12 @@ __all__ += ["Camera", "Picture", "compare", "picture", "view"]
 __all__ += ["build_config", "thread_grid", "triangles"]
 __all__ += ["ContactError", "ContactWarning", "OrderWarning", "StabilityWarning", "UnstableError"]
 
-__getattr__, __dir__ = _on_demand(
+__getattr__, __dir__ = _extras.on_demand(
     globals(),
     {
         ".accuracy": ("Convergence", "Reference", "convergence", "reference", "work_precision"),
-        ".accuracy.fit": ("Fit", "fit", "sensitivity"),
+        ".accuracy.fit": ("Fit", "fit"),
+        ".accuracy.sensitivity": ("sensitivity",),
         ".stability.map": ("stability_map",),
         ".sweeps.store": ("open_sweep",),
         ".sweeps.sweep": ("sweep",),
@@ -169,5 +174,33 @@ __getattr__, __dir__ = _on_demand(
         ".gpu.live_page": ("view",),
     },
     also=("errors", "typing"),
+)
+_services.register(
+    {
+        "clothsim.engine.explain": ("explain",),
+        "clothsim.gpu.live_page": ("live_page",),
+        "clothsim.gpu.simulation": ("Simulation",),
+        "clothsim.stability.limit": ("max_stable_dt",),
+        "clothsim.viewing.animation": ("animate",),
+        "clothsim.viewing.exports": ("export",),
+        "clothsim.viewing.notebook": ("run_bundle", "scene_bundle"),
+        "clothsim.viewing.page": ("alone",),
+        "clothsim.viewing.picture": ("picture_of_run",),
+        "clothsim.viewing.plots": ("plot",),
+        "clothsim.viewing.plots.convergence": ("draw_convergence",),
+        "clothsim.viewing.plots.difference": ("draw_difference",),
+        "clothsim.viewing.plots.fit": ("draw_fit",),
+        "clothsim.viewing.plots.reference": ("draw_reference",),
+        "clothsim.viewing.plots.run": ("draw_run",),
+    }
+)
+_extras.EXTENSIONS["xarray"] = "clothsim.sweeps.accessor"  # registers `Dataset.clothsim`
+_check.SUBSTITUTES.update(
+    {
+        "air": "Scene(wind=cs.Wind()) has air at rest, and Cloth(drag=...) slows points down",
+        "floor": "a floor is a cs.Plane among the spheres",
+        "push_out_speed": "response 'penalty' pushes out what starts inside, slowed by dissipation",
+        "wind": "Scene(wind=cs.Wind(velocity)) has moving air",
+    }
 )
 del TYPE_CHECKING

@@ -53,25 +53,27 @@ def energy(
     """
     scenes = scenes_of(scene)
     x, v = state_arrays(x, v, scenes, not isinstance(scene, Scene))
-    x, v = x.astype(np.float64), v.astype(np.float64)
-    batch = (x, v) if x.ndim == 4 else (x[None], v[None])
-    scenes = scenes if len(scenes) > 1 else scenes * len(batch[0])
-    obstacles = [s for one in scenes for s in one.spheres if s.response == "penalty"]
-    if t is None and any(s.motion is not None for s in obstacles):
+    single = x.ndim == 3
+    xs = x.astype(np.float64).reshape(-1, *x.shape[-3:])
+    vs = v.astype(np.float64).reshape(-1, *v.shape[-3:])
+    if len(scenes) == 1:
+        scenes = scenes * len(xs)
+    obstacles = [obstacle for member in scenes for obstacle in member.spheres]
+    if t is None and any(o.response == "penalty" and o.motion is not None for o in obstacles):
         raise ValueError("t must be given, as an obstacle moves: give the time of x in seconds")
     time = 0.0 if t is None else check.number("t", t)
-    plans = [kept_plan(s, Options()) for s in scenes]
-    parts = np.array([_core.energy(plan, *state, time) for plan, state in zip(plans, zip(*batch))])
+    plans = [kept_plan(member, Options()) for member in scenes]
+    parts = np.array([_core.energy(plan, x, v, time) for plan, x, v in zip(plans, xs, vs)])
     values = dict(zip(("kinetic", "elastic", "gravity", "force", "contact"), parts.T))
     values["total"] = parts.sum(axis=1)
-    return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
+    return {name: float(value[0]) for name, value in values.items()} if single else values
 
 
 @check.named
 def penetration(
     x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | None = None
 ) -> dict[str, Value]:
-    """How deep the cloth is inside a sphere: its deepest mass point and its deepest triangle.
+    """Measure how deep the cloth is inside a sphere: its deepest mass point and deepest triangle.
 
     Depths count from the sphere's true radius, without the offset. The depth of a triangle is
     exact: it is the depth of the triangle's place nearest to the centre. The triangles are those of
@@ -112,7 +114,7 @@ def penetration(
     times = np.broadcast_to(np.asarray(_times(t, sphere, x.shape[:-3]), float), len(batch))
     core = core_sphere(sphere)
     depths = np.array(
-        [_core.penetration(rows, columns, one, core, at) for one, at in zip(batch, times)]
+        [_core.penetration(rows, columns, state, core, time) for state, time in zip(batch, times)]
     )
     values = dict(zip(("points", "triangles"), depths.T))
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
@@ -121,7 +123,7 @@ def penetration(
 def _times(
     t: npt.ArrayLike | None, sphere: Sphere | Plane, batch: tuple[int, ...]
 ) -> npt.ArrayLike:
-    """`t` checked: one time, or one per member of a batch of this shape, () or (B,)."""
+    """Check `t`: a time, or a time per member of a batch of this shape, () or (B,)."""
     if t is None:
         if sphere.motion is not None:
             raise ValueError(
@@ -136,7 +138,8 @@ def _times(
 
 @check.named
 def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
-    """Stretch of the most stretched spring, l / L - 1 with l its length and L its rest length.
+    """Measure the stretch of the most stretched spring, l / L - 1 with l its length and L its rest
+    length.
 
     Parameters
     ----------
@@ -162,5 +165,5 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     if not scene.cloth.spring_count():
         return np.zeros(len(x)) if x.ndim == 4 else 0.0
     batch = np.reshape(x.astype(np.float64), (-1, *x.shape[-3:]))
-    values = np.array([_core.largest_stretch(cloth, one) for one in batch])
+    values = np.array([_core.largest_stretch(cloth, state) for state in batch])
     return values if x.ndim == 4 else float(values[0])

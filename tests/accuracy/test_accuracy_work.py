@@ -39,9 +39,10 @@ def data(scene, solution):
 
 
 @pytest.fixture
-def known(solution):
-    """A method with the rms error setting^4, and its calls, which take 1 ms / setting, and 0.1 ms
-    more each.
+def recorder(solution):
+    """Return a method with the rms error setting^4, and the list of its calls.
+
+    They take 1 ms / setting, and 0.1 ms more each.
     """
     calls = []
 
@@ -65,17 +66,17 @@ def test_errors_evaluations_and_drift_are_those_of_the_runs(data, scene, solutio
     assert data["setting"][0].values.tolist() == [2e-2, 1e-3, 5e-4]
     run = cs.simulate(scene, DURATION, 1e-3)
     distance = np.linalg.norm(run.x[-1] - solution.x[-1], axis=-1)
-    one = data.sel(solver="rk4 double", level=1)
-    assert float(one["max_error"]) == pytest.approx(distance.max(), rel=1e-9, abs=0)
-    assert float(one["rms_error"]) == pytest.approx(
+    row = data.sel(solver="rk4 double", level=1)
+    assert float(row["max_error"]) == pytest.approx(distance.max(), rel=1e-9, abs=0)
+    assert float(row["rms_error"]) == pytest.approx(
         math.sqrt((distance**2).mean()), rel=1e-9, abs=0
     )
-    assert float(one["force_evaluations"]) == 400
+    assert float(row["force_evaluations"]) == 400
     drift = (
         run.report["energy"]["end"]["total"]
         - cs.energy(scene, solution.x[-1], solution.v[-1])["total"]
     )
-    assert float(one["energy_drift"]) == pytest.approx(drift, rel=1e-9, abs=0)
+    assert float(row["energy_drift"]) == pytest.approx(drift, rel=1e-9, abs=0)
     ratio = data["rms_error"].sel(solver="rk4 double")
     assert 14 < float(ratio[1] / ratio[2]) < 18  # order 4
     ratio = data["rms_error"].sel(solver="semi_implicit_euler double")
@@ -83,36 +84,37 @@ def test_errors_evaluations_and_drift_are_those_of_the_runs(data, scene, solutio
 
 
 def test_an_unstable_run_has_an_infinite_error_and_no_time(data):
-    one = data.sel(solver="rk4 double", level=0)
-    assert float(one["rms_error"]) == math.inf == float(one["max_error"])
-    assert math.isnan(one["wall_time"]) and math.isnan(one["energy_drift"])
-    assert not one["pareto"]
+    row = data.sel(solver="rk4 double", level=0)
+    assert float(row["rms_error"]) == math.inf == float(row["max_error"])
+    assert math.isnan(row["wall_time"]) and math.isnan(row["energy_drift"])
+    assert not row["pareto"]
 
 
 def test_the_energy_drift_of_an_undamped_scene_is_the_change_of_energy():
     scene = cs.scenes.oscillator()
-    found = cs.work_precision(scene, 1.0, ["rk4"], dts=[0.02], windows=1)
+    table = cs.work_precision(scene, 1.0, ["rk4"], dts=[0.02], windows=1)
     x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, 0.02, 50)
     change = cs.energy(scene, x, v)["total"] - 0.5
-    assert float(found["energy_drift"][0, 0]) == pytest.approx(change, rel=1e-6, abs=0)
+    assert float(table["energy_drift"][0, 0]) == pytest.approx(change, rel=1e-6, abs=0)
 
 
-def test_a_users_method_and_the_least_of_its_times(scene, solution, known):
-    method, calls = known
-    found = cs.work_precision(
+def test_a_users_method_and_the_least_of_its_times(scene, solution, recorder):
+    method, calls = recorder
+    table = cs.work_precision(
         scene, DURATION, [method], dts=[0.25, 0.5], windows=3, reference=solution
     )
     assert sorted(calls) == [0.25] * 4 + [0.5] * 4
-    assert found["rms_error"][0].values == pytest.approx([0.5**4, 0.25**4], rel=1e-9, abs=0)
-    # The first run of each is not timed; the least of the others is one of calls 3 and 4.
-    least = found["wall_time"][0].values * DURATION - 1e-3 / found["setting"][0].values
+    assert table["rms_error"][0].values == pytest.approx([0.5**4, 0.25**4], rel=1e-9, abs=0)
+    # The first run of each is not timed; the least of the others is row of calls 3 and 4.
+    least = table["wall_time"][0].values * DURATION - 1e-3 / table["setting"][0].values
     assert sorted(least) == pytest.approx([3e-4, 4e-4], rel=1e-9, abs=0)
-    assert found["pareto"].all() and found["library"].item() == "nobody"
+    assert table["pareto"].all() and table["library"].item() == "nobody"
 
 
 def test_the_largest_error_over_the_frames_and_the_spread_of_the_times(scene):
     solution = cs.reference(scene, DURATION, every=DURATION / 4)
-    ends, seconds = [], iter([9.0, 1.0, 1.0, 1.0, 1e-3, 2e-3, 5e-3])
+    ends = []
+    seconds = iter([9.0, 1.0, 1.0, 1.0, 1e-3, 2e-3, 5e-3])
 
     def solve(scene, duration, setting):
         ends.append(duration)
@@ -120,22 +122,22 @@ def test_the_largest_error_over_the_frames_and_the_spread_of_the_times(scene):
         x[2, 3, 0] += (4e-3 if duration < 0.6 * DURATION else 1e-3) * math.sqrt(math.prod(SHAPE))
         return x, solution.v[-1], 1, next(seconds)
 
-    found = cs.work_precision(
+    table = cs.work_precision(
         scene, DURATION, [Method("known", solve)], dts=[0.5], windows=3, reference=solution
     )
     assert ends == pytest.approx([DURATION, *solution.t[1:-1], *[DURATION] * 3])
-    assert float(found["rms_error"][0, 0]) == pytest.approx(1e-3)
-    assert float(found["frames_rms_error"][0, 0]) == pytest.approx(4e-3)
-    assert float(found["wall_time"][0, 0]) == pytest.approx(1e-3 / DURATION)
-    assert float(found["wall_time_spread"][0, 0]) == pytest.approx(
+    assert float(table["rms_error"][0, 0]) == pytest.approx(1e-3)
+    assert float(table["frames_rms_error"][0, 0]) == pytest.approx(4e-3)
+    assert float(table["wall_time"][0, 0]) == pytest.approx(1e-3 / DURATION)
+    assert float(table["wall_time_spread"][0, 0]) == pytest.approx(
         2e-3 / DURATION
     )  # of 1.5 and 3.5 ms
 
 
 @pytest.mark.parametrize("control", ["dt", "rtol"])
-def test_default_settings_of_a_users_method(scene, solution, known, control, monkeypatch):
+def test_default_settings_of_a_users_method(scene, solution, recorder, control, monkeypatch):
     monkeypatch.setattr(work, "_LONGEST", math.inf)
-    method, calls = known
+    method, calls = recorder
     cs.work_precision(
         scene, DURATION, [replace(method, control=control)], windows=1, reference=solution
     )
@@ -144,14 +146,14 @@ def test_default_settings_of_a_users_method(scene, solution, known, control, mon
     np.testing.assert_allclose(calls[: len(settings)], settings)
 
 
-def test_finer_settings_are_left_out_after_a_long_run(scene, solution, known, monkeypatch):
+def test_finer_settings_are_left_out_after_a_long_run(scene, solution, recorder, monkeypatch):
     monkeypatch.setattr(work, "_LONGEST", 2e-3)
-    method, calls = known
-    found = cs.work_precision(
+    method, calls = recorder
+    table = cs.work_precision(
         scene, DURATION, [method], dts=[0.5, 0.25], windows=1, reference=solution
     )
     assert calls == [0.5, 0.5]
-    assert np.isnan(found["setting"][0, 1]) and np.isfinite(found["wall_time"][0, 0])
+    assert np.isnan(table["setting"][0, 1]) and np.isfinite(table["wall_time"][0, 0])
 
 
 def test_pareto():
@@ -173,5 +175,5 @@ def test_a_tolerance_below_rounding_ends(scene, monkeypatch):
 
 
 def test_five_methods_in_double_are_compared_by_default():
-    compared = work._chosen(None, ["double"], None, None)
-    assert len(compared) == 5 and {"rk4", "dop853 adaptive"} < {one.name for one in compared}
+    methods = work._solvers(None, ["double"], None, None)
+    assert len(methods) == 5 and {"rk4", "dop853 adaptive"} < {method.name for method in methods}

@@ -5,7 +5,7 @@ no meaning.
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy.fit import Clock, checked_times
+from clothsim.accuracy.sensitivity import Schedule, checked_times
 
 pytest.importorskip("xarray")
 integrate = pytest.importorskip("scipy.integrate")
@@ -20,7 +20,7 @@ SCENE = cs.Scene(CLOTH, position=CLOTH.rest_positions + BUMPS, force=np.full((3,
 
 
 def variational(scene, times, names):
-    """d x / d parameter at the times by variational equations: (names, times, rows, columns, 3)."""
+    """Solve the variational equations: d x / d parameter, (names, times, rows, columns, 3)."""
     cloth, table = scene.cloth, scene.cloth.spring_table()
     n = cloth.rows * cloth.columns
     ends = np.eye(n)[table["j"]] - np.eye(n)[table["i"]]  # (springs, points)
@@ -58,10 +58,10 @@ def variational(scene, times, names):
     for k, name in enumerate(names, 1):
         if name.startswith("pin"):
             start[k, 0, np.flatnonzero(~free)[int(name[3])], "xyz".index(name[-1])] = 1
-    found = integrate.solve_ivp(
+    result = integrate.solve_ivp(
         slope, (0, times[-1]), start.ravel(), "DOP853", times, rtol=1e-11, atol=1e-13
     )
-    return found.y.T.reshape(len(times), 1 + len(names), 2, *cloth.shape, 3)[:, 1:, 0].swapaxes(
+    return result.y.T.reshape(len(times), 1 + len(names), 2, *cloth.shape, 3)[:, 1:, 0].swapaxes(
         0, 1
     )
 
@@ -69,14 +69,16 @@ def variational(scene, times, names):
 def test_it_agrees_with_the_variational_equations():
     parts = [f"{kind}_{family}" for kind in ("stiffness", "damping") for family in STIFFNESS]
     names = [*parts, "drag", "mass", "gravity_y", "pin0_x", "pin1_y"]
-    expected, found = variational(SCENE, TIMES, names), cs.sensitivity(SCENE, TIMES, names)
+    expected = variational(SCENE, TIMES, names)
+    result = cs.sensitivity(SCENE, TIMES, names)
     for name, exact in zip(names, expected):
-        one, largest = found.sel(parameter=name), np.abs(exact).max()
-        off = np.abs(one.dx.values - exact).max(axis=(1, 2, 3))
+        slopes = result.sel(parameter=name)
+        largest = np.abs(exact).max()
+        off = np.abs(slopes.dx.values - exact).max(axis=(1, 2, 3))
         assert off.max() < 1e-8 * largest, name
-        assert (off <= one.error.values).all() and one.error.max() < 1e-4 * largest, name
-    assert set(found.reason.values) == {""} and (found.known_until == TIMES[-1]).all()
-    assert found.unit.values.tolist()[-5:] == ["N s/m", "kg", "m/s^2", "m", "m"]
+        assert (off <= slopes.error.values).all() and slopes.error.max() < 1e-4 * largest, name
+    assert set(result.reason.values) == {""} and (result.known_until == TIMES[-1]).all()
+    assert result.unit.values.tolist()[-5:] == ["N s/m", "kg", "m/s^2", "m", "m"]
 
 
 @pytest.mark.parametrize("damping", [0.0, 1.0])  # at 0 no central difference exists
@@ -87,22 +89,22 @@ def test_it_agrees_with_the_formula_of_the_oscillator(damping):
         u = np.sqrt(k - c**2 / 4 + 0j)
         return 0.1 * np.exp(-c / 2 * times) * (np.cos(u * times) + c / 2 / u * np.sin(u * times))
 
-    found = cs.sensitivity(cs.scenes.oscillator(damping=damping), times, ["stiffness", "damping"])
+    result = cs.sensitivity(cs.scenes.oscillator(damping=damping), times, ["stiffness", "damping"])
     for k, shifts in enumerate([(1e-30j, 0), (0, 1e-30j)]):
         exact = x(100 + shifts[0], damping + shifts[1]).imag / 1e-30
-        assert np.abs(found.dx.values[k, :, 0, 1, 0] - exact).max() < 1e-9 * np.abs(exact).max()
+        assert np.abs(result.dx.values[k, :, 0, 1, 0] - exact).max() < 1e-9 * np.abs(exact).max()
 
 
 def test_names_stand_for_what_they_say():
     masses = np.linspace(1, 2, 12).reshape(3, 4) / 90
     scene = SCENE.replace(cloth=CLOTH.replace(mass=masses, stiffness=50.0))
-    found = cs.sensitivity(
+    result = cs.sensitivity(
         scene,
         TIMES,
         ["mass", "stiffness", "stiffness.shear", "stiffness_structural", "stiffness_bend"],
     )
-    np.testing.assert_allclose(found.value, [masses.sum(), 50, 50, 50, 50])
-    whole, parts = found.dx.values[1], found.dx.values[2:].sum(axis=0)
+    np.testing.assert_allclose(result.value, [masses.sum(), 50, 50, 50, 50])
+    whole, parts = result.dx.values[1], result.dx.values[2:].sum(axis=0)
     assert np.abs(whole - parts).max() < 1e-7 * np.abs(whole).max()
     up, down = (
         cs.simulate(
@@ -111,7 +113,7 @@ def test_names_stand_for_what_they_say():
         for f in (1.001, 0.999)
     )
     by_hand = (up.x[-1] - down.x[-1]) / (0.002 * masses.sum())
-    assert np.abs(found.dx.values[0, -1] - by_hand).max() < 1e-4 * np.abs(by_hand).max()
+    assert np.abs(result.dx.values[0, -1] - by_hand).max() < 1e-4 * np.abs(by_hand).max()
 
 
 def test_a_contact_ends_what_is_known():
@@ -119,37 +121,36 @@ def test_a_contact_ends_what_is_known():
         cs.Cloth((6, 6), mass=18.0, stiffness=3e3, damping=10.0),
         cs.Sphere((0.5, -0.5, 0.5), 0.25, response="reflect", friction=0.2),
     )
-    times, names = (
-        np.linspace(0.05, 0.4, 8),
-        ["stiffness", "sphere_radius", "sphere0_center_y", "sphere_friction"],
-    )
+    times = np.linspace(0.05, 0.4, 8)
+    names = ["stiffness", "sphere_radius", "sphere0_center_y", "sphere_friction"]
     contact = cs.simulate(scene, 0.4, dt=1e-4).report["first_contact"]["time"]
-    found = cs.sensitivity(scene, times, [*names, "sphere_restitution"])
+    result = cs.sensitivity(scene, times, [*names, "sphere_restitution"])
     before = times < contact - 1e-3
     assert 0 < before.sum() < len(times)
     assert (
-        np.isfinite(found.dx.values[:, before]).all() and (found.dx.values[1:, before] == 0).all()
+        np.isfinite(result.dx.values[:, before]).all() and (result.dx.values[1:, before] == 0).all()
     )
     assert (
-        np.isnan(found.dx.values[:, ~before]).all()
-        and np.isnan(found.error.values[:, ~before]).all()
+        np.isnan(result.dx.values[:, ~before]).all()
+        and np.isnan(result.error.values[:, ~before]).all()
     )
-    assert (found.known_until == times[before][-1]).all()
+    assert (result.known_until == times[before][-1]).all()
     assert all(
         "a sphere responds after the step that begins at 0.2" in reason
-        for reason in found.reason.values
+        for reason in result.reason.values
     )
 
 
 def test_derivatives_go_on_through_a_layer():
-    """Central differences of runs at a tight tolerance agree, in contact with friction."""
+    """Compare with central differences of runs at a tight tolerance, in contact with friction."""
     cloth = cs.Cloth((6, 6), (0.8, 0.8), mass=0.4, stiffness=60.0, damping=0.1, drag=0.004)
     ball = cs.Sphere((0.4, -0.3, 0.4), 0.2, friction=0.3, slip_speed=0.1)
     scene = cs.Scene(cloth, ball)
     layer = ball.layer(cloth)
-    times, names = [0.3, 0.6], ["damping", "sphere_stiffness", "sphere_friction"]
-    found = cs.sensitivity(scene, times, names)
-    assert not any(found.reason.values) and (found.known_until == 0.6).all()
+    times = [0.3, 0.6]
+    names = ["damping", "sphere_stiffness", "sphere_friction"]
+    result = cs.sensitivity(scene, times, names)
+    assert not any(result.reason.values) and (result.known_until == 0.6).all()
     assert cs.simulate(scene, 0.6, rtol=1e-4).report["first_contact"]["time"] < 0.25
     for name, value in zip(names, (0.1, layer["stiffness"], 0.3)):
         step = 1e-4 * value
@@ -163,7 +164,7 @@ def test_derivatives_go_on_through_a_layer():
                 other = scene.replace(spheres=ball.replace(**{part: changed[0]}))
             ends.append(cs.simulate(other, 0.6, rtol=1e-10, times=times).x[1:3])
         expected = (ends[1] - ends[0]) / (2 * step)
-        off = abs(found.dx.sel(parameter=name).values - expected).max(axis=(1, 2, 3))
+        off = abs(result.dx.sel(parameter=name).values - expected).max(axis=(1, 2, 3))
         assert (off < 1e-4 * abs(expected).max()).all()
 
 
@@ -180,13 +181,13 @@ def test_where_buckling_amplifies_rounding_nothing_is_known():
         cloth.rest_positions * (0.7, 1, 1)
         + 1e-9 * np.random.default_rng(0).normal(size=(6, 6, 3)) * ~cloth.pinned[..., None]
     )
-    found = cs.sensitivity(
+    result = cs.sensitivity(
         cs.Scene(cloth, position=position), np.linspace(0.1, 2, 6), ["stiffness"]
     )
-    assert np.isnan(found.dx.values[0, -1]).all() and np.isfinite(found.dx.values[0, 0]).all()
+    assert np.isnan(result.dx.values[0, -1]).all() and np.isfinite(result.dx.values[0, 0]).all()
     assert (
-        found.reason.item().startswith("differences of two orders disagree from")
-        and found.known_until < 2
+        result.reason.item().startswith("differences of two orders disagree from")
+        and result.known_until < 2
     )
 
 
@@ -199,12 +200,12 @@ def test_a_plane_has_a_friction_alone():
 
 
 def test_an_unstable_run_ends_what_is_known(monkeypatch):
-    monkeypatch.setattr("clothsim.accuracy.fit._LONGEST", 4.0)
+    monkeypatch.setattr("clothsim.accuracy.sensitivity._LONGEST", 4.0)
     with pytest.warns(cs.StabilityWarning):
-        found = cs.sensitivity(
+        result = cs.sensitivity(
             SCENE.replace(cloth=CLOTH.replace(stiffness=1e5)), [0.2, 2.0], ["stiffness"]
         )
-    assert np.isnan(found.dx.values[0, -1]).all() and found.reason.item()
+    assert np.isnan(result.dx.values[0, -1]).all() and result.reason.item()
 
 
 def test_steps_end_where_a_pin_turns():
@@ -212,17 +213,21 @@ def test_steps_end_where_a_pin_turns():
     scene = cs.Scene(
         cs.Cloth((3, 3), mass=0.1, stiffness=50.0, damping=0.01, pins={(0, 0): turn, (2, 0): None})
     )
-    clock = Clock(scene, checked_times([0.3]), 1e-9)
-    assert clock.stops == [0.1234, 0.3]
-    x = clock.run([scene], clock.counts(scene)).x[0, 0]
+    schedule = Schedule(scene, checked_times([0.3]), 1e-9)
+    assert schedule.stops == [0.1234, 0.3]
+    x = schedule.run([scene], schedule.counts(scene)).x[0, 0]
     assert np.abs(x - cs.reference(scene, 0.3).x[-1]).max() < 1e-9
 
 
 def test_the_cost_in_runs(monkeypatch):
-    taken, run = [], Clock.run
-    monkeypatch.setattr(
-        Clock, "run", lambda *given: taken.append(len(given[1]) * given[2].sum()) or run(*given)
-    )
+    counts = []
+    run = Schedule.run
+
+    def counted(schedule, scenes, steps):
+        counts.append(len(scenes) * steps.sum())
+        return run(schedule, scenes, steps)
+
+    monkeypatch.setattr(Schedule, "run", counted)
     cs.sensitivity(SCENE, TIMES, ["stiffness_shear", "drag", "mass"])
-    spent, one = sum(taken), Clock(SCENE, TIMES, 1e-11).counts(SCENE).sum()
-    assert 0 < spent <= (3 * 3 + 2.8) * one * 1.05
+    single = Schedule(SCENE, TIMES, 1e-11).counts(SCENE).sum()
+    assert 0 < sum(counts) <= (3 * 3 + 2.8) * single * 1.05

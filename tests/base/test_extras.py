@@ -4,11 +4,13 @@ import importlib
 import sys
 
 import clothsim as cs
+import numpy as np
 import pytest
 from commands import python
 
 SCENE = cs.scenes.oscillator()
 RUN = cs.simulate(cs.Scene(cs.Cloth((3, 3))), 0.003, dt=1e-3, every=1)
+MEASURED = (RUN.t[1:], np.zeros((3, 1, 2, 3)))
 HINT = r"pip install 'clothsim\[{}\]'"
 
 
@@ -43,6 +45,7 @@ def nothing_runs(monkeypatch):
         ("zarr", "sweep", lambda path: cs.sweep(SCENE, {"dt": [1e-3]}, store=path, progress=False)),
         ("zarr", "sweep", lambda path: cs.open_sweep(path)),
         ("tqdm", "demo", lambda path: cs.simulate(SCENE, 0.1, dt=1e-3, progress=True)),
+        ("tqdm", "demo", lambda path: cs.fit(SCENE, *MEASURED, ["stiffness"], progress=True)),
         ("pxr", "export", lambda path: RUN.export(path / "a.usdc")),
         ("matplotlib", "plot", lambda path: RUN.plot()),
     ],

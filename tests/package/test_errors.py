@@ -5,8 +5,6 @@ import math
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim import accuracy
-from tables import each
 
 SCENE = cs.Scene(cs.Cloth((4, 5)))
 X, V = SCENE.initial_position, SCENE.initial_velocity
@@ -116,18 +114,6 @@ def test_attributes_of_a_stepper_are_not_set_in_silence():
     for name in ("dt", "time", "positions"):
         with pytest.raises(AttributeError, match=name):
             setattr(stepper, name, 1.0)
-
-
-@each(
-    "module, name, instead",
-    [
-        (cs.scenes, "denim", "docs/runs.md"),
-        (accuracy, "fastest", "python benchmarks/peers --errors"),
-    ],
-)
-def test_a_name_of_an_earlier_version_says_what_serves_instead(module, name, instead):
-    with pytest.raises(AttributeError, match=f"has no attribute '{name}'; {instead}"):
-        getattr(module, name)
 
 
 def test_masked_entries_are_no_numbers():

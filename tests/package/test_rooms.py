@@ -7,6 +7,7 @@ from importlib.util import resolve_name
 from pathlib import Path
 
 import clothsim as cs
+from clothsim.base import services
 
 PACKAGE = Path(cs.__file__).parent
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -53,14 +54,43 @@ def imports(text, folder, late=True):
                 yield full_name if full_name in MODULES else module, name
 
 
-def test_no_circle_of_imports():
-    graph = {
-        name: {origin for origin, _ in imports(*code, late=False) if origin}
+def import_graph(late):
+    """Return the modules that each module imports."""
+    return {
+        name: {origin for origin, _ in imports(*code, late) if origin}
         for name, code in MODULES.items()
         if name
     }
-    order = list(TopologicalSorter(graph).static_order())  # this raises CycleError
+
+
+def test_no_circle_of_imports():
+    order = list(
+        TopologicalSorter(import_graph(late=False)).static_order()
+    )  # this raises CycleError
     assert order.index("model.cloth") < order.index("model.scene") < order.index("run.simulate")
+
+
+def reachable(graph, start):
+    """Return the modules that `start` imports in the end, late imports included."""
+    reached = set()
+    waiting = [start]
+    while waiting:
+        new = graph[waiting.pop()] - reached
+        reached |= new
+        waiting += new
+    return reached
+
+
+def test_late_imports_put_few_modules_into_a_circle():
+    graph = import_graph(late=True)
+    circle = [name for name in graph if name in reachable(graph, name)]
+    assert len(circle) <= 4, circle
+
+
+def test_functions_of_later_rooms_exist():
+    assert {"explain", "picture_of_run"} <= services._MODULES.keys()
+    for name in services._MODULES:
+        assert callable(services.service(name)), name
 
 
 def test_only_evidence_and_command_line_import_the_front_door():

@@ -1,5 +1,6 @@
 """The reproduction: its numbers, its findings and its report folder."""
 
+import dataclasses
 import json
 from html.parser import HTMLParser
 from pathlib import Path
@@ -13,9 +14,17 @@ pytest.importorskip("matplotlib")
 from clothsim.base.progress import ProgressBar
 from clothsim.cli import main
 from clothsim.paper import FULL, QUICK, Settings, reproduce, text
-from clothsim.paper.experiments import CASES, FRAMES, VARIANTS, Passed, sharpest_fold
+from clothsim.paper.experiments import (
+    CASES,
+    FRAMES,
+    QUANTITIES,
+    SIZES,
+    VARIANTS,
+    Passed,
+    sharpest_fold,
+)
 from clothsim.paper.findings import findings, number
-from clothsim.paper.report import cuts, page_section
+from clothsim.paper.report import cuts
 from matplotlib.image import imread
 
 SMALL = Settings(
@@ -29,7 +38,7 @@ BARS = []  # of the report
 class Bar(ProgressBar):
     """A bar that counts and shows nothing."""
 
-    def __init__(self, shown, desc, total):
+    def __init__(self, shown, total, **options):
         super().__init__(shown)
         self.total = total
         self.count = 0
@@ -120,20 +129,21 @@ def test_points_that_leave_on_another_side_have_passed():
 
 def test_findings_follow_the_numbers(report):
     judgements = findings(report["experiments"])
-    verdicts = [finding.held for claims in judgements.values() for finding in claims]
+    verdicts = [finding.verdict for claims in judgements.values() for finding in claims]
     assert len(verdicts) == 10 and set(verdicts) <= {"yes", "in part", "no", "not measured"}
     assert verdicts[0] == "in part"  # the edge as printed
     assert verdicts[3] == "no"  # method 2's folds
     rows = [{"case": name, "frames_per_second": 500.0 - 100 * (name[7] == "2")} for name in CASES]
     slower, quick = findings({"3": {"rows": rows, "frame_steps": 320}})["3"]
-    assert (slower.held, quick.held) == ("yes", "yes") and "400" in slower.corrected
+    assert (slower.verdict, quick.verdict) == ("yes", "yes") and "400" in slower.corrected
     cells = [
         {"case": name, "triangles": 5e-3 * (name[7] == "1")} for name in CASES for _ in FRAMES["1"]
     ]
     static, offset = findings({"1": {"cells": cells, "study": []}})["1"]
-    assert offset.held == "yes" and "1 mm" in offset.criterion
+    assert offset.verdict == "yes" and "1 mm" in offset.criterion
     assert (
-        static.held == "yes" and static.printed == "method 1: 5 / 5 / 5 mm; method 2: 0 / 0 / 0 mm"
+        static.verdict == "yes"
+        and static.printed == "method 1: 5 / 5 / 5 mm; method 2: 0 / 0 / 0 mm"
     )
     rows = [
         {"case": "core, double, 1 thread", "times_the_first": 8.0},
@@ -145,8 +155,8 @@ def test_findings_follow_the_numbers(report):
         },
     ]
     gpu, first = findings({"4": {"rows": rows, "missing": ""}})["4"]
-    assert gpu.held == "yes" and "2 times" in gpu.corrected
-    assert first.held == "yes" and "0.8 times" in first.corrected
+    assert gpu.verdict == "yes" and "2 times" in gpu.corrected
+    assert first.verdict == "yes" and "0.8 times" in first.corrected
 
 
 @pytest.mark.parametrize(
@@ -169,9 +179,9 @@ def test_a_claim_that_the_numbers_refute_does_not_hold_in_part(one, two, held):
         for k, (passed, depth) in enumerate((one, two), 1)
     ]
     moving, edge, slow = findings({"2": {"cells": cells}})["2"]
-    assert moving.held == held and "10 mm" in moving.criterion
-    assert slow.held == "no" and "frames 1300 and 3100" in slow.criterion
-    assert edge.held == "yes" and "90 degrees" in edge.criterion
+    assert moving.verdict == held and "10 mm" in moving.criterion
+    assert slow.verdict == "no" and "frames 1300 and 3100" in slow.criterion
+    assert edge.verdict == "yes" and "90 degrees" in edge.criterion
 
 
 def test_a_sharp_fold_is_an_angle_between_neighbouring_cells():
@@ -182,7 +192,8 @@ def test_a_sharp_fold_is_an_angle_between_neighbouring_cells():
 
 
 def test_the_bar_of_each_experiment_has_its_total(report):
-    assert len(BARS) == 5 and all(bar.total == bar.count > 0 for bar in BARS)
+    assert [bar.count for bar in BARS] == pytest.approx([bar.total for bar in BARS])
+    assert BARS[1].total == pytest.approx(3100 * 1.6e-3)  # s of simulated time, of experiment 2
 
 
 def test_one_step_a_frame_means_one_thing(report):
@@ -193,25 +204,25 @@ def test_the_terminal_ends_with_a_line_for_each_claim(report, monkeypatch, capsy
     monkeypatch.setattr("clothsim.paper.reproduce", lambda *_, **__: report)
     assert main(["reproduce"]) in (0, None)
     lines = capsys.readouterr().out.strip().splitlines()[-10:]
-    claims = [
-        f
-        for claims_of_experiment in findings(report["experiments"]).values()
-        for f in claims_of_experiment
-    ]
-    assert [line.split(":")[0] for line in lines] == [f.held for f in claims]
-    assert all(f.claim in line for f, line in zip(claims, lines, strict=True))
-    assert all(f.criterion in " ".join(text(report).split()) for f in claims)
+    rows = [row for claims in findings(report["experiments"]).values() for row in claims]
+    assert [line.split(":")[0] for line in lines] == [row.verdict for row in rows]
+    assert all(row.claim in line for row, line in zip(rows, lines, strict=True))
+    assert all(row.criterion in " ".join(text(report).split()) for row in rows)
 
 
-def test_text_of_the_report_is_that_of_the_page(folder):
-    page, report_text = (
-        path.read_text()
-        for path in (Path(__file__).parents[2] / "docs/reproduction.md", folder / "report.txt")
-    )
-    assert " ".join(page_section("Choices where the paper is silent").split()) in " ".join(
-        report_text.split()
-    )
-    assert page.count("Table 3, frames 150") == report_text.count("Table 3, frames 150") == 1
+def test_depths_are_stored_in_metres_and_shown_in_millimetres(report, folder):
+    assert QUANTITIES["points"].heading == "deepest point [mm]"
+    depth = cell(report, "2", 1, "as printed", 200)["points"]
+    assert depth > 0.02
+    assert f"deepest point [mm]: {number(1e3 * depth)};" in (folder / "report.txt").read_text()
+
+
+def test_every_column_and_every_size_is_explained(folder):
+    content = " ".join((folder / "report.txt").read_text().split())
+    for quantity in QUANTITIES.values():
+        assert quantity.definition in content
+    assert SIZES.keys() == {field.name for field in dataclasses.fields(Settings)}
+    assert content.count("Table 3, frames 150") == 1
 
 
 def test_rounding_is_zero():

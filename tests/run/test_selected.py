@@ -3,7 +3,7 @@
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.viewing.legend import point_stretch
+from clothsim.viewing.scale import point_stretch
 
 
 @pytest.fixture(scope="module")

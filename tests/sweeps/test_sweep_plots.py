@@ -6,7 +6,7 @@ import sys
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.viewing import plots
+from clothsim.viewing.plots import sweep as plots
 
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
@@ -85,11 +85,35 @@ def test_the_convergence_fan(swept):
     assert crosses == int((swept.status == 2).sum()) > 0
 
 
+def test_a_fan_of_many_lines_has_a_colour_bar(swept):
+    many = swept.isel(stiffness=[0] * 12).assign_coords(stiffness=np.geomspace(500, 5e4, 12))
+    many.stiffness.attrs = swept.stiffness.attrs
+    axes = many.clothsim.plot()
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["order 4"] and axes.figure.axes[1].get_ylabel() == "stiffness [N/m]"
+    lines = [line for line in axes.get_lines() if line.get_marker() == "o"]
+    assert len({tuple(line.get_color()) for line in lines if len(line.get_xdata()) == 4}) == 12
+
+
+def test_cells_of_named_values_are_whole():
+    scene = cs.scenes.oscillator()
+    over = {"integrator": ["semi_implicit_euler", "velocity_verlet", "rk4"], "stiffness": [50, 99]}
+    swept = cs.sweep(scene, over, duration=0.1, dt=0.01, progress=False)
+    axes = swept.clothsim.plot()
+    mesh = axes.collections[0]
+    assert mesh.colorbar.ax.get_ylabel() == "largest stretch [%]"
+    corners = mesh.get_coordinates().reshape(-1, 2)
+    assert corners.min(axis=0).tolist() == [-0.5, 25.5] == [axes.get_xlim()[0], axes.get_ylim()[0]]
+    assert corners.max(axis=0).tolist() == [2.5, 123.5]
+    status = swept.clothsim.plot("heatmap", variable="status")
+    assert [text.get_text() for text in status.get_legend().get_texts()] == ["done"]
+
+
 def test_the_stability_map(swept):
     axes = swept.clothsim.plot("stability")
     (mesh,) = axes.collections
     assert np.array_equal(mesh.get_array(), swept.status.values.T)
-    line = axes.get_lines()[0]
+    (line,) = (line for line in axes.get_lines() if line.get_label() == "guaranteed\nstable dt")
     assert np.array_equal(line.get_ydata(), swept.max_stable_dt.isel(dt=0))
     assert np.array_equal(line.get_xdata(), swept.stiffness)
 
@@ -97,9 +121,9 @@ def test_the_stability_map(swept):
 def test_heat_maps(swept):
     axes = swept.clothsim.plot("heatmap", variable="largest_stretch", x="dt", y="stiffness")
     mesh = axes.collections[0]
-    assert np.array_equal(
-        np.ma.filled(mesh.get_array(), np.nan), swept.largest_stretch, equal_nan=True
-    )
+    percent = 100 * swept.largest_stretch
+    assert np.array_equal(np.ma.filled(mesh.get_array(), np.nan), percent, equal_nan=True)
+    assert mesh.colorbar.ax.get_ylabel() == "largest stretch [%]"
     scaled = (
         swept.assign(largest_stretch=swept.largest_stretch**8)
         .clothsim.plot("heatmap", variable="largest_stretch")
@@ -150,7 +174,7 @@ def test_a_heat_map_marks_errors_below_the_reference(swept):
         (lambda ds: plots.stability(ds.isel(stiffness=0)), "beside dt"),
         (lambda ds: plots.heatmap(ds, "eror"), "'error'"),
         (lambda ds: plots.heatmap(ds.expand_dims(mass=[1, 2])), "two dimensions"),
-        (lambda ds: plots.plot(ds, "pie"), "kind must be"),
+        (lambda ds: ds.clothsim.plot("pie"), "kind must be"),
     ],
 )
 def test_pictures_that_cannot_be(swept, draw, message):

@@ -5,8 +5,8 @@ from itertools import combinations
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.viewing import plots
 from clothsim.viewing.page import SHADING
+from clothsim.viewing.plots import style
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("xarray")
@@ -18,9 +18,9 @@ from matplotlib import pyplot
 
 
 def test_the_palette_is_that_of_every_figure_and_page():
-    assert min(distance(a, b) for a, b in combinations(plots.COLORS, 2)) >= LEAST
-    assert SHADING["colors"] == plots.COLORS
-    styles = [tuple(map(str, plots.style(k).values())) for k in range(72)]
+    assert min(distance(a, b) for a, b in combinations(style.COLORS, 2)) >= LEAST
+    assert SHADING["colors"] == style.COLORS
+    styles = [tuple(map(str, style.style(k).values())) for k in range(72)]
     assert len(set(styles)) == 72
 
 

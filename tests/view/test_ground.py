@@ -10,7 +10,7 @@ import pytest
 from clothsim.viewing.camera import camera_for
 from clothsim.viewing.exports import Clip
 from clothsim.viewing.formats.meshes import bodies
-from clothsim.viewing.plots import curves
+from clothsim.viewing.plots.run import curves
 
 GAP = 0.49  # m below the flat sheet
 CLOTH = cs.Cloth((24, 24), mass=0.3, stiffness=200.0, damping=0.02)

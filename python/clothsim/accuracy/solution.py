@@ -17,6 +17,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check, frozen
 from ..base.build import available_threads
+from ..base.services import service
 from ..engine.force import checked_force, is_python, with_force
 from ..engine.options import Options, core_plan
 from ..engine.stepper import Stepper
@@ -27,15 +28,15 @@ from ..model.sphere import kind_name
 from ..run.trajectory import PAUSE, Frames
 from ..typing import Force
 
-METHOD, ORDER = "dop853", 8
-_COARSEST = 0.5  # of RK4's stable step, well below the stable step of dop853
-_FEWEST_STEPS = 8
-_MOST_HALVINGS = 8
+METHOD = "dop853"
+ORDER = 8
+_COARSEST = 0.5  # coarsest step over RK4's stable step, well below the stable step of dop853
+_FEWEST_STEPS = 8  # least number of steps of the coarsest run
+_MOST_HALVINGS = 8  # largest number of halvings of its steps
 _STEPS_BETWEEN_PAUSES = 512
 
-
-# The extrapolation that is returned, and the one that it is compared with; tolerances per step over
-# the cloth's extent.
+# The extrapolation that is returned, and the one that it is compared with; tolerances are per step
+# over the cloth's extent.
 _TRUSTED: dict[str, Any] = {"columns": 8, "tolerance": 1e-15}
 _CONTROL: dict[str, Any] = {"columns": 7, "tolerance": 1e-14}
 
@@ -75,7 +76,7 @@ class Reference:
         return f"<Reference of {len(self.t)} frames to {self.t[-1]:g} s, error bound {bound:.1e} m>"
 
     def error_of(self, x: npt.ArrayLike, frame: int = -1) -> dict[str, float]:
-        """Distance of positions from this solution.
+        """Return the distance of positions from this solution.
 
         Parameters
         ----------
@@ -106,12 +107,28 @@ class Reference:
             for name, value in distances(x.astype(np.float64), self.x[frame]).items()
         }
 
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the motion of some points and the errors over time; the two axes come back.
+
+        Parameters
+        ----------
+        ax : sequence of 2 matplotlib.axes.Axes, optional
+            Default: those of a new figure.
+
+        Examples
+        --------
+        >>> solution = cs.reference(cs.scenes.oscillator(), 0.1, every=0.01)
+        >>> [axes.get_ylabel() for axes in solution.plot()]
+        ['way from the start [m]', 'error [m]']
+        """
+        return service("draw_reference")(self, ax)
+
 
 @check.named
 def reference(
     scene: Scene, duration: float, every: float | None = None, *, force: Force | None = None
 ) -> Reference:
-    """A trusted solution of a scene without contact, with its own error bound.
+    """Compute a trusted solution of a scene, with its own error bound.
 
     Two methods compute it, and their difference is the error bound. Gragg-Bulirsch-Stoer
     extrapolation of order 16 is returned, in double-double (Hairer, Norsett, Wanner, Solving
@@ -123,7 +140,7 @@ def reference(
     Parameters
     ----------
     scene : Scene
-        Its spheres must stay out of the cloth's reach.
+        Obstacles of another response than "penalty" must stay out of the cloth's reach.
     duration : float
         Simulated time [s], > 0.
     every : float, optional
@@ -134,6 +151,7 @@ def reference(
     Returns
     -------
     Reference
+        Its method `plot` draws the motion and its error.
 
     Raises
     ------
@@ -164,29 +182,32 @@ def reference(
 
 
 def reference_for(
-    scene: Scene, duration: float, given: Reference | None, force: Force | None
+    scene: Scene, duration: float, solution: Reference | None, force: Force | None
 ) -> Reference:
-    """The reference `given`, checked to fit the scene and duration; where it is None, a new one."""
-    if given is None:
+    """Return the solution, checked to fit scene, duration and force; a new one where it is None."""
+    if solution is None:
         return reference(scene, duration, force=force)
-    check.instance("reference", given, Reference)
-    if given.scene != scene or given.t[-1] != duration or given.force is not force:
+    check.instance("reference", solution, Reference)
+    fits = solution.scene == scene and solution.t[-1] == duration and solution.force is force
+    if not fits:
         raise ValueError(
-            f"reference must be one of this scene and force over {duration:g} s, got {given!r} "
+            f"reference must be one of this scene and force over {duration:g} s, got {solution!r} "
             "of its scene and force"
         )
-    return given
+    return solution
 
 
 @lru_cache(maxsize=32)
 def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
-    """The reference with frames at 0 and at `times`, without a function's force."""
+    """Return the reference with frames at 0 and at `times`, without a function's force."""
     return _solve(scene, times, None)
 
 
 def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Reference:
-    layers = [s for s in scene.spheres if s.response == "penalty"]
-    threads, free = available_threads(), scene.replace(spheres=layers)
+    """Return the reference with frames at 0 and at `times`."""
+    layers = [obstacle for obstacle in scene.spheres if obstacle.response == "penalty"]
+    free = scene.replace(spheres=layers)
+    threads = available_threads()
     # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
     stops = sorted({*times, *stops_of(free, 0.0, times[-1])})
     frames = np.searchsorted(stops, times)
@@ -202,23 +223,30 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
             "the equation and have no reference; take response 'penalty', or compare outcomes "
             "(penetration, energy)"
         )
-    among: dict[str, Any] = {"threads": threads, "force": force}
-    x, v = (one[frames] for one in extrapolation(free, stops, **_TRUSTED, **among))
-    control = extrapolation(free, stops, **_CONTROL, **among)[0][frames]
+    options: dict[str, Any] = {"threads": threads, "force": force}
+    x, v = extrapolation(free, stops, **_TRUSTED, **options)
+    control, _ = extrapolation(free, stops, **_CONTROL, **options)
     double = double or solve_in_double(free, stops, threads, force)
     if double.ended.reason:
         raise ArithmeticError(f"no reference: {double.ended.reason}")
-    # The solution is rounded to float64: half a unit in the last place, but for the state given.
-    rounding = np.spacing(np.abs(x).max()) / 2 * (np.arange(len(times) + 1) > 0)
-    x, v = (
-        np.concatenate([[a], b])
-        for a, b in ((scene.initial_position, x), (scene.initial_velocity, v))
-    )
-    second, control = (np.concatenate([x[:1], one]) for one in (double.x[frames], control))
+    # The solution is rounded to float64: half a unit in the last place, but for the initial state.
+    rounding = np.spacing(np.abs(x[frames]).max()) / 2 * (np.arange(len(times) + 1) > 0)
+    start = scene.initial_position[None]
+    x = np.concatenate([start, x[frames]])
+    v = np.concatenate([scene.initial_velocity[None], v[frames]])
+    second = np.concatenate([start, double.x[frames]])
+    control = np.concatenate([start, control[frames]])
     bound = {name: frozen(value + rounding) for name, value in distances(x, second).items()}
     estimate = {name: frozen(value) for name, value in distances(x, control).items()}
-    t = frozen(np.array([0.0, *times]))
-    return Reference(scene, t, frozen(x), frozen(v), bound, estimate, force)
+    return Reference(
+        scene=scene,
+        t=frozen(np.array([0.0, *times])),
+        x=frozen(x),
+        v=frozen(v),
+        error_bound=bound,
+        error_estimate=estimate,
+        force=force,
+    )
 
 
 class Motion(NamedTuple):
@@ -239,7 +267,7 @@ def motion(
     threads: int | None = None,
     force: Force | None = None,
 ) -> Motion:
-    """The scenes at `times` [s], increasing and > 0, with `counts` equal steps up to each."""
+    """Return the scenes at `times` [s], increasing and > 0, by `counts` equal steps to each."""
     several = scenes if len(scenes) > 1 else scenes[0]
     stepper = Stepper(several, integrator=METHOD, threads=threads, force=force)
     x = np.full((len(scenes), len(times), *scenes[0].cloth.shape, 3), np.nan)
@@ -272,8 +300,8 @@ class InDouble(NamedTuple):
     """Positions of a scene at some times, and their error."""
 
     x: Floats  # [m], shape (times, rows, columns, 3); NaN after a failure
-    # By the last halving: the largest distance of a mass point [m], shape (times,); infinite
-    # without one.
+    # The largest distance of a mass point by the last halving [m], shape (times,). It is infinite
+    # without a halving.
     change: Floats
     ended: Motion
 
@@ -281,7 +309,7 @@ class InDouble(NamedTuple):
 def solve_in_double(
     scene: Scene, times: Sequence[float], threads: int | None = None, force: Force | None = None
 ) -> InDouble:
-    """Positions at `times` [s], increasing and > 0, by the kernels.
+    """Return positions at `times` [s], increasing and > 0, by the kernels.
 
     The step is halved until the change is no larger than rounding errors. No tolerance has to be
     chosen for a scene. After a response of a sphere or a failure nothing is halved.
@@ -291,16 +319,21 @@ def solve_in_double(
     # go as far as anywhere else.
     coarsest = np.ceil(np.diff(times, prepend=0.0) / largest).astype(int)
     counts = coarsest * 2 ** np.arange(1 + _MOST_HALVINGS)[:, None]
-    found, halving = motion([scene], times, counts[0].tolist(), threads, force), 0
-    change, changes = math.inf, np.full(len(times), np.inf)
-    while not found.reason and halving < _MOST_HALVINGS:
-        halving, coarser, before = halving + 1, found, change
-        found = motion([scene], times, counts[halving].tolist(), threads, force)
-        off = found.x[0] - coarser.x[0]
-        change, changes = float(abs(off).max()), np.linalg.norm(off, axis=-1).max(axis=(-2, -1))
+    finest = motion([scene], times, counts[0].tolist(), threads, force)
+    change = math.inf
+    changes = np.full(len(times), np.inf)
+    for halving in range(1, 1 + _MOST_HALVINGS):
+        if finest.reason:
+            break
+        coarser = finest
+        before = change
+        finest = motion([scene], times, counts[halving].tolist(), threads, force)
+        distance = finest.x[0] - coarser.x[0]
+        change = float(abs(distance).max())
+        changes = np.linalg.norm(distance, axis=-1).max(axis=(-2, -1))
         if change >= before / 2 ** (ORDER / 2):  # truncation would have made it 256 times smaller
             break
-    return InDouble(found.x[0], changes, found)
+    return InDouble(finest.x[0], changes, finest)
 
 
 def extrapolation(
@@ -312,8 +345,9 @@ def extrapolation(
     threads: int,
     force: Force | None = None,
 ) -> tuple[Floats, Floats]:
-    """States at `times` by extrapolation in double-double."""
-    x, v = (np.ascontiguousarray(one) for one in (scene.initial_position, scene.initial_velocity))
+    """Return states at `times` by extrapolation in double-double."""
+    x = np.ascontiguousarray(scene.initial_position)
+    v = np.ascontiguousarray(scene.initial_velocity)
     plan = with_force(core_plan(scene, Options()), force, scene.cloth.shape)
     threads = 1 if is_python(force) else threads
     time, xs, vs = _core.extrapolate(plan, x, v, times, columns, tolerance, threads)
@@ -327,6 +361,6 @@ def extrapolation(
 
 
 def distances(a: Floats, b: Floats) -> dict[str, Floats]:
-    """Largest and root mean square distance of the mass points, of one frame or of each."""
+    """Return the largest and the rms distance of the mass points, of a frame or of each."""
     distance = np.linalg.norm(a - b, axis=-1)
     return {"max": distance.max(axis=(-2, -1)), "rms": np.sqrt((distance**2).mean(axis=(-2, -1)))}

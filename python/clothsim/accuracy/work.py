@@ -1,4 +1,4 @@
-"""Errors of methods over their settings: the order that they show, and their cost."""
+"""Error against cost of methods, over their steps or tolerances."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,15 +17,14 @@ from ..base import Floats, check
 from ..base.build import build_config
 from ..base.extras import needed
 from ..base.progress import ProgressBar
-from ..base.text import aligned
 from ..engine.options import PRECISIONS
-from ..errors import OrderWarning, StabilityWarning, UnstableError
+from ..errors import OrderWarning, StabilityWarning
 from ..measure import energy
 from ..methods.bound import stable_dt
 from ..methods.integrators import METHODS, integrator_name
 from ..model.scene import Scene
 from ..run.simulate import simulate
-from ..typing import Force, Integrator, Kernel, Precision
+from ..typing import Force, Precision
 from .solution import Reference, reference_for
 
 if TYPE_CHECKING:
@@ -33,15 +32,12 @@ if TYPE_CHECKING:
 
 OWN = "clothsim"  # library of the integrators
 _COMPARED = ("semi_implicit_euler", "velocity_verlet", "rk4", "dopri5 adaptive", "dop853 adaptive")
-_SAFETY = 0.95  # of the guaranteed stable step: an explicit method's coarsest
-_HALVINGS = 7
+_SAFETY = 0.95  # coarsest step of an explicit method over the guaranteed stable step
+_IMPLICIT = 8.0  # coarsest step of an implicit method over the stable step of rk4
+_HALVINGS = 7  # settings of a method
 _RTOLS = tuple(10.0**-k for k in range(3, 14))
-_ONCE = 2.0  # s; a run that takes longer is timed once
+_ONCE = 2.0  # s; a longer run is timed once
 _LONGEST = 10.0  # s; after a longer run the finer settings of its method are left out
-# An error is fitted where rounding and the reference make less than this part of it ...
-_FLOOR_PART = 0.1
-_ASYMPTOTIC = 0.1  # ... and where it is below this part of how far the cloth has moved
-_STALLED = 0.5  # slope between two steps below which smaller steps no longer help: rounding
 _COLUMNS = {
     "setting": ("dt [s] or relative tolerance", ""),
     "rms_error": ("rms distance from the reference at the end", "m"),
@@ -121,7 +117,7 @@ def work_precision(
     progress: bool = False,
     force: Force | None = None,
 ) -> xarray.Dataset:
-    """Error against cost of methods over their steps or tolerances.
+    """Measure error against cost of methods over their steps or tolerances.
 
     Errors are distances from the trusted solution at the end, and over its frames. The time is that
     of the steps alone, and the least of several runs. The methods take turns, in another order each
@@ -170,7 +166,13 @@ def work_precision(
         the interquartile range of all [s/s]; "energy_drift" [J], the total energy at the end less
         that of the reference, which is the change of energy itself where nothing is damped;
         "pareto", True where no run is both faster and more accurate. The attributes have scene,
-        duration, reference error, instruction set and version.
+        duration, reference error, instruction set and version. Its method ``clothsim.plot`` draws
+        error against wall time and evaluations.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not as above, or as `reference` does.
 
     Examples
     --------
@@ -183,64 +185,58 @@ def work_precision(
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     windows = check.integer("windows", windows, minimum=1)
-    chosen = _chosen(methods, precisions, threads, force)
-    levels = [_settings(one, scene, duration, dts, rtols) for one in chosen]
-    shape = len(chosen), max(map(len, levels))
+    solvers = _solvers(methods, precisions, threads, force)
+    levels = [_settings(method, scene, duration, dts, rtols) for method in solvers]
+    shape = len(solvers), max(map(len, levels))
     table = {name: np.full(shape, np.nan) for name in _COLUMNS}
-    taken: dict[tuple[int, ...], list[float]] = {}  # times of the stable runs
-    once = 0.0  # wall time of the last run
-    with ProgressBar(progress, total=sum(map(len, levels)) * (1 + windows), unit="run") as bar:
+    places = [(m, n) for m, n in np.ndindex(shape) if n < len(levels[m])]
+    stable = []
+    spent = 0.0  # wall time of the last run [s]
+    most = duration * len(places) * (1 + windows)
+    with ProgressBar.of_time(progress, most, "work_precision") as bar:
         solution = reference_for(scene, duration, reference, force)
-        start = energy(scene, solution.x[-1], solution.v[-1], duration)["total"]
-        for m, n in np.ndindex(shape):
+        for m, n in places:
             # The first run is not timed: it compiles code and fills caches.
-            if n < len(levels[m]) and not (n and once > _LONGEST):
-                table["setting"][m, n] = levels[m][n]
-                for name in ("rms_error", "max_error", "frames_rms_error"):
-                    table[name][m, n] = np.inf
-                x, v, evaluations, once = _solved(chosen[m], scene, duration, levels[m][n])
-                if np.isfinite(x).all():
-                    table["rms_error"][m, n], table["max_error"][m, n] = (
-                        solution.error_of(x)[k] for k in ("rms", "max")
-                    )
-                    table["force_evaluations"][m, n] = evaluations
-                    table["energy_drift"][m, n] = energy(scene, x, v, duration)["total"] - start
-                    frames = [float(table["rms_error"][m, n])]
-                    for k, t in enumerate(solution.t[1:-1].tolist(), 1):
-                        at_frame = _solved(chosen[m], scene, t, levels[m][n])[0]
-                        frames.append(solution.error_of(at_frame, k)["rms"])
-                    table["frames_rms_error"][m, n] = np.max(frames)  # NaN if one is unstable
-                    taken[m, n] = []
-                bar.advance()
-        # Another order in each round: a slow spell of the machine affects all methods, and none
+            if not (n and spent > _LONGEST):
+                row = _errors(solvers[m], levels[m][n], scene, solution)
+                spent = row.pop("spent")
+                for name, value in row.items():
+                    table[name][m, n] = value
+                if math.isfinite(row["rms_error"]):
+                    stable.append((m, n))
+                bar.advance(duration)
+        seconds: dict[tuple[int, int], list[float]] = {place: [] for place in stable}
+        # Each round has another order, so a slow spell of the machine affects all methods, and none
         # always follows another.
-        shuffle, stable = Random(0).shuffle, [*taken]
+        shuffle = Random(0).shuffle
+        bar.expect(-duration * windows * (len(places) - len(stable)))
         for _ in range(windows):
             shuffle(stable)
             for m, n in stable:
-                if not (taken[m, n] and min(taken[m, n]) > _ONCE / duration):
-                    taken[m, n].append(
-                        _solved(chosen[m], scene, duration, levels[m][n])[3] / duration
-                    )
-                bar.advance()
-    for at, seconds in taken.items():
-        lower, upper = np.quantile(seconds, (0.25, 0.75))
-        table["wall_time"][at], table["wall_time_spread"][at] = min(seconds), upper - lower
+                times = seconds[m, n]
+                if not (times and min(times) > _ONCE / duration):
+                    solved = _solved(solvers[m], scene, duration, levels[m][n])
+                    times.append(solved.wall_time / duration)
+                bar.advance(duration)
+    for place, times in seconds.items():
+        lower, upper = np.quantile(times, (0.25, 0.75))
+        table["wall_time"][place] = min(times)
+        table["wall_time_spread"][place] = upper - lower
     columns: dict[str, Any] = {**table, "pareto": pareto(table["rms_error"], table["wall_time"])}
     of_solver = {
-        name: [getattr(one, name) for one in chosen] for name in ("precision", "library", "control")
+        "solver": [f"{method.name} {method.precision}" for method in solvers],
+        "integrator": [method.name for method in solvers],
+        "precision": [method.precision for method in solvers],
+        "library": [method.library for method in solvers],
+        "control": [method.control for method in solvers],
+        "threads": [method.threads or 0 for method in solvers],
     }
-    of_solver |= {
-        "integrator": [one.name for one in chosen],
-        "threads": [one.threads or 0 for one in chosen],
-    }
-    found: xarray.Dataset = xr.Dataset(
+    data: xarray.Dataset = xr.Dataset(
         {
-            k: (("solver", "level"), columns[k], {"long_name": text, "units": unit})
-            for k, (text, unit) in _COLUMNS.items()
+            name: (("solver", "level"), columns[name], {"long_name": text, "units": unit})
+            for name, (text, unit) in _COLUMNS.items()
         },
         {
-            "solver": [f"{one.name} {one.precision}" for one in chosen],
             "level": np.arange(shape[1]),
             **{name: ("solver", values) for name, values in of_solver.items()},
         },
@@ -252,32 +248,64 @@ def work_precision(
             **{name: build_config()[name] for name in ("instruction_set", "version")},
         },
     )
-    return found
+    return data
 
 
-def _solved(
-    method: Method, scene: Scene, duration: float, setting: float
-) -> tuple[Floats, Floats, int, float]:
-    """What `method.solve` returns; NaN where it is unstable."""
+def _errors(method: Method, setting: float, scene: Scene, solution: Reference) -> dict[str, float]:
+    """Return the columns of one setting that are no times, and "spent", the wall time [s].
+
+    Errors are infinite where the method is unstable.
+    """
+    duration = float(solution.t[-1])
+    solved = _solved(method, scene, duration, setting)
+    row = dict.fromkeys(("rms_error", "max_error", "frames_rms_error"), math.inf)
+    row |= {"setting": setting, "spent": solved.wall_time}
+    if not np.isfinite(solved.x).all():
+        return row
+    error = solution.error_of(solved.x)
+    frames = [error["rms"]]
+    for k, t in enumerate(solution.t[1:-1].tolist(), 1):
+        frames.append(solution.error_of(_solved(method, scene, t, setting).x, k)["rms"])
+    total = energy(scene, solved.x, solved.v, duration)["total"]
+    exact = energy(scene, solution.x[-1], solution.v[-1], duration)["total"]
+    row["rms_error"] = error["rms"]
+    row["max_error"] = error["max"]
+    row["frames_rms_error"] = float(np.max(frames))  # NaN if a run is unstable
+    row["force_evaluations"] = solved.evaluations
+    row["energy_drift"] = float(total - exact)
+    return row
+
+
+class _Solved(NamedTuple):
+    """What `Method.solve` returns."""
+
+    x: Floats  # m, at the end
+    v: Floats  # m/s
+    evaluations: int
+    wall_time: float  # s
+
+
+def _solved(method: Method, scene: Scene, duration: float, setting: float) -> _Solved:
+    """Return what `method.solve` returns; NaN where it is unstable."""
     try:
         with warnings.catch_warnings():
             # The run shows whether a step above the guarantee is stable here, and what an order
             # does to the error.
             warnings.simplefilter("ignore", StabilityWarning)
             warnings.simplefilter("ignore", OrderWarning)
-            return method.solve(scene, duration, setting)
+            return _Solved(*method.solve(scene, duration, setting))
     except ArithmeticError:
         nowhere = np.full_like(scene.initial_position, np.nan)
-        return nowhere, nowhere, 0, math.nan
+        return _Solved(nowhere, nowhere, 0, math.nan)
 
 
 def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """True at the points of the Pareto front: no other point has both a smaller error and a smaller
-    cost.
+    """Return where a point is on the Pareto front: none has both a smaller error and cost.
 
     Points whose error or cost is not finite are left out.
     """
-    error, cost = np.asarray(rms, dtype=float), np.asarray(cost, dtype=float)
+    error = np.asarray(rms, dtype=float)
+    cost = np.asarray(cost, dtype=float)
     error = np.where(np.isfinite(error) & np.isfinite(cost), error, np.inf)
     order = np.lexsort((error.ravel(), cost.ravel()))
     best = np.minimum.accumulate(np.append(np.inf, error.ravel()[order]))
@@ -286,32 +314,27 @@ def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     return front.reshape(error.shape)
 
 
-def _chosen(
+def _solvers(
     methods: Sequence[str | Method] | None,
     precisions: Sequence[Precision],
     threads: int | None,
     force: Force | None,
 ) -> list[Method]:
-    """The integrators that are given by name, then the methods of others."""
+    """Return the integrators by name, in each precision, then the methods of others."""
     precisions = check.items("precisions", precisions, None, "names", 1)
     for k, precision in enumerate(precisions):
         check.choice(f"precisions[{k}]", precision, PRECISIONS)
-    given = (
-        list(_COMPARED)
-        if methods is None
-        else check.items("methods", methods, None, "names or methods", 1)
-    )
-    named = [
-        own_method(one, precision, threads, force)
-        for one in given
-        if isinstance(one, str)
-        for precision in precisions
-    ]
-    return named + [
-        check.instance(f"methods[{k}]", one, Method)
-        for k, one in enumerate(given)
-        if not isinstance(one, str)
-    ]
+    listed = list(_COMPARED)
+    if methods is not None:
+        listed = check.items("methods", methods, None, "names or methods", 1)
+    own: list[Method] = []
+    others: list[Method] = []
+    for k, method in enumerate(listed):
+        if isinstance(method, str):
+            own += [own_method(method, precision, threads, force) for precision in precisions]
+        else:
+            others.append(check.instance(f"methods[{k}]", method, Method))
+    return own + others
 
 
 def own_method(
@@ -320,210 +343,46 @@ def own_method(
     threads: int | None = None,
     force: Force | None = None,
 ) -> Method:
-    """An integrator of this package; "NAME adaptive" chooses its steps by a tolerance."""
+    """Return an integrator of this package; "NAME adaptive" chooses its steps by a tolerance."""
     control = "rtol" if name.endswith(" adaptive") else "dt"
-    label = integrator = integrator_name(
+    integrator = integrator_name(
         name.removesuffix(" adaptive"), argument="methods", fixed=control == "dt"
     )
+    label = integrator
     if control == "rtol":
-        adaptive = [f"{one} adaptive" for one, about in METHODS.items() if about.adaptive]
+        adaptive = [f"{other} adaptive" for other, about in METHODS.items() if about.adaptive]
         label = check.choice("methods", f"{integrator} adaptive", adaptive)
 
     def solve(scene: Scene, duration: float, setting: float) -> tuple[Floats, Floats, int, float]:
-        by: dict[str, Any] = {
+        options: dict[str, Any] = {
             control: setting,
             "integrator": integrator,
             "precision": precision,
             "threads": threads,
             "force": force,
         }
-        run = simulate(scene, duration, **by)
+        run = simulate(scene, duration, **options)
         return run.x[-1], run.v[-1], run.report["solution_evaluations"], run.report["wall_time"]
 
     return Method(label, solve, control, OWN, precision, threads)
 
 
 def _settings(method: Method, scene: Scene, duration: float, dts: Any, rtols: Any) -> list[float]:
-    """The settings to try, the coarsest first."""
-    name, given = ("dts", dts) if method.control == "dt" else ("rtols", rtols)
-    if given is not None:
-        given = check.items(name, given, None, "numbers > 0", 1)
-        values = {
+    """Return the settings to try, the coarsest first."""
+    name = f"{method.control}s"
+    values = dts if name == "dts" else rtols
+    if values is not None:
+        listed = check.items(name, values, None, "numbers > 0", 1)
+        numbers = {
             check.number(f"{name}[{k}]", value, minimum=0, exclusive=True)
-            for k, value in enumerate(given)
+            for k, value in enumerate(listed)
         }
-        return sorted(values, reverse=True)
+        return sorted(numbers, reverse=True)
     if name == "rtols":
         return list(_RTOLS)
     integrator = method.name if method.library == OWN else "rk4"
     explicit = METHODS[integrator].explicit
-    # A step that nothing limits: from well above what an explicit method could take.
+    # Nothing limits an implicit step: it begins well above what an explicit method could take.
     largest = (stable_dt(scene, integrator) if explicit else 0.0) or stable_dt(scene, "rk4")
-    largest = min(_SAFETY * largest if explicit else 8 * largest, duration / 4)
+    largest = min(_SAFETY * largest if explicit else _IMPLICIT * largest, duration / 4)
     return [largest / 2**k for k in range(_HALVINGS)]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Convergence:
-    """Errors of a method over time steps, the result of `convergence`.
-
-    Attributes
-    ----------
-    integrator, precision : str
-    dt : numpy.ndarray
-        Time steps as taken [s], decreasing, shape (steps,).
-    steps : numpy.ndarray
-        Number of steps of each run, shape (steps,).
-    rms, max : numpy.ndarray
-        Distances of the mass points from the reference at the end [m], shape (steps,); infinite
-        where the run was unstable.
-    order : float
-        Slope of log rms over log dt, a least-squares fit of the steps in `fitted`. NaN if `fitted`
-        has fewer than two steps.
-    fitted : numpy.ndarray
-        True where the method causes the error, shape (steps,). The error is then at least ten times
-        the `floor`, and below a tenth of the rms distance that the cloth has moved.
-    floor : numpy.ndarray
-        Smallest error that the comparison can show [m], shape (steps,), the largest of three: the
-        reference's error estimate; the least error from where smaller steps no longer help (slope <
-        1/2); and eps/2 times the cloth's size, in double times the root of the number of steps. In
-        double the rounding of the positions adds up like a random walk; "single" compensates it.
-    reference : Reference
-    """
-
-    integrator: str
-    precision: Precision
-    dt: Floats
-    steps: npt.NDArray[np.int64]
-    rms: Floats
-    max: Floats
-    order: float
-    fitted: npt.NDArray[np.bool_]
-    floor: Floats
-    reference: Reference
-
-    def plot(self, ax: Any = None) -> Any:
-        """Draw errors, order and floor on axes, which come back: hollow is not fitted, a cross
-        unstable.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Default: those of a new figure.
-
-        Examples
-        --------
-        >>> cs.convergence(cs.scenes.oscillator(), 0.1, [0.01, 0.005]).plot().get_xlabel()
-        'time step dt [s]'
-        """
-        from ..viewing.plots import draw_convergence
-
-        return draw_convergence(self, ax)
-
-    def __str__(self) -> str:
-        fitted = f"order {self.order:.2f} (* fitted)"
-        if math.isnan(self.order):
-            fitted = (
-                "no order: fewer than two errors are well above the floor, "
-                f"{self.floor.min():.1e} m"
-            )
-        orders = ["", *(f"{order:.2f}" for order in _slopes(self.dt, self.rms))]
-        rows = [
-            (f"{dt:.4g}", f"{rms:.2e}", f"{largest:.2e}", order, "*" * bool(fit))
-            for dt, rms, largest, order, fit in zip(
-                self.dt, self.rms, self.max, orders, self.fitted, strict=True
-            )
-        ]
-        table = aligned([("dt [s]", "rms [m]", "max [m]", "order", ""), *rows], left=())
-        return f"{self.integrator}, {self.precision}: {fitted}\n{table}"
-
-    __repr__ = __str__
-
-
-@check.named
-def convergence(
-    scene: Scene,
-    duration: float,
-    dts: Sequence[float],
-    integrator: Integrator = "rk4",
-    precision: Precision = "double",
-    *,
-    reference: Reference | None = None,
-    threads: int | None = None,
-    kernel: Kernel = "auto",
-    force: Force | None = None,
-) -> Convergence:
-    """Errors against the trusted solution, and the order that they show.
-
-    Parameters
-    ----------
-    scene, duration
-        As for `reference`.
-    dts : sequence of float
-        Time steps [s], > 0, at least one. Each step is shortened until it divides the duration, so
-        that all steps of a run are equal.
-    integrator : str, default "rk4"
-        A name of `clothsim.integrators`; an adaptive one runs at the fixed steps given.
-    precision : {"double", "single"}, default "double"
-    reference : Reference, optional
-        Solution to measure by; its last frame is at `duration`. Default: `reference(scene,
-        duration, force=force)`.
-    threads, kernel, force
-        As for `simulate`.
-
-    Returns
-    -------
-    Convergence
-        It prints as a table.
-
-    Examples
-    --------
-    >>> scene = cs.scenes.oscillator(damping=2.0)
-    >>> found = cs.convergence(scene, 0.5, [0.01, 0.005, 0.0025])
-    >>> round(found.order, 1), found.steps.tolist()
-    (4.0, [50, 100, 200])
-    """
-    check.instance("scene", scene, Scene)
-    duration = check.number("duration", duration, minimum=0, exclusive=True)
-    integrator = integrator_name(integrator, fixed=True)
-    check.choice("precision", precision, ("double", "single"))
-    listed = check.items("dts", dts, None, "time steps > 0", 1)
-    given = [
-        check.number(f"dts[{k}]", dt, minimum=0, exclusive=True) for k, dt in enumerate(listed)
-    ]
-    if not duration / min(given) <= check.INT64_MAX:
-        raise ValueError(f"dts must be above duration / {check.INT64_MAX:.3g}, got {min(given):g}")
-    steps = np.array(sorted({max(1, math.ceil(duration / dt - 1e-9)) for dt in given}))
-    solution = reference_for(scene, duration, reference, force)
-    options: dict[str, Any] = {"precision": precision, "threads": threads, "kernel": kernel}
-    dt, errors = duration / steps, []
-    for one in dt.tolist():
-        try:
-            end = simulate(scene, duration, one, integrator, force=force, **options).x[-1]
-            errors.append([solution.error_of(end)[name] for name in ("rms", "max")])
-        except UnstableError:
-            errors.append([math.inf, math.inf])
-    rms, largest = np.array(errors).T
-    stalled = np.flatnonzero(_slopes(dt, rms) < _STALLED)
-    known = max(
-        float(solution.error_estimate["rms"][-1]),
-        float(rms[stalled[0] :].min()) if stalled.size else 0.0,
-    )
-    single = precision == "single"
-    digits = (
-        np.finfo(np.float32 if single else np.float64).eps / 2 * np.sqrt(np.where(single, 1, steps))
-    )
-    floor = np.maximum(known, max(scene.cloth.size) * digits)
-    moved = solution.error_of(scene.initial_position)["rms"]
-    fitted = (rms >= floor / _FLOOR_PART) & (rms <= _ASYMPTOTIC * moved)
-    order = math.nan
-    if fitted.sum() > 1:
-        order = float(np.polyfit(np.log(dt[fitted]), np.log(rms[fitted]), 1)[0])
-    return Convergence(
-        integrator, precision, dt, steps, rms, largest, order, fitted, floor, solution
-    )
-
-
-def _slopes(dt: Floats, rms: Floats) -> Floats:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.diff(np.log(rms)) / np.diff(np.log(dt))

@@ -1,4 +1,6 @@
-"""Helpers that know nothing of cloth: checks of arguments, extras, files, progress."""
+"""Helpers that know nothing of cloth: checks of arguments, extras, files, progress, functions of
+later rooms.
+"""
 
 from importlib.util import find_spec
 
@@ -20,6 +22,6 @@ Floats = npt.NDArray[np.float64]
 
 
 def frozen(array: np.ndarray) -> np.ndarray:
-    """`array` itself, made read-only."""
+    """Make `array` read-only, and return it."""
     array.flags.writeable = False
     return array

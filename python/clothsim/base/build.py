@@ -14,17 +14,17 @@ from .. import _core
 
 
 def processors() -> int:
-    """The processors that this process may use."""
+    """Count the processors that this process may use."""
     return _core.processors()
 
 
 def available_threads() -> int:
-    """The processors that this process may use, at most `OMP_NUM_THREADS`."""
+    """Count the processors that this process may use, at most `OMP_NUM_THREADS`."""
     return _core.available_threads()
 
 
 def build_config() -> dict[str, Any]:
-    """The build of clothsim, and its settings on this machine.
+    """Return the build of clothsim, and its settings on this machine.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def build_config() -> dict[str, Any]:
 
 
 def provenance() -> dict[str, Any]:
-    """The time, the build and the machine that numbers belong to."""
+    """Return the time, the build and the machine that numbers belong to."""
     machine = {
         "cpu": _processor(),
         "cores": os.cpu_count(),
@@ -65,13 +65,11 @@ def provenance() -> dict[str, Any]:
 
 
 def _processor() -> str:
-    """The processor's name; on Linux with the numbers that distinguish processors of equal name."""
+    """Return the processor's name; on Linux with the numbers that tell equal names apart."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().split("\n\n")[0].splitlines() if cpuinfo.exists() else []
-    facts = {
-        key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)
-    }
+    pairs = [line.partition(":") for line in lines]
+    facts = {key.strip(): value.strip() for key, _, value in pairs}
+    name = facts.get("model name") or platform.processor() or platform.machine()
     numbers = [f"{key} {facts[key]}" for key in ("cpu family", "model", "stepping") if key in facts]
-    return ", ".join(
-        [facts.get("model name") or platform.processor() or platform.machine(), *numbers]
-    )
+    return ", ".join([name, *numbers])

@@ -25,14 +25,14 @@ from . import Floats
 
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
-# Likeness of two names, as difflib has it, from which one may be meant by the other: "cuda" is like
-# "cpu" by 0.57, and "floor" like "force" by 0.6; single slips are from 0.7 on.
+# The likeness of two names, as difflib measures it, from which on a user may have meant the other:
+# "cuda" is like "cpu" by 0.57, and "floor" like "force" by 0.6; single slips are from 0.7 on.
 _ALIKE = 0.7
 INT64_MAX = 2**63 - 1  # the largest count that the core can hold
 
 
 def shown(value: Any) -> str:
-    """`value` and its type as a short text for an error message."""
+    """Describe `value` and its type in a short text for an error message."""
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of shape {value.shape} and dtype {value.dtype}"
     return f"{reprlib.repr(value)} ({type(value).__name__})"
@@ -42,23 +42,18 @@ def _refuse(error: type[Exception], name: str, accepted: str, value: Any) -> NoR
     raise error(f"{name} must be {accepted}, got {shown(value)}")
 
 
-# What serves in place of an argument that does not exist.
-_INSTEAD = {
-    "strict": "; kernel='gather' has one set of bits on every instruction set",
-    "wind": "; Scene(wind=cs.Wind(velocity)) has moving air",
-    "air": "; Scene(wind=cs.Wind()) has air at rest, and Cloth(drag=...) slows points down",
-    "floor": "; a floor is a cs.Plane among the spheres",
-    "push_out_speed": "; response 'penalty' pushes out what starts inside, slowed by dissipation",
-}
+SUBSTITUTES: dict[str, str] = {}
+"""Arguments that do not exist, and what serves in place of each; the package's `__init__` fills the
+table.
+"""
 
 
-def arguments(owner: str, given: Mapping[str, object], known: Collection[str]) -> None:
-    """Refuse keyword arguments that are not among `known`, and suggest the nearest."""
-    for name in given:
-        if name not in known:
-            instead = _INSTEAD.get(name)
-            hint = nearest(name, known) if instead is None else instead
-            accepted = ", ".join(map(repr, known)) or "none"
+def arguments(owner: str, options: Mapping[str, object], names: Collection[str]) -> None:
+    """Refuse keyword arguments that are not among `names`, and suggest the nearest."""
+    for name in options:
+        if name not in names:
+            hint = _hint(name, names)
+            accepted = ", ".join(map(repr, names)) or "none"
             raise TypeError(
                 f"{owner} has the unknown argument {name!r}{hint}; accepted: {accepted}"
             )
@@ -66,62 +61,62 @@ def arguments(owner: str, given: Mapping[str, object], known: Collection[str]) -
 
 def named(function: F) -> F:
     """Decorate a function of users: an unknown keyword argument is an error that suggests one."""
-    known = tuple(name for name in inspect.signature(function).parameters if name != "self")
-    names = frozenset(known)
+    ordered = tuple(name for name in inspect.signature(function).parameters if name != "self")
+    names = frozenset(ordered)
     owner = function.__qualname__.removesuffix(".__init__")
 
     @functools.wraps(function)
-    def checked(*given: Any, **options: Any) -> Any:
+    def checked(*values: Any, **options: Any) -> Any:
         if not names.issuperset(options):
-            arguments(owner, options, known)
-        return function(*given, **options)
+            arguments(owner, options, ordered)
+        return function(*values, **options)
 
     return cast(F, checked)
 
 
 def instance(name: str, value: Any, kind: type[T]) -> T:
-    """`value` if it is an object of this class."""
-    return (
-        value if isinstance(value, kind) else _refuse(TypeError, name, f"a {kind.__name__}", value)
-    )
+    """Return `value` if it is an object of this class."""
+    if not isinstance(value, kind):
+        _refuse(TypeError, name, f"a {kind.__name__}", value)
+    return value
 
 
 def boolean(name: str, value: Any, accepted: str = "True or False") -> bool:
-    """`value` as a bool; 0 and 1 are refused."""
-    return (
-        bool(value)
-        if isinstance(value, (bool, np.bool_))
-        else _refuse(TypeError, name, accepted, value)
-    )
+    """Return `value` as a bool; 0 and 1 are refused."""
+    if not isinstance(value, (bool, np.bool_)):
+        _refuse(TypeError, name, accepted, value)
+    return bool(value)
 
 
 def real(value: Any) -> Any:
-    """`value` if it is one real number, also in a 0-d array, else None. A bool is none, nor is the
-    masked entry of an array.
+    """Return `value` if it is a single real number, also in a 0-d array, else None. A bool is no
+    number, nor is the masked entry of an array.
     """
     if value is np.ma.masked:
         return None
-    value = (
-        value.item() if isinstance(value, (np.ndarray, np.generic)) and value.ndim == 0 else value
-    )
+    if isinstance(value, (np.ndarray, np.generic)) and value.ndim == 0:
+        value = value.item()
     return value if isinstance(value, numbers.Real) and not isinstance(value, bool) else None
 
 
 def _within(
     name: str, value: Any, kind: type, accepted: str, low: float, high: float, above: bool = False
 ) -> Any:
-    given = real(value)
-    good = isinstance(given, kind)
+    entry = real(value)
+    good = isinstance(entry, kind)
     # Python compares large integers exactly: 10**400 is too large for a float.
     if (
         good
-        and low <= given <= high
-        and abs(given) <= sys.float_info.max
-        and not (above and given == low)
+        and low <= entry <= high
+        and abs(entry) <= sys.float_info.max
+        and not (above and entry == low)
     ):
-        return given
-    bounds = [f" {'>' if above else '>='} {low:.12g}"] if low > -math.inf else []
-    bounds += [f" <= {high:.12g}"] if high < INT64_MAX or (good and given > high) else []
+        return entry
+    bounds = []
+    if low > -math.inf:
+        bounds.append(f" {'>' if above else '>='} {low:.12g}")
+    if high < INT64_MAX or (good and entry > high):
+        bounds.append(f" <= {high:.12g}")
     _refuse(ValueError if good else TypeError, name, accepted + " and".join(bounds), value)
 
 
@@ -133,25 +128,30 @@ def number(
     exclusive: bool = False,
     maximum: float = math.inf,
 ) -> float:
-    """`value` as a finite float >= `minimum` (> with `exclusive`) and <= `maximum`."""
+    """Return `value` as a finite float >= `minimum` (> with `exclusive`) and <= `maximum`."""
     if type(value) is float and minimum < value < maximum:
         return value
     return float(_within(name, value, numbers.Real, "a finite number", minimum, maximum, exclusive))
 
 
 def integer(name: str, value: Any, *, minimum: float = -math.inf, maximum: int = INT64_MAX) -> int:
-    """`value` as an int with `minimum` <= value <= `maximum`; 2.0 is not an integer."""
+    """Return `value` as an int with `minimum` <= value <= `maximum`; 2.0 is not an integer."""
     if type(value) is int and minimum <= value <= maximum:
         return value
     return int(_within(name, value, numbers.Integral, "an integer", minimum, maximum))
 
 
 def items(name: str, value: Any, count: int | None, what: str, least: int = 0) -> list[Any]:
-    """The entries of a sequence or one-dimensional array: `count` of them, or at least `least`."""
-    accepted = (
-        "a sequence of "
-        f"{f'at least {least} ' * bool(least) if count is None else f'{count} '}{what}"
-    )
+    """List the entries of a sequence or one-dimensional array: `count` of them, or at least
+    `least`.
+    """
+    if count is not None:
+        number = f"{count} "
+    elif least:
+        number = f"at least {least} "
+    else:
+        number = ""
+    accepted = f"a sequence of {number}{what}"
     if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
         _refuse(TypeError, name, accepted, value)
     listed = list(value) if not isinstance(value, np.ndarray) or value.ndim == 1 else []
@@ -161,11 +161,9 @@ def items(name: str, value: Any, count: int | None, what: str, least: int = 0) -
 
 
 def vector(name: str, value: Any, length: int = 3) -> Any:
-    """`value` as a tuple of `length` finite floats."""
-    return tuple(
-        number(f"{name}[{k}]", one)
-        for k, one in enumerate(items(name, value, length, "finite numbers"))
-    )
+    """Return `value` as a tuple of `length` finite floats."""
+    entries = items(name, value, length, "finite numbers")
+    return tuple(number(f"{name}[{k}]", entry) for k, entry in enumerate(entries))
 
 
 def step_count(duration: float, dt: float) -> None:
@@ -177,7 +175,7 @@ def step_count(duration: float, dt: float) -> None:
 
 
 def choice(name: str, value: Any, options: Collection[T]) -> T:
-    """`value` if it is one of the names in `options`; the error suggests the nearest."""
+    """Return `value` if it is one of the names in `options`; the error suggests the nearest."""
     if isinstance(value, str) and value in options:
         return value  # type: ignore[return-value]  # names are texts
     accepted = f"one of {', '.join(map(repr, options))}"
@@ -187,66 +185,72 @@ def choice(name: str, value: Any, options: Collection[T]) -> T:
 
 
 def nearest(value: Any, options: Collection[Any]) -> str:
-    """A hint at the option that the wrong name `value` may mean."""
+    """Hint at the option that the wrong name `value` may mean."""
     close = difflib.get_close_matches(str(value), options, n=1, cutoff=_ALIKE)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
+def _hint(name: str, options: Collection[str]) -> str:
+    """Hint at what serves in place of the unknown argument `name`."""
+    return f"; {SUBSTITUTES[name]}" if name in SUBSTITUTES else nearest(name, options)
+
+
 def keys(
-    name: str, value: Any, known: Collection[str], required: Collection[str] = ()
+    name: str, value: Any, names: Collection[str], required: Collection[str] = ()
 ) -> dict[str, Any]:
-    """A plain copy of the mapping `value`, checked to have only keys of `known` and all keys of
+    """Copy the mapping `value`, after a check that it has only keys of `names` and all keys of
     `required`.
     """
-    accepted = ", ".join(map(repr, known)) or "none"
+    accepted = ", ".join(map(repr, names)) or "none"
     if not isinstance(value, Mapping):
         _refuse(TypeError, name, f"a mapping with the keys {accepted}", value)
-    for key in (one for one in value if one not in known):
-        hint = _INSTEAD.get(key) or nearest(key, known)
-        raise ValueError(f"{name} has the unknown key {key!r}{hint}; accepted: {accepted}")
-    for key in (one for one in required if one not in value):
-        raise ValueError(f"{name} lacks the key {key!r}; needed: {', '.join(map(repr, required))}")
+    for key in value:
+        if key not in names:
+            hint = _hint(key, names)
+            raise ValueError(f"{name} has the unknown key {key!r}{hint}; accepted: {accepted}")
+    for key in required:
+        if key not in value:
+            needed = ", ".join(map(repr, required))
+            raise ValueError(f"{name} lacks the key {key!r}; needed: {needed}")
     return dict(value)
 
 
 def path(name: str, value: Any, accepted: str = "a path") -> Path:
-    """`value` as a path."""
+    """Return `value` as a path."""
     if not isinstance(value, (str, os.PathLike)):
         _refuse(TypeError, name, accepted, value)
-    return (
-        Path(value)
-        if str(value) and "\0" not in str(value)
-        else _refuse(ValueError, name, accepted, value)
-    )
+    if not str(value) or "\0" in str(value):
+        _refuse(ValueError, name, accepted, value)
+    return Path(value)
 
 
 def as_array(name: str, value: Any, accepted: str, kinds: str = "iuf") -> np.ndarray:
-    """`value` as a NumPy array of real numbers, or of other `kinds` of dtypes."""
+    """Return `value` as a NumPy array of real numbers, or of other `kinds` of dtypes."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         number = int(np.ma.getmaskarray(value).sum())
         raise ValueError(
             f"{name} must be {accepted}, got an array with {number} masked entries: fill them"
         )
     try:
-        given = np.asarray(value)
-    except (ValueError, TypeError):
-        given = np.array(None)
-    return (
-        given
-        if given.dtype.kind in kinds or not given.size
-        else _refuse(TypeError, name, accepted, value)
-    )
+        entries = np.asarray(value)
+    except (ValueError, TypeError):  # as of rows of different lengths
+        _refuse(TypeError, name, accepted, value)
+    if entries.dtype.kind not in kinds and entries.size:
+        _refuse(TypeError, name, accepted, value)
+    return entries
 
 
 def array(
     name: str, value: Any, shape: tuple[int, ...] | None = None, what: str = "finite numbers"
 ) -> Floats:
-    """A C-contiguous float64 copy of `value`, checked to be finite and of `shape`, if given."""
+    """Copy `value` to a C-contiguous float64 array, after a check that it is finite and, unless
+    `shape` is None, of that shape.
+    """
     accepted = what if shape is None else f"an array of shape {shape} of {what}"
-    given = as_array(name, value, accepted)
-    if shape is not None and given.shape != shape:
-        raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
-    result = np.array(given, dtype=np.float64, order="C")
+    entries = as_array(name, value, accepted)
+    if shape is not None and entries.shape != shape:
+        raise ValueError(f"{name} must be {accepted}, got shape {entries.shape}")
+    result = np.array(entries, dtype=np.float64, order="C")
     check_all(name, result, np.isfinite(result), accepted)
     return result
 
@@ -258,6 +262,8 @@ def check_all(
     column and component.
     """
     if not good.all():
-        at = tuple(int(k) for k in np.argwhere(~good)[0])
-        where = f" at index {at}" * bool(at) + f", mass point {at[-3:-1]}" * points
-        raise ValueError(f"{name} must be {accepted}, got {float(values[at])!r}{where}")
+        index = tuple(int(k) for k in np.argwhere(~good)[0])
+        place = f" at index {index}" if index else ""
+        if points:
+            place += f", mass point {index[-3:-1]}"
+        raise ValueError(f"{name} must be {accepted}, got {float(values[index])!r}{place}")

@@ -4,41 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
-_LEFT = {
-    **dict.fromkeys(("cotton", "denim"), "docs/runs.md, Real fabrics, has its figures"),
-    "fastest": "python benchmarks/peers --errors, in a clone, finds the fastest runs",
-}
-"""Names of an earlier version, and what serves instead."""
+EXTENSIONS: dict[str, str] = {}
+"""Packages, and the module of ours that is imported after each, as it extends it; the package's
+`__init__` fills the table.
+"""
 
 
 def needed(name: str, what: str, extra: str = "sweep") -> Any:
-    """The named module, or an ImportError: which extra brings it, or why it cannot be loaded."""
+    """Import the named module, or raise an ImportError that says which extra brings it, or why it
+    cannot be loaded.
+    """
+    package = name.partition(".")[0]
+    if find_spec(package) is None:
+        raise ImportError(f"{what} needs {package}: run pip install 'clothsim[{extra}]'")
     try:
         module = import_module(name)
-    except ImportError as error:
-        package = name.partition(".")[0]
-        if (
-            isinstance(error, ModuleNotFoundError)
-            and (error.name or "").partition(".")[0] == package
-        ):
-            raise ImportError(
-                f"{what} needs {package}: run pip install 'clothsim[{extra}]'"
-            ) from error
-        # An installed package may lack memory, or a package of its own.
+    except ImportError as error:  # The package may lack memory, or a package of its own.
         raise ImportError(
             f"{what} needs {package}, which is installed but could not be loaded: {error}"
         ) from error
-    if name == "xarray":
-        from ..sweeps import accessor  # noqa: F401  # registers `Dataset.clothsim`
+    if name in EXTENSIONS:
+        import_module(EXTENSIONS[name])
     return module
 
 
 def on_demand(
     namespace: dict[str, Any], modules: Mapping[str, Sequence[str]], also: Sequence[str] = ()
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of the module with that namespace (PEP 562).
+    """Make `__getattr__` and `__dir__` of the module with that namespace (PEP 562).
 
     `modules` has the names of each module, relative to the package. `dir` lists `__all__`, the
     names of Python itself and those in `also`.
@@ -48,8 +44,7 @@ def on_demand(
 
     def get(name: str) -> Any:
         if name not in places:
-            left = f"; {_LEFT[name]}" if name in _LEFT else ""
-            raise AttributeError(f"module {package!r} has no attribute {name!r}{left}")
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = namespace[name] = getattr(import_module(places[name], package), name)
         return value
 

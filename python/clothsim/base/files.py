@@ -25,7 +25,9 @@ from . import check
 
 @contextmanager
 def folder_beside(path: Path) -> Iterator[Path]:
-    """A new folder beside `path` for files that `put` moves to their places, removed at the end."""
+    """Make a folder beside `path` for files that `put` moves to their places, and remove it at the
+    end.
+    """
     if not path.parent.is_dir():
         raise FileNotFoundError(f"path must be in an existing folder, got {str(path)!r}")
     if path.exists() and not path.is_file():
@@ -42,7 +44,7 @@ def folder_beside(path: Path) -> Iterator[Path]:
     except OSError as error:
         if error.errno:
             error.filename = str(path)  # the user does not know the folder's name
-            del error.filename2  # None would be shown as " -> None"
+            del error.filename2  # None would be shown as " -> None".
         raise
 
 
@@ -52,8 +54,8 @@ def put(files: Sequence[Path], folder: Path) -> list[Path]:
     """
     places = [folder / file.name for file in files]
     for file, place in reversed(list(zip(files, places))):
-        with open(file, "r+b") as written:
-            os.fsync(written.fileno())
+        with open(file, "r+b") as stream:
+            os.fsync(stream.fileno())
         if place.is_file() and not place.is_symlink():
             shutil.copymode(place, file)
         os.replace(file, place)
@@ -62,7 +64,7 @@ def put(files: Sequence[Path], folder: Path) -> list[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new file to write, which replaces `path` at the end of the block, unless it raises."""
+    """Make a file to write, which replaces `path` at the end of the block, unless it raises."""
     with folder_beside(path) as folder:
         yield folder / path.name
         put([folder / path.name], path.parent)
@@ -76,14 +78,14 @@ def write_bytes(path: Path, data: bytes) -> Path:
 
 
 def npz_path(path: str | os.PathLike[str], name: str = "path") -> Path:
-    """`path` as the path of a .npz file; the ending is added where there is none."""
-    found = check.path(name, path)
-    if found.suffix not in ("", ".npz"):
+    """Return `path` as the path of a .npz file; the ending is added where there is none."""
+    file = check.path(name, path)
+    if file.suffix not in ("", ".npz"):
         raise ValueError(
             f"{name} must end in .npz, the ending of NumPy archives, or have no ending, got "
-            f"{str(found)!r}"
+            f"{str(file)!r}"
         )
-    return found.with_name(found.name.removesuffix(".npz") + ".npz")
+    return file.with_name(file.name.removesuffix(".npz") + ".npz")
 
 
 def write_npz(path: Path, arrays: dict[str, Any]) -> Path:
@@ -114,7 +116,7 @@ def reading(path: str | os.PathLike[str], what: str) -> Iterator[None]:
 def read_npz(
     path: str | os.PathLike[str], what: str, needed: Collection[str]
 ) -> dict[str, np.ndarray]:
-    """The arrays of a file of `write_npz`, or a ValueError that says why it is no `what`."""
+    """Read the arrays of a file of `write_npz`; a ValueError says why it is no `what`."""
     from zipfile import ZipFile
 
     path = check.path("path", path)
@@ -133,17 +135,17 @@ def read_npz(
 
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(entry) for key, entry in value.items()}
     value = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
     if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
+        return [_plain(entry) for entry in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, (bool, int)) else str(value)
 
 
 def as_json(data: Any) -> str:
-    """`data` as indented standard JSON: a number that is not finite becomes null, an object becomes
-    its `str`.
+    """Write `data` as indented standard JSON: a number that is not finite becomes null, an object
+    becomes its `str`.
     """
     return json.dumps(_plain(data), indent=1, allow_nan=False)

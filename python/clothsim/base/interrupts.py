@@ -8,7 +8,7 @@ from typing import Any
 
 
 class Interrupts:
-    """Holds SIGINT back inside ``with``; `deliver` passes it to the previous handler.
+    """A context that keeps SIGINT back; `deliver` passes it to the previous handler.
 
     It has no effect outside the main thread, because only the main thread receives signals.
     """
@@ -29,7 +29,8 @@ class Interrupts:
 
     def deliver(self) -> None:
         """Call the handler if a signal has come; it raises KeyboardInterrupt by default."""
-        pending, self._pending = self._pending, ()
+        pending = self._pending
+        self._pending = ()
         if pending:
             self._handler(*pending)
 

@@ -12,12 +12,12 @@ from .extras import needed
 
 
 def wanted_by_command() -> bool:
-    """Whether a command shows progress: on a terminal, where tqdm is installed."""
+    """Tell whether a command shows progress: on a terminal, where tqdm is installed."""
     return sys.stderr.isatty() and find_spec("tqdm") is not None
 
 
 def in_notebook() -> bool:
-    """Whether this process is the kernel of a notebook of Jupyter or marimo."""
+    """Tell whether this process is the kernel of a notebook of Jupyter or marimo."""
     if "marimo" in sys.modules and sys.modules["marimo"].running_in_notebook():
         return True
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
@@ -31,6 +31,9 @@ def print_above(text: str, file: TextIO) -> None:
     file.flush()
 
 
+_OF_TIME = "{l_bar}{bar}| {n:.4g}/{total:.4g} s of simulated time [{elapsed}<{remaining}]"
+
+
 class ProgressBar:
     """A tqdm bar as a context; nothing where it is not asked for, or goes to a pipe or a file.
 
@@ -42,16 +45,31 @@ class ProgressBar:
     def __init__(self, shown: bool, **options: Any) -> None:
         self.bar: Any = None
         if check.boolean("progress", shown):
-            with warnings.catch_warnings():  # a notebook without widgets gets a bar of text
+            with warnings.catch_warnings():  # A notebook without widgets gets a bar of text.
                 warnings.simplefilter("ignore")
                 tqdm = needed("tqdm.auto", "progress=True", "demo").tqdm
-            # With None, tqdm itself finds out whether stderr is a terminal.
-            bar = tqdm(disable=False if in_notebook() else None, **options)
+            if in_notebook():  # A notebook shows stderr as an error, in red.
+                options = {"file": sys.stdout, "disable": False, **options}
+            else:  # With None, tqdm itself finds out whether stderr is a terminal.
+                options = {"disable": None, **options}
+            bar = tqdm(**options)
             self.bar = None if bar.disable else bar
 
+    @classmethod
+    def of_time(cls, shown: bool, total: float, desc: str | None = None) -> ProgressBar:
+        """Make a bar that counts seconds of simulated time."""
+        return cls(shown, total=total, desc=desc, bar_format=_OF_TIME)
+
     def advance(self, count: float = 1) -> None:
+        """Count what has been done since the last call."""
         if self.bar is not None:
             self.bar.update(count)
+
+    def expect(self, more: float) -> None:
+        """Add to the total."""
+        if self.bar is not None:
+            self.bar.total += more
+            self.bar.refresh()
 
     def close(self) -> None:
         """Leave the bar as it is and start a new line."""

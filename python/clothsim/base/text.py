@@ -6,9 +6,9 @@ from collections.abc import Collection, Sequence
 
 
 def joules(energies: Sequence[float]) -> list[str]:
-    """Energies with their unit; rounding errors of the largest one print as 0."""
+    """Format energies with their unit; rounding errors of the largest print as 0."""
     rounding = 1e-15 * max(map(abs, energies))
-    return [quantity(0.0 if abs(one) < rounding else one, "J") for one in energies]
+    return [quantity(0.0 if abs(energy) < rounding else energy, "J") for energy in energies]
 
 
 def counted(number: int, noun: str) -> str:
@@ -29,9 +29,9 @@ def aligned(rows: Sequence[Sequence[str]], left: Collection[int] = (0,)) -> str:
     bend         16
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        "  ".join(
-            f"{cell:{'<' if k in left else '>'}{widths[k]}}" for k, cell in enumerate(row)
-        ).rstrip()
-        for row in rows
-    )
+    sides = ["<" if k in left else ">" for k in range(len(widths))]
+    lines = []
+    for row in rows:
+        cells = [f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths)]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)

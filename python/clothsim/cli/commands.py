@@ -138,7 +138,7 @@ def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
 
 
 def _add_scene(command: argparse.ArgumentParser) -> None:
-    """The argument SCENE, and its changes."""
+    """Add the argument SCENE, and its changes."""
     command.add_argument(
         "scene",
         metavar="SCENE",
@@ -156,7 +156,7 @@ def _add_scene(command: argparse.ArgumentParser) -> None:
 
 
 def _changed_scene(args: argparse.Namespace) -> cs.Scene:
-    """The scene that the arguments describe."""
+    """Make the scene that the arguments describe."""
     changes = {}
     for entry in args.set:
         name, sign, text = entry.partition("=")
@@ -204,7 +204,7 @@ def _live(args: argparse.Namespace) -> None:
 
 
 def _add_reproduce(command: argparse.ArgumentParser) -> None:
-    from clothsim.paper import EXPERIMENTS
+    from clothsim.paper import NUMBERS
 
     command.add_argument(
         "--quick",
@@ -218,20 +218,20 @@ def _add_reproduce(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--experiment",
         type=int,
-        choices=EXPERIMENTS,
+        choices=NUMBERS,
         action="append",
         help="only this one; may be given several times (default: all)",
     )
 
 
 def _reproduce(args: argparse.Namespace) -> None:
-    from clothsim.paper import EXPERIMENTS, reproduce, text, verdicts
+    from clothsim.paper import NUMBERS, reproduce, text, verdicts
 
-    chosen = args.experiment or EXPERIMENTS
+    numbers = args.experiment or NUMBERS
     report = reproduce(
         args.out,
         quick=args.quick,
-        experiments=chosen,
+        experiments=numbers,
         threads=args.threads,
         progress=wanted_by_command(),
     )
@@ -242,9 +242,9 @@ def _reproduce(args: argparse.Namespace) -> None:
 
 
 def _adapters() -> Any:
-    """Adapters for the backend "gpu", or why there are none."""
+    """Describe the adapters for the backend "gpu", or say why there are none."""
     try:
-        found = adapters()
+        devices = adapters()
     except ImportError as error:
         return str(error)
     return {
@@ -255,7 +255,7 @@ def _adapters() -> Any:
             "float64": adapter.float64,
             "largest_buffer": adapter.largest_buffer,
         }
-        for place, adapter in enumerate(found)
+        for place, adapter in enumerate(devices)
     } or "none found"
 
 
@@ -269,11 +269,10 @@ def _lines(data: Mapping[str, Any], indent: str = "") -> Iterator[str]:
         if isinstance(value, Mapping):
             yield f"{indent}{name}:"
             yield from _lines(value, indent + "  ")
+        elif isinstance(value, list):
+            yield f"{indent}{name}: {', '.join(map(str, value))}"
         else:
-            yield (
-                f"{indent}{name}: "
-                f"{', '.join(map(str, value)) if isinstance(value, list) else value}"
-            )
+            yield f"{indent}{name}: {value}"
 
 
 # The help of each command, what adds its arguments, and what runs it.

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from ..base.services import service
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError, warn_caller
 from ..methods.bound import limit_in_layer, limiting_term
 from ..model.scene import Scene
@@ -130,11 +131,12 @@ class Judge:
 
     def _limit_at(self, member: int) -> float:
         """The stable time step at the present state of a member."""
-        from ..stability.limit import max_stable_dt
-
         try:
             state = self._state(member)
-            return max_stable_dt(self._scenes[member], self._integrator, *state, t=self._core.time)
+            limit: float = service("max_stable_dt")(
+                self._scenes[member], self._integrator, *state, t=self._core.time
+            )
+            return limit
         except ValueError:  # points too near for a direction; no reason to end the run
             return self._max_stable_dt[member]
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..base.interrupts import Interrupts
+from ..base.services import service
 from ..errors import ContactWarning, warn_caller
 from ..methods.bound import stable_depths, stable_dt
 from ..methods.integrators import METHODS, integrator_name, warn_of_order
@@ -302,10 +303,8 @@ class State:
             raise ValueError("force must be None with backend 'gpu'; backend='cpu' has it")
         plans, limits = self._compiled(scenes)
         if options.backend == "gpu":
-            from ..gpu.simulation import Simulation
-
-            simulation = Simulation(scenes, t, options.precision)
-            self.core = cast("_core.Simulation", simulation)  # has the methods that are used here
+            # The shader's simulation has the methods of the core's that are used here.
+            self.core = service("Simulation")(scenes, t, options.precision)
         else:
             self.threads = _core.granted_threads(
                 options.threads_for(scenes[0].cloth.shape, len(scenes))
@@ -423,10 +422,9 @@ class State:
             check_driven_pins(self.scenes, x, time)
         if self._may_lose_order:
             self.warn_of_order()
-        try:
-            outcome = self.core.step(time, x, v, steps, dt, self.threads, *results)
-        except TypeError:  # arrays that are not contiguous
-            outcome = self.core.step(time, *self._arrays(x, v), steps, dt, self.threads, *results)
+        if not (x.flags.c_contiguous and v.flags.c_contiguous):
+            x, v = self._arrays(x, v)
+        outcome = self.core.step(time, x, v, steps, dt, self.threads, *results)
         if outcome is False:
             x, v = self._arrays(x, v)
             check_depths(self.scenes, x, time)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check, frozen
+from ..base.services import service
 from ..base.text import counted
 from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
@@ -273,15 +274,12 @@ class Scene(Record):
         the damping of structural and bend springs, 100 N s/m, limits it
         below 0.647 N s/m the stiffness would
         """
-        from ..engine.explain import explain
-
-        return explain(self, precision, kernel, threads, integrator)
+        return service("explain")(self, precision, kernel, threads, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Return lines, and a picture of the initial state, for a notebook."""
-        from ..viewing.notebook import scene_bundle
-
-        return scene_bundle(self)
+        bundle: dict[str, Any] = service("scene_bundle")(self)
+        return bundle
 
     @check.named
     def to_live_html(
@@ -312,9 +310,8 @@ class Scene(Record):
         ...     path.name, path.stat().st_size < 400_000
         ('live.html', True)
         """
-        from ..gpu.live_page import live_page
-
-        return live_page(self, path, dt, title)
+        page: Path = service("live_page")(self, path, dt, title)
+        return page
 
     def to_dict(self) -> dict[str, Any]:
         return {"schema": SCHEMA, **super().to_dict()}

@@ -16,15 +16,15 @@ from ..base import check
 from ..base.build import provenance
 from ..base.files import as_json, write_bytes
 from ..base.progress import ProgressBar
-from . import experiments as made
+from . import experiments as lab
 from . import report as pages
-from .experiments import FULL, QUICK, Settings
+from .experiments import EXPERIMENTS, FULL, QUICK, Settings
 from .findings import verdicts
 from .report import as_text as text
 
 __all__ = ["FULL", "QUICK", "Settings", "reproduce", "text", "verdicts", "write_gallery"]
 
-EXPERIMENTS = (1, 2, 3, 4, 5)
+NUMBERS = tuple(map(int, EXPERIMENTS))
 
 
 def reproduce(
@@ -32,7 +32,7 @@ def reproduce(
     *,
     quick: bool = False,
     settings: Settings | None = None,
-    experiments: Collection[int] = EXPERIMENTS,
+    experiments: Collection[int] = NUMBERS,
     threads: int | None = None,
     progress: bool = False,
 ) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def reproduce(
     quick, settings : bool and Settings, optional
         The short form, or own sizes; the report ends with what they cut.
     experiments : collection of int, default (1, 2, 3, 4, 5)
-        Numbers of docs/reproduction.md; 5 is ours.
+        Their numbers; 5 is ours.
     threads, progress : int and bool, optional
         Threads to use, by default those of the core; whether to show a progress bar on stderr
         (needs tqdm).
@@ -56,15 +56,14 @@ def reproduce(
         The contents of report.json: "settings", "cuts", "provenance", "experiments" (a mapping from
         "1") and "folder".
     """
-    chosen = sorted(set(experiments))
-    if not chosen or not set(chosen) <= set(EXPERIMENTS):
-        raise ValueError(f"experiments must be some of {EXPERIMENTS}, got {tuple(experiments)!r}")
-    threads = (
-        int(cs.build_config()["threads"])
-        if threads is None
-        else check.integer("threads", threads, minimum=1)
-    )
-    settings = settings or (QUICK if quick else FULL)
+    numbers = sorted(set(experiments))
+    if not numbers or not set(numbers) <= set(NUMBERS):
+        raise ValueError(f"experiments must be some of {NUMBERS}, got {tuple(experiments)!r}")
+    if threads is None:
+        threads = int(cs.build_config()["threads"])
+    threads = check.integer("threads", threads, minimum=1)
+    if settings is None:
+        settings = QUICK if quick else FULL
     folder = check.path("out", out, "the path of a folder").resolve()
     folder.mkdir(parents=True, exist_ok=True)
     entries: dict[str, Any] = {}
@@ -74,9 +73,9 @@ def reproduce(
         "provenance": provenance(),
         "experiments": entries,
     }
-    for number in chosen:
-        total = made.looks_of(str(number), settings)
-        with ProgressBar(progress, desc=f"experiment {number}", total=total) as bar:
+    for number in numbers:
+        total = lab.simulated_time(str(number), settings)
+        with ProgressBar.of_time(progress, total, f"experiment {number}") as bar:
             entries[str(number)] = _run(str(number), settings, threads, folder, bar.advance)
     report["folder"] = str(folder)
     write_gallery(folder)
@@ -89,27 +88,26 @@ def reproduce(
 
 
 def _run(
-    key: str, settings: Settings, threads: int, folder: Path, advance: Callable[[int], object]
+    key: str, settings: Settings, threads: int, folder: Path, advance: Callable[[float], object]
 ) -> dict[str, Any]:
-    if key in "34":
-        return (
-            made.frame_rates(settings, advance)
-            if key == "3"
-            else made.speedup(settings, threads, advance)
-        )
+    if key == "3":
+        return lab.frame_rates(settings, advance)
+    if key == "4":
+        return lab.speedup(settings, threads, advance)
     if key == "5":
-        rows = made.comparison(part=settings.part, threads=threads, advance=advance)
+        rows = lab.comparison(part=settings.part, threads=threads, advance=advance)
         failures = {
             f"{row['sphere']}, {row['case']}": row["failure"] for row in rows if row["failure"]
         }
         return {"rows": rows, "failures": failures}
-    cases = made.contact(key, settings, settings.dt[int(key) - 1], threads=threads, advance=advance)
+    dt = settings.dt[int(key) - 1]
+    cases = lab.contact(key, settings, dt, threads=threads, advance=advance)
     pages.draw_cells(key, cases, folder)
     pages.play(key, cases, folder)
     return {
         "cells": [cell for case in cases for cell in case.cells],
         "failures": {case.name: case.failure for case in cases if case.failure},
-        "study": made.study(settings, threads) if key == "1" else [],
+        "study": lab.study(settings, threads, advance) if key == "1" else [],
     }
 
 

@@ -1,6 +1,4 @@
-"""Whether the numbers of a report bear out what Kim et al. claim; their claims in full:
-docs/reproduction.md.
-"""
+"""Whether the numbers of a report bear out what Kim et al. claim."""
 
 from __future__ import annotations
 
@@ -19,11 +17,11 @@ EQUAL = 0.03  # rates that differ by less are equal within the noise
 
 
 def number(value: Any, digits: int = 3) -> str:
-    """`value`, or each of a list, with `digits` significant digits. Values below 1e-9 are rounding
-    errors and print as 0.
+    """Format `value`, or each of a list, with `digits` significant digits. Values below 1e-9 are
+    rounding errors and print as 0.
     """
     if isinstance(value, list):
-        return " / ".join(number(one, digits) for one in value)
+        return " / ".join(number(entry, digits) for entry in value)
     if isinstance(value, str | int):
         return str(value)
     if abs(value) < 1e-9:
@@ -34,40 +32,41 @@ def number(value: Any, digits: int = 3) -> str:
 
 
 class Finding(NamedTuple):
-    """A claim in a few words, by what it is judged, whether it held ("yes", "no", "in part", "not
-    measured"), our numbers, and their sentence.
+    """A claim in a few words, the rule that judges it, the verdict ("yes", "no", "in part", "not
+    measured"), our numbers, and a sentence on them.
     """
 
     claim: str
     criterion: str
-    held: str
+    verdict: str
     printed: str
     corrected: str
-    here: str = ""
+    sentence: str = ""
 
 
 def findings(experiments: dict[str, Any]) -> dict[str, list[Finding]]:
-    """By experiment, a row for each claim."""
+    """Judge each claim; the rows are in lists by experiment."""
     judges = {"1": _static, "2": _moving, "3": _rates, "4": _gpu, "5": _limits}
     return {key: judge(experiments[key]) for key, judge in judges.items() if key in experiments}
 
 
 def verdicts(experiments: dict[str, Any]) -> list[str]:
-    """A line for each claim: whether it held, and the claim."""
-    found = [one for judged in findings(experiments).values() for one in judged]
-    return [f"{one.held + ':':13} {one.claim}" for one in found]
+    """Write a line for each claim: whether it held, and the claim."""
+    rows = [finding for rows in findings(experiments).values() for finding in rows]
+    return [f"{finding.verdict + ':':13} {finding.claim}" for finding in rows]
 
 
 def _mm(depths: Iterable[float]) -> str:
     return number([1e3 * depth for depth in depths], 2) + " mm"
 
 
-def _differ(one: list[float], two: list[float]) -> bool:
-    """Whether method 1 penetrates at every frame and method 2 at none."""
-    return bool(one and two) and min(one) > DEEP > max(two)
+def _differ(first: list[float], second: list[float]) -> bool:
+    """Tell whether method 1 penetrates at every frame and method 2 at none."""
+    return bool(first and second) and min(first) > DEEP > max(second)
 
 
-def _both(values: dict[str, Any], variant: str) -> list[Any]:
+def _pair(values: dict[str, Any], variant: str) -> list[Any]:
+    """Return the values of method 1 and method 2."""
     return [values[f"method {k}, {variant}"] for k in (1, 2)]
 
 
@@ -77,76 +76,90 @@ def _static(entry: dict[str, Any]) -> list[Finding]:
         name: [cell["triangles"] for cell in entry["cells"] if cell["case"] == name]
         for name in CASES
     }
-    pairs = [_both(depths, variant) for variant in VARIANTS]
-    printed, corrected = (f"method 1: {_mm(one)}; method 2: {_mm(two)}" for one, two in pairs)
-    # Steps as long as a frame.
-    coarse = [row["triangles"] for row in entry["study"][-2:]]
+    pairs = [_pair(depths, variant) for variant in VARIANTS]
+    printed, corrected = (f"method 1: {_mm(a)}; method 2: {_mm(b)}" for a, b in pairs)
+    coarse = [row["triangles"] for row in entry["study"][-2:]]  # steps as long as a frame
     deepest = [_mm([max(depth, default=0.0)]) for depth in pairs[0]]
-    here = (
+    sentence = (
         f"As printed, triangles are up to {deepest[0]} deep with method 1 and {deepest[1]} "
-        "with method 2, in cells whose "
+        "with method 2, in cells whose corners lie on the sphere"
     )
-    here += "corners lie on the sphere"
-    held = "yes" if _differ(*pairs[0]) else "no"
-    if held == "no" and len(coarse) == 2 and _differ(*coarse):
-        held = "in part"
+    verdict = "yes" if _differ(*pairs[0]) else "no"
+    if verdict == "no" and len(coarse) == 2 and _differ(*coarse):
+        verdict = "in part"
         printed += f"; with steps as long as a frame: {_mm(coarse[0])}; {_mm(coarse[1])}"
-        here += "; the paper's difference appears with steps as long as a frame"
+        sentence += "; the paper's difference appears with steps as long as a frame"
     criterion = (
         f"triangles deeper than {_mm([DEEP])} at each frame with method 1, at none with method 2; "
         "in part: with steps as long as a frame alone"
     )
-    ray = [max(two, default=0.0) for _, two in pairs]
+    ray = [max(depth, default=0.0) for _, depth in pairs]
     offset = Finding(
         "static sphere: with method 2 and the offset nothing penetrates",
         f"no triangle deeper than {_mm([DEEP])} at the three frames",
         "yes" if ray[0] <= DEEP else "no",
         *(f"{_mm([depth])} deep" for depth in ray),
     )
-    return [Finding(claim, criterion, held, printed, corrected, here), offset]
+    return [Finding(claim, criterion, verdict, printed, corrected, sentence), offset]
 
 
 def _moving(entry: dict[str, Any]) -> list[Finding]:
-    cells = dict.fromkeys(CASES) | {
-        cell["case"]: cell for cell in entry["cells"]
-    }  # the last of each
+    # The last cell of each case
+    cells = dict.fromkeys(CASES) | {cell["case"]: cell for cell in entry["cells"]}
     printed, corrected = (
         "; ".join(
             f"method {k}: {cell['points_passed']} points passed, triangles to "
             f"{_mm([cell['triangles_so_far']])} deep"
-            for k, cell in enumerate(_both(cells, variant), 1)
+            for k, cell in enumerate(_pair(cells, variant), 1)
             if cell
         )
         for variant in VARIANTS
     )
-    one, two = _both(cells, VARIANTS[0])
-    first, second = (
-        bool(c and (c["points_passed"] or c["triangles_so_far"] > THROUGH)) for c in (one, two)
-    )
-    # Fewer points and less depth with method 2 than with method 1 bear the claim out in part.
-    less = (
-        first
-        and second
-        and two["points_passed"] <= one["points_passed"]
-        and two["triangles_so_far"] < one["triangles_so_far"]
-    )
-    held = "yes" if first and not second else "in part" if less else "no"
-    here = f"As printed, {printed}. Corrected, {corrected}"
+    first, second = _pair(cells, VARIANTS[0])
+    verdict = "no"
+    if _goes_through(first):
+        if not _goes_through(second):
+            verdict = "yes"
+        # Fewer points and less depth with method 2 than with method 1 bear the claim out in part.
+        elif (
+            second["points_passed"] <= first["points_passed"]
+            and second["triangles_so_far"] < first["triangles_so_far"]
+        ):
+            verdict = "in part"
+    sentence = f"As printed, {printed}. Corrected, {corrected}"
     criterion = (
         f"points pass, or triangles are deeper than {_mm([THROUGH])}, with method 1 alone; in "
         "part: with method 2 too, but less"
     )
     claim = "moving sphere: it penetrates with method 1, not with method 2"
-    return [Finding(claim, criterion, held, printed, corrected, here), _edge(entry), _slow(entry)]
+    return [
+        Finding(claim, criterion, verdict, printed, corrected, sentence),
+        _edge(entry),
+        _slow(entry),
+    ]
+
+
+def _goes_through(cell: dict[str, Any] | None) -> bool:
+    """Tell whether the moving sphere goes through the cloth."""
+    if cell is None:
+        return False
+    return bool(cell["points_passed"] or cell["triangles_so_far"] > THROUGH)
+
+
+def _graded(count: int, total: int) -> str:
+    """Say whether a claim held, of which `count` of `total` parts held."""
+    if count == 0:
+        return "no"
+    return "yes" if count == total else "in part"
 
 
 def _edge(entry: dict[str, Any]) -> Finding:
-    """The edge at the first contact with the moving sphere."""
+    """Judge the edge at the first contact with the moving sphere."""
     frame = FRAMES["2"][0]
     cells = dict.fromkeys(CASES) | {
         cell["case"]: cell for cell in entry["cells"] if cell["frame"] == frame
     }
-    pairs = [_both(cells, variant) for variant in VARIANTS]
+    pairs = [_pair(cells, variant) for variant in VARIANTS]
     texts = (
         "; ".join(
             f"method {k}: {number(cell['sharpest_fold'])} degrees, "
@@ -156,23 +169,24 @@ def _edge(entry: dict[str, Any]) -> Finding:
         )
         for pair in pairs
     )
-    one, two = pairs[0]
-    folds, wraps = (
-        bool(one and one["sharpest_fold"] > FOLDED),
-        bool(two and two["sharpest_fold"] <= FOLDED and two["points_touching"] >= WRAPPED),
+    first, second = pairs[0]
+    folds = first is not None and first["sharpest_fold"] > FOLDED
+    wraps = (
+        second is not None
+        and second["sharpest_fold"] <= FOLDED
+        and second["points_touching"] >= WRAPPED
     )
-    held = "yes" if folds and wraps else "in part" if folds or wraps else "no"
     return Finding(
         f"moving sphere, frame {frame}: the edge folds with method 1, wraps it with method 2",
         f"neighbouring cells at more than {FOLDED:g} degrees with method 1 alone, and "
         f"{WRAPPED} points touch with method 2; in part: one of the two",
-        held,
+        _graded(folds + wraps, 2),
         *texts,
     )
 
 
 def _slow(entry: dict[str, Any]) -> Finding:
-    """Method 1 at the second and third contact with the moving sphere, when the cloth is slow."""
+    """Judge method 1 at the later contacts with the moving sphere, when the cloth is slow."""
     frames = FRAMES["2"][1:]
     depths = [
         [
@@ -186,68 +200,58 @@ def _slow(entry: dict[str, Any]) -> Finding:
         "method 1 penetrates slow cloth",
         f"moving sphere, mass points deeper than {_mm([DEEP])} at frames "
         f"{' and '.join(map(str, frames))}; in part: at one of them",
-        "yes"
-        if len(depths[0]) == len(frames) and min(depths[0]) > DEEP
-        else "in part"
-        if max(depths[0], default=0.0) > DEEP
-        else "no",
+        _graded(sum(depth > DEEP for depth in depths[0]), len(frames)),
         *map(_mm, depths),
     )
 
 
 def _rates(entry: dict[str, Any]) -> list[Finding]:
     rates = {row["case"]: row["frames_per_second"] for row in entry["rows"]}
-    pairs = [_both(rates, variant) for variant in VARIANTS]
+    pairs = [_pair(rates, variant) for variant in VARIANTS]
     printed, corrected = (
-        f"{number(one)} frames/s with method 1, {number(two)} with method 2" for one, two in pairs
+        f"{number(a)} frames/s with method 1, {number(b)} with method 2" for a, b in pairs
     )
-    slower = [two < one * (1 - EQUAL) for one, two in pairs]
-    held = "yes" if all(slower) else "in part" if any(slower) else "no"
-    steps, least = entry["frame_steps"], min(rates.values())
-    quick = (
-        "yes"
-        if least > FRAMES_PER_SECOND
-        else "in part"
-        if least * steps > FRAMES_PER_SECOND
-        else "no"
-    )
-    shown = [
+    verdict = _graded(sum(b < a * (1 - EQUAL) for a, b in pairs), len(pairs))
+    steps = entry["frame_steps"]
+    least = min(rates.values())
+    quick = _graded((least > FRAMES_PER_SECOND) + (least * steps > FRAMES_PER_SECOND), 2)
+    texts = [
         f"{number(min(pair))} frames/s of {steps} steps; {number(min(pair) * steps)} of one"
         for pair in pairs
     ]
-    here = (
-        f"{'Reproduced' if held == 'yes' else 'Not reproduced'}: as printed, {printed}; "
-        f"corrected, {corrected}. "
+    sentence = (
+        f"{'Reproduced' if verdict == 'yes' else 'Not reproduced'}: as printed, {printed}; "
+        f"corrected, {corrected}. If a frame were a single step of 5 us, as Table 2 reads, "
+        f"these would be {steps} times as many"
     )
-    here += "If a frame were a single step of 5 us, as Table 2 reads, "
-    here += f"these would be {steps} times as many"
     quick_claim = f"both methods show more than {FRAMES_PER_SECOND} frames/s"
     return [
         Finding(
             "method 2 is somewhat slower than method 1",
             f"slower by more than {EQUAL:.0%}; in part: as printed or corrected alone",
-            held,
+            verdict,
             printed,
             corrected,
-            here,
+            sentence,
         ),
         Finding(
             quick_claim,
             f"the slowest has more; in part: with a frame of a single step of 5 us ({steps} here)",
             quick,
-            *shown,
+            *texts,
         ),
     ]
 
 
 def _gpu(entry: dict[str, Any]) -> list[Finding]:
-    claim, missing = "method 2 on the GPU is 60 % faster than on the CPU", entry["missing"]
+    claim = "method 2 on the GPU is 60 % faster than on the CPU"
+    missing = entry["missing"]
     criterion = f"the fastest shader takes {GPU_OVER_CPU} times the steps of the fastest core"
     first_claim = "the first measurement on the GPU is slower, since buffers are made in it"
     first_criterion = f"slower than the median of its runs by more than {EQUAL:.0%}"
     rates = {row["case"]: row["times_the_first"] for row in entry["rows"]}
     core = max((name for name in rates if name.startswith("core")), key=rates.__getitem__)
-    here = (
+    sentence = (
         f"The fastest on the CPU ({core}) takes {number(rates[core])} times the steps of the "
         "scalar reference; "
     )
@@ -255,7 +259,7 @@ def _gpu(entry: dict[str, Any]) -> list[Finding]:
     if not shader:
         absent = ("not measured", missing, missing)
         return [
-            Finding(claim, criterion, *absent, here + f"the GPU was not measured: {missing}"),
+            Finding(claim, criterion, *absent, sentence + f"the GPU was not measured: {missing}"),
             Finding(first_claim, first_criterion, *absent),
         ]
     text = f"the shader takes {number(shader / rates[core])} times the steps of the core"
@@ -266,7 +270,7 @@ def _gpu(entry: dict[str, Any]) -> list[Finding]:
     )
     part = row["each"][0] / row["steps_per_second"]
     return [
-        Finding(claim, criterion, faster, "not timed", text, here + text),
+        Finding(claim, criterion, faster, "not timed", text, sentence + text),
         Finding(
             first_claim,
             first_criterion,
@@ -278,9 +282,8 @@ def _gpu(entry: dict[str, Any]) -> list[Finding]:
 
 
 def _limits(entry: dict[str, Any]) -> list[Finding]:
-    """The limits that the paper names, by the spheres of experiment 5."""
+    """Judge the limits that the paper names, by the spheres of experiment 5."""
     rows = {(row["sphere"], row["case"]): row for row in entry["rows"]}
-
     counts = [
         [row["points_passed"] for row in (rows.get(("fast", name)) for name in pair) if row]
         for pair in ([f"method {k}, {variant}" for k in (1, 2)] for variant in VARIANTS)
@@ -289,25 +292,23 @@ def _limits(entry: dict[str, Any]) -> list[Finding]:
         "; ".join(f"method {k}: {count} points" for k, count in enumerate(pair, 1))
         for pair in counts
     )
-    through = [count > 0 for count in counts[0]]
+    through = sum(count > 0 for count in counts[0])
     return [
         Finding(
             "a fast sphere can pass between two steps",
             "points pass through the fast sphere with both methods; in part: with one",
-            "yes" if through and all(through) else "in part" if any(through) else "no",
+            _graded(through, len(counts[0])),
             *texts,
         )
     ]
 
 
-def here(key: str, entry: dict[str, Any]) -> str:
-    """A sentence or two on what the experiment gave here."""
+def sentence(key: str, entry: dict[str, Any]) -> str:
+    """Write a sentence or two on what the experiment gave here."""
     if key != "5":
-        return findings({key: entry})[key][0].here + "."
-    passed = {row["case"] for row in entry["rows"] if row["points_passed"] or row["failure"]}
-    held = dict.fromkeys(row["case"] for row in entry["rows"] if row["case"] not in passed)
-    return (
-        f"No mass point passes with: {'; '.join(held)}."
-        if held
-        else "Mass points pass with every response."
-    )
+        return findings({key: entry})[key][0].sentence + "."
+    leaks = {row["case"] for row in entry["rows"] if row["points_passed"] or row["failure"]}
+    tight = dict.fromkeys(row["case"] for row in entry["rows"] if row["case"] not in leaks)
+    if not tight:
+        return "Mass points pass with every response."
+    return f"No mass point passes with: {'; '.join(tight)}."

@@ -19,52 +19,47 @@ import numpy as np
 import clothsim as cs
 
 from ..base.files import write_bytes
-from .experiments import FRAMES, FULL, Case, Settings
-from .findings import findings, here, number
+from .experiments import EXPERIMENTS, FRAMES, FULL, QUANTITIES, SIZES, Case, Settings
+from .findings import findings, number, sentence
 
-FRONT, BACK = (
-    (1.0, 0.6, 1.3),
-    (-0.6, 0.9, 0.7),
-)  # the paper draws frame 200 of the moving sphere from the back
+FRONT = (1.0, 0.6, 1.3)
+BACK = (-0.6, 0.9, 0.7)  # The paper draws frame 200 of the moving sphere from the back.
 WIDTH = 440  # pixels of a picture
-STAGE = (
-    (-1.2, -1.6, -0.6),
-    (1.6, 1.1, 1.6),
-)  # m; mass points that a collision throws further are cut
+# The view has at most this box [m]: mass points that a collision throws further are cut.
+STAGE = ((-1.2, -1.6, -0.6), (1.6, 1.1, 1.6))
 COLORS = (
     "Blue: the cloth's upper face as it starts; sand: its lower face. Red: the sphere's surface "
     "where cloth lies under it, stronger with depth. The pictures of a frame have one scale."
 )
 
 
-def page_section(title: str) -> str:
-    """A section of docs/reproduction.md, which an installation has beside this file."""
-    path = Path(__file__).with_name("reproduction.md")
-    path = path if path.exists() else Path(__file__).parents[3] / "docs" / "reproduction.md"
-    return (
-        path.read_text(encoding="utf-8").split(f"\n## {title}\n")[1].partition("\n## ")[0].strip()
-    )
+METHODS = (
+    "Method 1 reflects the velocity of a mass point that is found inside the sphere. Method 2 also "
+    "moves the point back along its velocity, to the surface. As printed, the sphere's own "
+    "velocity is ignored, and every point found inside is reflected. Corrected, velocities are "
+    "relative to the sphere, and only approaching points are reflected. docs/reproduction.md tells "
+    "more of the two, and of the choices where the paper is silent."
+)
 
 
 def _cells(table: str) -> list[list[str]]:
-    """Cells of the rows of a table in Markdown; the first row is the head."""
-    lines = [line for line in table.splitlines() if line.startswith("| ")]
-    return [
-        [cell.strip() for cell in line.strip("|").split("|")]
-        for line in lines
-        if not line.startswith("| -")
-    ]
+    """Split a table in Markdown into cells of its rows; the first row is the head."""
+    rows = []
+    for line in table.splitlines():
+        if line.startswith("| ") and not line.startswith("| -"):
+            rows.append([cell.strip() for cell in line.strip("|").split("|")])
+    return rows
 
 
 def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     columns = [[head, "", *cells] for head, *cells in zip(head, *rows)]
     for cells in columns:
-        width, side = max(map(len, cells)), "<" if cells[2][:1].isalpha() else ">"
+        width = max(map(len, cells))
+        side = "<" if cells[2][:1].isalpha() else ">"
         cells[:] = [f"{cell:{side}{width}}" if cell else "-" * width for cell in cells]
     return "\n".join(f"| {' | '.join(line)} |" for line in zip(*columns))
 
 
-HEADINGS = {key: heading for heading, key, _ in _cells(page_section("Quantities"))}
 SEEN = ("points_passed", "points_touching", "energy_gained")
 COLUMNS: dict[str, tuple[str, ...]] = {
     "cells": ("frame", "time", "case", "points", "triangles", "triangles_so_far", *SEEN),
@@ -76,36 +71,40 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 
 
 def _table(kind: str, rows: Iterable[dict[str, Any]]) -> str:
-    """Depths, stored in m, are shown in mm."""
-
-    def shown(key: str, value: Any) -> str:
-        return number((1e3 * np.array(value)).tolist() if "[mm]" in HEADINGS[key] else value)
-
+    """Return a table of the experiments' rows, in the units of `QUANTITIES`."""
     keys = COLUMNS[kind]
-    return _markdown(
-        [HEADINGS[key] for key in keys], [[shown(key, row[key]) for key in keys] for row in rows]
-    )
+    heads = [QUANTITIES[key].heading for key in keys]
+    return _markdown(heads, [[_text(key, row[key]) for key in keys] for row in rows])
+
+
+def _text(key: str, value: Any) -> str:
+    factor = QUANTITIES[key].factor
+    return number(value if factor == 1 else (factor * np.array(value)).tolist())
+
+
+def _definitions() -> str:
+    """Return the table of what the columns mean."""
+    rows = [(entry.heading, key, entry.definition) for key, entry in QUANTITIES.items()]
+    return _markdown(("quantity", "in `report.json`", "definition"), rows)
 
 
 def cuts(settings: Settings) -> list[str]:
-    """The differences from the full reproduction, one per line."""
-    own, full = asdict(settings), asdict(FULL)
+    """List the differences from the full reproduction."""
+    own = asdict(settings)
+    full = asdict(FULL)
     rows = [
-        (what, *(number(np.ravel(one[k]).tolist()) for one in (own, full)))
-        for k, what in _cells(page_section("Sizes"))[1:]
+        (what, *(number(np.ravel(sizes[key]).tolist()) for sizes in (own, full)))
+        for key, what in SIZES.items()
     ]
     return [f"{what}: {value} instead of {usual}" for what, value, usual in rows if value != usual]
 
 
 def parts(report: dict[str, Any]) -> list[str]:
-    """The report in Markdown: what held, the experiments, how they were run, what was cut."""
-    experiments, build, machine = (
-        report["experiments"],
-        report["provenance"]["build"],
-        report["provenance"]["machine"],
-    )
-    claims = {key: texts for key, *texts in _cells(page_section("The experiments"))}
-    rows = [finding[:5] for found in findings(experiments).values() for finding in found]
+    """Write the report in Markdown: what held, the experiments, how they were run, what was cut."""
+    experiments = report["experiments"]
+    build = report["provenance"]["build"]
+    machine = report["provenance"]["machine"]
+    rows = [finding[:5] for judged in findings(experiments).values() for finding in judged]
     head = [
         "claim of the paper",
         "it holds if",
@@ -113,7 +112,7 @@ def parts(report: dict[str, Any]) -> list[str]:
         "our number, as printed",
         "our number, corrected",
     ]
-    made = [
+    blocks = [
         "# The experiments of Kim et al., run by clothsim",
         "The claims of Real-time collision response between cloth and sphere object in "
         "Unity, and what we measured.",
@@ -121,50 +120,48 @@ def parts(report: dict[str, Any]) -> list[str]:
         "[the scenes, live in the browser](live.html) · [as text](report.txt) · [all "
         "numbers](report.json)",
     ]
-    sections = [
-        "The two methods, in two variants",
-        "Choices where the paper is silent",
-        "Quantities",
-    ]
-    told = {title: [f"## {title}", *page_section(title).split("\n\n")] for title in sections}
-    made += told.pop(sections[0])
+    blocks += ["## The two methods, in two variants", METHODS]
     for key, entry in experiments.items():
-        title, setting, claim = claims[key]
-        made += [
-            f"## Experiment {key}: {title}",
-            setting,
-            f"> **The paper:** {claim}",
-            f"> **Here:** {here(key, entry)}",
+        experiment = EXPERIMENTS[key]
+        blocks += [
+            f"## Experiment {key}: {experiment.title}",
+            experiment.setting,
+            f"> **The paper:** {experiment.claim}",
+            f"> **Here:** {sentence(key, entry)}",
         ]
-        made += [
+        blocks += [
             f"{name} ended early: {failure}." for name, failure in entry.get("failures", {}).items()
         ]
-        made += (
+        blocks += (
             _contact(key, entry, report["settings"]["frame_dt"])
             if "cells" in entry
             else [_table(key, entry["rows"])]
         )
-    made += sum(told.values(), [])
+    blocks += ["## Quantities", _definitions()]
     if report["cuts"]:
-        made += ["## What this short form cuts", "\n".join(f"- {line}" for line in report["cuts"])]
+        blocks += [
+            "## What this short form cuts",
+            "\n".join(f"- {line}" for line in report["cuts"]),
+        ]
     computer = f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}"
     program = f"clothsim {build['version']}, {build['instruction_set']}, {build['compiler']}"
-    return [*made, f"{program}; {computer}; {report['provenance']['created']}"]
+    return [*blocks, f"{program}; {computer}; {report['provenance']['created']}"]
 
 
 def _contact(key: str, entry: dict[str, Any], frame_dt: float) -> list[str]:
-    made, times = [COLORS], {frame: f"{frame * frame_dt:g}" for frame in FRAMES[key]}
+    blocks = [COLORS]
+    times = {frame: f"{frame * frame_dt:g}" for frame in FRAMES[key]}
     for frame, t in times.items():
         cells = [cell for cell in entry["cells"] if cell["frame"] == frame]
-        made += cells and [
+        blocks += cells and [
             f"### Frame {frame}, t = {t} s",
             "\n".join(f"![{_caption(cell)}]({cell['picture']})" for cell in cells),
         ]
     links = [f"[play from frame {frame}](experiment{key}.html#t={t})" for frame, t in times.items()]
     live = "live_static.html" if key == "1" else "live_moving.html"
-    made.append(" · ".join([*links, f"[simulate this scene in the browser]({live})"]))
-    made.append(_table("cells", sorted(entry["cells"], key=lambda cell: cell["frame"])))
-    return made + (
+    blocks.append(" · ".join([*links, f"[simulate this scene in the browser]({live})"]))
+    blocks.append(_table("cells", sorted(entry["cells"], key=lambda cell: cell["frame"])))
+    return blocks + (
         ["### The same frames with coarser steps", _table("study", entry["study"])]
         if entry["study"]
         else []
@@ -183,36 +180,31 @@ def _wrapped(line: str) -> str:
 
 
 def as_text(report: dict[str, Any]) -> str:
-    """The report as plain text; a table of sentences is a list."""
-    shown = []
+    """Write the report as plain text; a table of sentences is a list."""
+    texts = []
     for part in parts(report):
-        if part[0] == "|" and len(part.splitlines()[0]) > 160:
+        if part.startswith("!["):
+            continue
+        if part.startswith("|") and len(part.splitlines()[0]) > 160:
             head, *rows = _cells(part)
-            part = "\n".join(
-                "- " + "; ".join(f"{a}: {b}" for a, b in zip(head, row)) for row in rows
-            )
-        shown += (
-            []
-            if part[:2] == "!["
-            else [part if part[0] == "|" else "\n".join(map(_wrapped, part.splitlines()))]
-        )
-    return "\n\n".join(shown) + "\n"
+            items = ["; ".join(f"{a}: {b}" for a, b in zip(head, row)) for row in rows]
+            part = "\n".join(f"- {item}" for item in items)
+        if not part.startswith("|"):
+            part = "\n".join(map(_wrapped, part.splitlines()))
+        texts.append(part)
+    return "\n\n".join(texts) + "\n"
 
 
-def write_page(path: Path, title: str, made: Iterable[str]) -> Path:
+def write_page(path: Path, title: str, blocks: Iterable[str]) -> Path:
     """Write parts in Markdown as a page that holds its pictures."""
-    page = (files(__package__) / "report.html").read_text(encoding="utf-8").replace("TITLE", title)
-    return write_bytes(
-        path, page.replace("BODY", "\n".join(_html(part, path.parent) for part in made)).encode()
-    )
+    page = (files(__package__) / "report.html").read_text(encoding="utf-8")
+    body = "\n".join(_html(part, path.parent) for part in blocks)
+    return write_bytes(path, page.replace("TITLE", title).replace("BODY", body).encode())
 
 
 def _inline(text: str) -> str:
-    text = re.sub(
-        r"\*\*(.*?)\*\*",
-        r"<strong>\1</strong>",
-        re.sub(r"`(.*?)`", r"<code>\1</code>", escape(text)),
-    )
+    text = re.sub(r"`(.*?)`", r"<code>\1</code>", escape(text))
+    text = re.sub(r"\*\*(.*?)\*\*", r"<strong>\1</strong>", text)
     return re.sub(r"\[([^]]*)\]\(([^)]*)\)", r'<a href="\2">\1</a>', text)
 
 
@@ -221,40 +213,35 @@ def _html(part: str, folder: Path) -> str:
     if kind.startswith("#"):
         return f"<h{len(kind)}>{_inline(text)}</h{len(kind)}>"
     if kind == ">":
-        return (
-            f'<div class="{"claim" if "The paper" in text[:13] else "here"}">{_inline(text)}</div>'
-        )
+        style = "claim" if text.startswith("**The paper") else "here"
+        return f'<div class="{style}">{_inline(text)}</div>'
     if kind == "-":
-        return (
-            "<ul>"
-            + "".join(f"<li>{_inline(line[2:])}</li>" for line in part.splitlines())
-            + "</ul>"
-        )
+        items = "".join(f"<li>{_inline(line[2:])}</li>" for line in part.splitlines())
+        return f"<ul>{items}</ul>"
     if kind == "|":
-        head, *rows = _cells(part)
-        words = max(len(cell) for row in rows for cell in row) > 60
-        left = [words or cell[:1].isalpha() for cell in rows[0]]
-
-        def line(tag: str, cells: Sequence[str]) -> str:
-            marks = (' class="word"' if one else "" for one in left)
-            return (
-                "<tr>"
-                + "".join(
-                    f"<{tag}{mark}>{_inline(cell)}</{tag}>" for mark, cell in zip(marks, cells)
-                )
-                + "</tr>"
-            )
-
-        body = "".join(line("td", row) for row in rows)
-        body = f"<thead>{line('th', head)}</thead><tbody>{body}</tbody>"
-        return f'<div class="scroll"><table{" class=words" if words else ""}>{body}</table></div>'
+        return _html_table(part)
     if part.startswith("!["):
-        found = re.findall(r"!\[(.*)\]\((.*)\)", part)
+        images = re.findall(r"!\[(.*)\]\((.*)\)", part)
         figures = "".join(
-            f"<figure>{_image(folder / name, caption)}</figure>" for caption, name in found
+            f"<figure>{_image(folder / name, caption)}</figure>" for caption, name in images
         )
-        return f'<div class="{"cells" if len(found) > 1 else "plot"}">{figures}</div>'
+        return f'<div class="{"cells" if len(images) > 1 else "plot"}">{figures}</div>'
     return f"<p>{_inline(part)}</p>"
+
+
+def _html_table(table: str) -> str:
+    head, *rows = _cells(table)
+    has_sentences = max(len(cell) for row in rows for cell in row) > 60
+    marks = [' class="word"' if has_sentences or cell[:1].isalpha() else "" for cell in rows[0]]
+
+    def line(tag: str, cells: Sequence[str]) -> str:
+        texts = [f"<{tag}{mark}>{_inline(cell)}</{tag}>" for mark, cell in zip(marks, cells)]
+        return f"<tr>{''.join(texts)}</tr>"
+
+    body = "".join(line("td", row) for row in rows)
+    style = " class=words" if has_sentences else ""
+    content = f"<thead>{line('th', head)}</thead><tbody>{body}</tbody>"
+    return f'<div class="scroll"><table{style}>{content}</table></div>'
 
 
 def _image(path: Path, caption: str) -> str:
@@ -271,29 +258,31 @@ def draw_cells(number: str, cases: Sequence[Case], folder: Path) -> None:
     for frame in FRAMES[number]:
         direction = BACK if (number, frame) == ("2", 200) else FRONT
         axes = cs.Camera(direction, (0, 0, 0), 1, 1).axes()
-        cells = [(case, cell) for case in cases for cell in case.cells if cell["frame"] == frame]
-        shown = [
-            (case, cell, *next(s[:2] for s in case.played if s[0] == cell["time"]))
-            for case, cell in cells
-        ]
-        seen = [np.clip(x, *STAGE).reshape(-1, 3) for *_, x in shown]
-        seen += [
-            s.center_at(t) + s.radius * np.concatenate([axes, -axes])
-            for c, _, t, _ in shown
-            for s in c.scene.spheres
-        ]
-        for case, cell, t, x in shown:
+        views = []
+        points = []  # that the pictures of the frame have to show
+        for case in cases:
+            for cell in case.cells:
+                if cell["frame"] != frame:
+                    continue
+                t, x = next(state[:2] for state in case.played if state[0] == cell["time"])
+                views.append((case, cell, t, x))
+                points.append(np.clip(x, *STAGE).reshape(-1, 3))
+                for sphere in case.scene.spheres:
+                    ends = sphere.radius * np.concatenate([axes, -axes])
+                    points.append(sphere.center_at(t) + ends)
+        for case, cell, t, x in views:
             name = case.name.replace(", ", "_").replace(" ", "_")
             cell["picture"] = f"experiment{number}/frame{frame}_{name}.png"
-            camera = cs.Camera.around(direction, np.concatenate(seen))
+            camera = cs.Camera.around(direction, np.concatenate(points))
             picture = cs.picture(case.scene, x, t, camera=camera, width=WIDTH, ground=False)
             picture.save(folder / cell["picture"])
 
 
 def play(number: str, cases: Sequence[Case], folder: Path) -> None:
     """Write a page that plays all cases of an experiment in step."""
-    arrays = [map(np.array, zip(*case.played)) for case in cases]
-    runs = {case.name: cs.Run(case.scene, t, x, v, {}) for case, (t, x, v) in zip(cases, arrays)}
-    cs.compare(runs).to_html(
-        folder / f"experiment{number}.html", title=f"Experiment {number}, all cases in step"
-    )
+    runs = {}
+    for case in cases:
+        t, x, v = map(np.array, zip(*case.played))
+        runs[case.name] = cs.Run(case.scene, t, x, v, {})
+    path = folder / f"experiment{number}.html"
+    cs.compare(runs).to_html(path, title=f"Experiment {number}, all cases in step")

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base import files as _files
 from ..base.extras import needed
+from ..base.services import service
 from ..base.text import counted, joules, quantity
 from ..engine import snapshot
 from ..engine.snapshot import Snapshot
@@ -23,7 +24,7 @@ from ..model.scene import Scene, cloth_text, spheres_text
 from ..model.sphere import Plane, Sphere
 from ..typing import Force
 from .report import joined
-from .trajectory import NEGLIGIBLE, Continuation, Frames
+from .trajectory import Continuation, Frames
 
 if TYPE_CHECKING:
     import xarray
@@ -398,9 +399,7 @@ class Run:
         >>> run.picture(t=0.01, width=200)
         <Picture of 200 x 129 pixels>
         """
-        from ..viewing.picture import picture_of_run
-
-        return picture_of_run(self, frame, t, path, **style)
+        return service("picture_of_run")(self, frame, t, path, **style)
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
@@ -424,12 +423,16 @@ class Run:
         >>> [axes.get_ylabel() for axes in run.plot().axes]
         ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
         """
-        from ..viewing.plots import plot_run
-
-        return plot_run(self, path)
+        return service("draw_run")(self, path)
 
     def animate(
-        self, path: str | Path, fps: float = 30.0, *, speed: float = 1.0, **style: Any
+        self,
+        path: str | Path,
+        fps: float = 30.0,
+        *,
+        speed: float = 1.0,
+        progress: bool = False,
+        **style: Any,
     ) -> Path:
         """Write a film of the run.
 
@@ -446,6 +449,8 @@ class Run:
             faster ones.
         speed : float, default 1.0
             Simulated seconds in a second of the film, > 0.
+        progress : bool, default False
+            True shows a progress bar of simulated seconds.
         **style
             As for `picture`. The view, the colour scale and the ground are the same for all frames.
 
@@ -457,9 +462,8 @@ class Run:
         ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
         'swing.gif'
         """
-        from ..viewing.animation import animate
-
-        return animate(self, path, fps, speed, **style)
+        film: Path = service("animate")(self, path, fps, speed, progress, **style)
+        return film
 
     @check.named
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
@@ -486,9 +490,8 @@ class Run:
         ...     path.name, path.stat().st_size < 500_000
         ('run.html', True)
         """
-        from ..viewing.page import alone
-
-        return alone(self, title).to_html(path)
+        page: Path = service("alone")(self, title).to_html(path)
+        return page
 
     @check.named
     def show(self, *, height: int = 760) -> Any:
@@ -504,15 +507,12 @@ class Run:
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
-        from ..viewing.page import alone
-
-        return alone(self).show(height)
+        return service("alone")(self).show(height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """The lines of `print`, and a picture of the last frame, for a notebook."""
-        from ..viewing.notebook import run_bundle
-
-        return run_bundle(self)
+        bundle: dict[str, Any] = service("run_bundle")(self)
+        return bundle
 
     @check.named
     def export(
@@ -566,9 +566,8 @@ class Run:
         ...     [file.name for file in run.export(folder + "/cloth.pc2")]
         ['cloth.pc2', 'cloth.obj']
         """
-        from ..viewing.exports import export
-
-        return export(self, path, fps, z_up)
+        files: list[Path] = service("export")(self, path, fps, z_up)
+        return files
 
 
 @check.named
@@ -610,72 +609,6 @@ def deepest(spheres: Iterable[Sphere | Plane], x: Floats, t: Floats) -> dict[str
         for name, depth in penetration(x, sphere, t).items():
             np.maximum(found[name], depth, out=found[name])
     return found
-
-
-@check.named
-def difference(a: Run, b: Run) -> dict[str, Any]:
-    """Distance of the mass points of two runs at equal times, as for one scene in two settings.
-
-    Only times that both runs have stored are compared, because interpolation has an error of its
-    own. Give `fps` or `times` to `simulate` for equal times. Times are equal if they differ by at
-    most half a step of either run.
-
-    Parameters
-    ----------
-    a, b : Run
-        Runs of cloths of one shape.
-
-    Returns
-    -------
-    dict
-        "t" [s], the times of `a` with an equal time in `b`, shape (times,); "distance" \\|x_a -
-        x_b\\| [m], shape (times, rows, columns); its root mean square "rms" and its largest "max"
-        [m] over the mass points, shape (times,); "unmatched", the number of frames of both runs
-        that have no partner.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the cloths differ in shape, or the runs have no stored time in common.
-
-    Examples
-    --------
-    >>> a, b = (cs.simulate(cs.scenes.paper_swing(), 0.1, dt=dt, fps=50) for dt in (1e-3, 1e-4))
-    >>> found = cs.difference(a, b)
-    >>> found["distance"].shape, bool(0 < found["rms"][-1] < 1e-5)
-    ((6, 32, 32), True)
-    """
-    for name, run in (("a", a), ("b", b)):
-        check.instance(name, run, Run)
-    if a.x.shape[1:] != b.x.shape[1:]:
-        raise ValueError(
-            f"b must be a run of a cloth of shape {a.scene.cloth.shape}, as a, got "
-            f"{b.scene.cloth.shape}"
-        )
-    steps = [run.report["dt"] for run in (a, b) if "dt" in run.report]
-    near = max(NEGLIGIBLE * max(a.t[-1] - a.t[0], b.t[-1] - b.t[0]), min(steps, default=0.0) / 2)
-    nearest = _nearest(a.t, b.t)
-    back = _nearest(b.t, a.t)[nearest]
-    equal = (np.abs(b.t[nearest] - a.t) <= near) & (back == np.arange(len(a)))
-    if not equal.any():
-        raise ValueError(
-            f"b must have a stored time of a, which are {a.t[0]:g} to {a.t[-1]:g} s, got "
-            f"{b.t[0]:g} to {b.t[-1]:g} s: give fps= or times= to simulate"
-        )
-    distance = np.array(
-        [np.linalg.norm(a.x[k] - b.x[nearest[k]], axis=-1) for k in np.flatnonzero(equal)]
-    )
-    by_time = distance.reshape(len(distance), -1)
-    rms, most = np.sqrt((by_time**2).mean(axis=1)), by_time.max(axis=1)
-    unmatched = len(a) + len(b) - 2 * len(distance)
-    return {"t": a.t[equal], "distance": distance, "rms": rms, "max": most, "unmatched": unmatched}
-
-
-def _nearest(times: Floats, others: Floats) -> npt.NDArray[np.int64]:
-    """The index of the nearest of the other times, for each."""
-    after = np.searchsorted(others, times).clip(max=len(others) - 1)
-    before = (after - 1).clip(min=0)
-    return np.where(np.abs(others[before] - times) < np.abs(others[after] - times), before, after)
 
 
 def _check_arrays(run: Run) -> None:

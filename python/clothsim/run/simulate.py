@@ -280,8 +280,7 @@ def _reason(error: Failure) -> str:
 
 def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progress: bool) -> Runs:
     """What `compute` finds, or the runs up to an early end, at least their first frames."""
-    form = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
-    bar = ProgressBar(progress, total=job.duration, bar_format=form)
+    bar = ProgressBar.of_time(progress, job.duration)
     watch = Watch(callback, bar.bar)
 
     def so_far(reason: str) -> Any:

@@ -32,7 +32,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import repeat
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -49,13 +49,13 @@ from ..typing import Integrator
 
 Operator = Callable[[Floats], Floats]
 
-_SAFETY = 0.97  # a little below, as the limit found approaches the true one from above
+_SAFETY = 0.97  # The computed limit approaches the true one from above.
 _NOISE = 1e-12  # of the rest length: four digits of a direction are left, of coordinates near 1 m
-_BLOCK = 4  # modes followed at once
-# Coordinates; a method that modes in the middle can limit takes all of up to so many, in 1 s.
+_BLOCK = 4  # modes that are followed side by side
+# A method that modes in the middle can limit takes all modes of up to so many coordinates, in 1 s.
 _DENSE = 400
-_KEPT = 8  # modes that a space is reduced to
-_MOST_VECTORS = 48  # in a space
+_LEAST_MODES = 8  # modes that a space is reduced to
+_MOST_VECTORS = 48  # vectors of a space
 _MOST_PRODUCTS = 600
 _SETTLED = 1e-3  # relative change of the limit over the last rounds
 _ROUNDS = 6
@@ -88,8 +88,8 @@ def max_stable_dt(
     v: npt.ArrayLike | None = None,
     t: float | None = None,
 ) -> float | Floats:
-    """The largest stable time step: guaranteed for all states except extreme states, or at a given
-    state.
+    """Return the largest stable time step: guaranteed for all states except extreme states, or at
+    the state (x, v).
 
     A mode of the cloth has a frequency omega and a damping rate delta: x'' = -omega^2 x - delta x'.
     A mode does not grow if the integrator's amplification matrix of (omega dt, delta dt) has no
@@ -139,14 +139,11 @@ def max_stable_dt(
     """
     if not isinstance(scene, Scene):
         scenes = scenes_of(scene)
-        every = (len(scenes), *scenes[0].cloth.shape, 3)
-        states = [
-            repeat(None) if a is None else check.array(name, a, every)
-            for name, a in (("x", x), ("v", v))
-        ]
-        return np.array(
-            [max_stable_dt(one, integrator, *state, t) for one, *state in zip(scenes, *states)]
-        )
+        whole = (len(scenes), *scenes[0].cloth.shape, 3)
+        xs = repeat(None) if x is None else check.array("x", x, whole)
+        vs = repeat(None) if v is None else check.array("v", v, whole)
+        members = zip(scenes, xs, vs)
+        return np.array([max_stable_dt(member, integrator, x, v, t) for member, x, v in members])
     integrator = integrator_name(integrator, fixed=True)
     if x is None:
         if v is not None:
@@ -154,62 +151,62 @@ def max_stable_dt(
         if t is not None:
             raise ValueError(f"t must be None without x, got {check.shown(t)}")
         return stable_dt(scene, integrator)
-    time = start_time(t, [scene] if has_layers(scene) or scene.wind else [])
+    time = start_time(t, [scene] if scene.has_layers or scene.wind else [])
     shape = (*scene.cloth.shape, 3)
     x = check.array("x", x, shape)
     v = np.zeros(shape) if v is None else check.array("v", v, shape)
     return _SAFETY * spectral_limit(integrator, scene, x, v, time)
 
 
-def has_layers(scene: Scene) -> bool:
-    """Return whether an obstacle acts by a force."""
-    return any(obstacle.response == "penalty" for obstacle in scene.spheres)
-
-
 def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operator, Operator]:
-    """Products with K [1/s^2] and C [1/s] at a state, of vectors of shape (n, 3 points).
+    """Make functions that multiply vectors of shape (n, 3 points) with K [1/s^2] and C [1/s] at a
+    state.
 
     Contact and wind at the time `t` are included. Both are scaled with the roots of the masses on
     either side; pinned points are left out. Springs without length have no direction and exert no
     force; they are left out too.
     """
-    cloth, table = scene.cloth, scene.cloth.spring_table()
+    cloth = scene.cloth
+    table = cloth.spring_table()
     scale = np.where(cloth.pinned, 0.0, cloth.mass_per_point**-0.5).reshape(-1, 1)
-    x, v = x.reshape(-1, 3), v.reshape(-1, 3)
+    x = x.reshape(-1, 3)
+    v = v.reshape(-1, 3)
     i, j = table["i"], table["j"]
     with np.errstate(over="ignore", invalid="ignore"):
-        d, w = x[j] - x[i], v[j] - v[i]
+        d = x[j] - x[i]
+        w = v[j] - v[i]
         length = np.linalg.norm(d, axis=1)
     if not np.isfinite(length).all():
         raise ValueError(
             "x must have springs whose length has a finite square, got ends up to "
             f"{np.abs(x).max():.3g} m from the origin"
         )
-    there = length > 0
-    near = np.flatnonzero(there & (length < _NOISE * table["rest_length"]))
-    if len(near):
-        ends = [divmod(int(end[near[0]]), cloth.columns) for end in (i, j)]
+    has_length = length > 0
+    tiny = np.flatnonzero(has_length & (length < _NOISE * table["rest_length"]))
+    if len(tiny):
+        ends = [divmod(int(end[tiny[0]]), cloth.columns) for end in (i, j)]
         raise ValueError(
-            f"x must have the ends of every spring together or apart, got {length[near[0]]:.3g} m "
+            f"x must have the ends of every spring together or apart, got {length[tiny[0]]:.3g} m "
             f"between mass points {ends[0]} and {ends[1]}: less than rounding leaves of the "
             "spring's direction"
         )
-    i, j, d, w, length, table = (part[there] for part in (i, j, d, w, length, table))
+    i, j, d, w, length, table = (part[has_length] for part in (i, j, d, w, length, table))
     n = d / length[:, None]
     stretching = (w * n).sum(axis=1)
     turning = (w - stretching[:, None] * n) / length[:, None]
-    across = table["stiffness"] * (1 - table["rest_length"] / length)
-    across += table["damping"] * stretching / length
-    along, damping = table["stiffness"] - across, table["damping"]
+    lateral = table["stiffness"] * (1 - table["rest_length"] / length)
+    lateral += table["damping"] * stretching / length
+    axial = table["stiffness"] - lateral
+    damping = table["damping"]
     place = np.concatenate([i, j])
 
     def to_points(force: Floats) -> Floats:
-        """Forces of shape (n, springs, 3) summed up at the points."""
-        both = np.concatenate([force, -force], axis=1)
-        at_points = [[np.bincount(place, one[:, k], len(x)) for k in range(3)] for one in both]
+        """Sum up forces of shape (n, springs, 3) at the points."""
+        ends = np.concatenate([force, -force], axis=1)
+        at_points = [[np.bincount(place, part[:, k], len(x)) for k in range(3)] for part in ends]
         return np.reshape(np.swapaxes(at_points, 1, 2) * scale, (len(force), -1))
 
-    def apart(y: Floats) -> Floats:
+    def between_ends(y: Floats) -> Floats:
         y = y.reshape(len(y), -1, 3) * scale
         return np.subtract(y[:, j], y[:, i])
 
@@ -218,7 +215,7 @@ def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operato
         for force in scene.core_forces
     ]
     layers = None
-    if has_layers(scene):
+    if scene.has_layers:
         plan = kept_plan(scene, Options())
         layers = _core.contact_derivatives(
             plan, x.reshape(*cloth.shape, 3), v.reshape(*cloth.shape, 3), t
@@ -229,13 +226,13 @@ def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operato
         return np.asarray((np.einsum("pij,npj->npi", blocks, at_points) * scale).reshape(y.shape))
 
     def stiffness(y: Floats) -> Floats:
-        u = apart(y)
-        radial = along * (u * n).sum(axis=2) + damping * (u * turning).sum(axis=2)
-        force = to_points(across[:, None] * u + radial[..., None] * n)
+        u = between_ends(y)
+        radial = axial * (u * n).sum(axis=2) + damping * (u * turning).sum(axis=2)
+        force = to_points(lateral[:, None] * u + radial[..., None] * n)
         return -force if layers is None else contact(y, layers[0]) - force
 
     def damping_(y: Floats) -> Floats:
-        radial = damping * (apart(y) * n).sum(axis=2)
+        radial = damping * (between_ends(y) * n).sum(axis=2)
         force = -to_points(radial[..., None] * n)
         for points, blocks in acting:
             force = force + _product(points, blocks, y, scale)
@@ -245,16 +242,16 @@ def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operato
 
 
 def _product(points: npt.NDArray[np.int64], blocks: Floats, y: Floats, scale: Floats) -> Floats:
-    """Products of vectors of shape (n, 3 points) with a matrix of blocks between points."""
-    to, source = points.T
+    """Multiply vectors of shape (n, 3 points) with a matrix of blocks between points."""
+    target, source = points.T
     by_source = (y.reshape(len(y), -1, 3) * scale)[:, source]
-    on = np.einsum("pij,npj->nip", blocks, by_source)
-    sums = [[np.bincount(to, row, len(scale)) for row in one] for one in on]
+    products = np.einsum("pij,npj->nip", blocks, by_source)
+    sums = [[np.bincount(target, row, len(scale)) for row in rows] for rows in products]
     return np.reshape(np.swapaxes(sums, 1, 2) * scale, y.shape)
 
 
 def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> float:
-    """The largest stable time step [s] of the motion linearised about a state, to about 1 %.
+    """Compute the largest stable time step [s] of the motion linearised about a state, to some 1 %.
 
     With dopri5 and more than 400 free coordinates it may miss slow modes of little damping, which
     grow by up to some 1e-3 a step.
@@ -271,68 +268,74 @@ def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats, t: float
     start = np.zeros((min(_BLOCK, len(free)), size))
     start[:, free] = np.random.default_rng(0).normal(size=(len(start), len(free)))
     space = Subspace(*operators, len(free))
-    limit, followed = space.search(start, lambda _: _by_modes(integrator, space))
+    limit, leaders = space.search(start, lambda _: _by_modes(integrator, space))
     if METHODS[integrator].family != "splitting" or not np.isfinite(limit):
         return limit
     space = Subspace(*operators, len(free))
-    return space.search(
-        np.concatenate([start, followed]), lambda near: _by_steps(integrator, space, near or limit)
-    )[0]
+    start = np.concatenate([start, leaders])
+    return space.search(start, lambda guess: _by_steps(integrator, space, guess or limit))[0]
 
 
-# The limit in a space, the coordinates (in rows) of the modes that set it, vectors outside the
-# space to which they lead, and whether the limit is that of the modes outside too.
-Finding = tuple[float, npt.NDArray[Any], npt.NDArray[Any], bool]
+class SpaceLimit(NamedTuple):
+    """The limit [s] in a space, the coordinates (in rows) of the modes that set it, vectors outside
+    the space to which these lead, and whether the limit is that of the whole cloth too.
+    """
+
+    limit: float
+    modes: npt.NDArray[Any]
+    outside: npt.NDArray[Any]
+    whole: bool
 
 
 class Subspace:
     """Orthonormal rows, their products with K and C, and the projected matrices `k` and `c`."""
 
     def __init__(self, stiffness: Operator, damping: Operator, size: int) -> None:
-        self.operators, self.size = (stiffness, damping), size  # `size`: free coordinates
+        self.operators = (stiffness, damping)
+        self.size = size  # free coordinates
         self.rows: list[Floats] = []  # the basis, and its products with K and C
         self.products = 0
 
-    def search(self, start: Floats, examine: Callable[[float], Finding]) -> tuple[float, Floats]:
-        """Extend the space until what `examine` finds no longer changes: the limit, and the modes
-        that set it.
+    def search(self, start: Floats, examine: Callable[[float], SpaceLimit]) -> tuple[float, Floats]:
+        """Extend the space until the limit of `examine` no longer changes, and return the limit and
+        the modes that set it.
         """
         self.rows = [start[:0]] * 3
-        extension, limits = start, [0.0]
+        extension = start
+        limits = [0.0]
         while self._extend(extension):
-            limit, modes, outside, known = examine(limits[-1])
-            limits.append(limit)
-            recent, followed = limits[1:][-_ROUNDS:], _sums(_parts(modes[:_BLOCK]), self.rows[0])
+            step = examine(limits[-1])
+            limits.append(step.limit)
+            recent = limits[1:][-_ROUNDS:]
+            leaders = _sums(_parts(step.modes[:_BLOCK]), self.rows[0])
             settled = len(recent) == _ROUNDS and max(recent) <= min(recent) * (1 + _SETTLED)
             full = len(self.rows[0]) >= self.size or self.products >= _MOST_PRODUCTS
-            if full or not np.isfinite(limit) or (settled and known):
+            if full or not np.isfinite(step.limit) or (settled and step.whole):
                 break
-            extension = _parts(outside)
+            extension = _parts(step.outside)
             if len(self.rows[0]) + len(extension) > _MOST_VECTORS:
-                kept = _orthonormal(_parts(modes), np.empty((0, len(self.rows[0]))))
-                self.rows = [_sums(kept, rows) for rows in self.rows]
-        return min(recent), followed
+                basis = _orthonormal(_parts(step.modes), np.empty((0, len(self.rows[0]))))
+                self.rows = [_sums(basis, rows) for rows in self.rows]
+        return min(recent), leaders
 
     def _extend(self, vectors: Floats) -> bool:
         new = _orthonormal(vectors, self.rows[0])
         if not len(new):
             return False
         self.products += len(new)
-        self.rows = [
-            np.concatenate([old, more])
-            for old, more in zip(self.rows, (new, *(of(new) for of in self.operators)))
-        ]
+        parts = (new, *(product(new) for product in self.operators))
+        self.rows = [np.concatenate([rows, part]) for rows, part in zip(self.rows, parts)]
         self.k, self.c = (_dots(self.rows[0], product) for product in self.rows[1:])
         return True
 
 
 def _parts(rows: npt.NDArray[Any]) -> Floats:
-    """The real parts of rows, then the imaginary ones."""
+    """Stack the real parts of rows, then their imaginary parts."""
     return np.concatenate([rows.real, rows.imag])
 
 
-# einsum, not @: products this flat gain nothing from the threads of a BLAS, which wait for each
-# other where processors are busy.
+# Products this flat gain nothing from the threads of a BLAS, which `@` would start: they wait for
+# each other where processors are busy.
 def _dots(a: Any, b: Any) -> Any:
     return np.einsum("ik,jk->ij", a, b)
 
@@ -342,9 +345,9 @@ def _sums(weights: Any, vectors: Any) -> Any:
 
 
 def _orthonormal(vectors: Floats, basis: Floats) -> Floats:
-    """The part of `vectors` outside the span of the orthonormal `basis`, as orthonormal rows."""
+    """Return the part of `vectors` outside the span of orthonormal `basis`, as orthonormal rows."""
     rest: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
-    for _ in range(2):  # twice is enough to be orthogonal to the last bit
+    for _ in range(2):  # Twice is enough to be orthogonal to the last bit.
         rest = rest - _sums(_dots(rest, basis), basis)
         columns, triangle = np.linalg.qr(rest.T)
         rest = columns.T[np.abs(np.diag(triangle)) > 1e-10]
@@ -352,11 +355,10 @@ def _orthonormal(vectors: Floats, basis: Floats) -> Floats:
 
 
 def modes(k: Floats, c: Floats) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Eigenvalues mu of y'' + C y' + K y = 0 [1/s] and eigenvectors (in columns), 2 n of them."""
+    """Solve for the 2 n eigenvalues mu of y'' + C y' + K y = 0 [1/s] and eigenvectors (columns)."""
     m = len(k)
-    speed = max(
-        np.sqrt(np.abs(k).max(initial=0)), np.abs(c).max(initial=0), 1e-300
-    )  # balances the two halves
+    # This speed balances the two halves.
+    speed = max(np.sqrt(np.abs(k).max(initial=0)), np.abs(c).max(initial=0), 1e-300)
     mu, z = np.linalg.eig(np.block([[np.zeros((m, m)), speed * np.eye(m)], [-k / speed, -c]]))
     return mu, z[:m]
 
@@ -364,50 +366,49 @@ def modes(k: Floats, c: Floats) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
 def limiting_modes(
     integrator: str, k: Floats, c: Floats
 ) -> tuple[Floats, npt.NDArray[Any], npt.NDArray[Any]]:
-    """Limits, eigenvalues and eigenvectors (rows) of the modes of (K, C), smallest limit first."""
+    """Return limits, eigenvalues and eigenvectors (rows) of the modes of (K, C), smallest limit
+    first.
+    """
     mu, z = modes(k, c)
     wave = np.abs(mu.imag) > 1e-9 * np.abs(mu)
     # A wave has omega^2 = |mu|^2 and delta = -2 Re mu. A mode that decays without waves has its own
-    # damping. Growth of the exact motion is no matter of the time step.
+    # damping. The time step does not cause growth of the exact motion.
     omega = np.where(wave, np.abs(mu), 0.0)
     delta = np.where(wave, -2 * mu.real, -mu.real).clip(0)
     limits = mode_limit(integrator, omega, delta)
     keep = (mu.imag >= 0) & np.isfinite(limits)
-    worst = np.flatnonzero(keep)[np.argsort(limits[keep])[:_KEPT]]
+    worst = np.flatnonzero(keep)[np.argsort(limits[keep])[:_LEAST_MODES]]
     return limits[worst], mu[worst], z.T[worst]
 
 
-def _by_modes(integrator: str, space: Subspace) -> Finding:
-    """The largest step at which every single mode is stable."""
+def _by_modes(integrator: str, space: Subspace) -> SpaceLimit:
+    """Return the largest step at which every single mode is stable."""
     limits, mu, z = limiting_modes(integrator, space.k, space.c)
     limit = float(limits.min(initial=np.inf))
-    mode, rate = z[:_BLOCK], mu[:_BLOCK, None]
-    outside = sum(
-        _sums(part, rows) for part, rows in zip((rate**2 * mode, mode, rate * mode), space.rows)
-    )
+    mode = z[:_BLOCK]
+    rate = mu[:_BLOCK, None]
+    parts = (rate**2 * mode, mode, rate * mode)
+    outside = sum(_sums(part, rows) for part, rows in zip(parts, space.rows))
     # |mu|^2 is off by no more than the residual, so the limit by no more than half of that part.
-    residual = np.linalg.norm(outside, axis=1) / (
-        np.abs(rate[:, 0]) ** 2 * np.linalg.norm(mode, axis=1)
-    )
-    return (
-        limit,
-        z,
-        outside,
-        bool((limits[:_BLOCK] * (1 - residual / 2) >= (1 - _DOUBT) * limit).all()),
-    )
+    size = np.abs(rate[:, 0]) ** 2 * np.linalg.norm(mode, axis=1)
+    residual = np.linalg.norm(outside, axis=1) / size
+    whole = limits[:_BLOCK] * (1 - residual / 2) >= (1 - _DOUBT) * limit
+    return SpaceLimit(limit, modes=z, outside=outside, whole=bool(whole.all()))
 
 
-def _by_steps(integrator: str, space: Subspace, near: float) -> Finding:
-    """The largest step at which the step matrix of a splitting method is stable."""
-    limit = _limit_in(integrator, space.k, space.c, near)
+def _by_steps(integrator: str, space: Subspace, guess: float) -> SpaceLimit:
+    """Return the largest step at which the step matrix of a splitting method is stable."""
+    limit = _limit_in(integrator, space.k, space.c, guess)
     if not np.isfinite(limit):
-        return limit, space.k[:0], space.k[:0], True
+        return SpaceLimit(limit, modes=space.k[:0], outside=space.k[:0], whole=True)
     values, vectors = np.linalg.eig(
         matrix(integrator, space.k, space.c, limit * (1 + 10 * _PRECISION))
     )
     sides = [np.flatnonzero((sign * values.real >= 0) & (values.imag >= 0)) for sign in _GROWTH]
-    chosen = np.concatenate([side[np.argsort(-np.abs(values[side]))[:_FOLLOWED]] for side in sides])
-    values, z = values[chosen, None], vectors[:, chosen].T
+    largest = [side[np.argsort(-np.abs(values[side]))[:_FOLLOWED]] for side in sides]
+    indices = np.concatenate(largest)
+    values = values[indices, None]
+    z = vectors[:, indices].T
     x, w = (_sums(_parts(part), space.rows[0]) for part in np.split(z, 2, axis=1))
 
     def acceleration(x: Floats, w: Floats) -> Floats:
@@ -415,28 +416,29 @@ def _by_steps(integrator: str, space: Subspace, near: float) -> Finding:
         return -limit * limit * stiffness(x) - limit * damping(w)
 
     *end, stages = splitting_step(integrator, acceleration, x, w)
-    moved, before = (
+    after, before = (
         part[: len(z)] + 1j * part[len(z) :] for part in (np.hstack(end), np.hstack([x, w]))
     )
-    residual = np.linalg.norm(moved - values * before, axis=1) / np.linalg.norm(z, axis=1)
-    grown = np.abs(values[:, 0]) > 1 + _GROWTH[-1]  # the others are inside, known or not
-    return (
+    residual = np.linalg.norm(after - values * before, axis=1) / np.linalg.norm(z, axis=1)
+    # The residuals of vectors that do not grow have no effect on the limit.
+    grows = np.abs(values[:, 0]) > 1 + _GROWTH[-1]
+    return SpaceLimit(
         limit,
-        np.concatenate(np.split(z, 2, axis=1)),
-        np.concatenate(stages),
-        bool((residual <= _RESIDUAL)[grown].all()),
+        modes=np.concatenate(np.split(z, 2, axis=1)),
+        outside=np.concatenate(stages),
+        whole=bool((residual <= _RESIDUAL)[grows].all()),
     )
 
 
 def matrix(integrator: str, k: Floats, c: Floats, h: float) -> Floats:
-    """The step matrix S(h) of dense K and C, shape (2 n, 2 n)."""
+    """Compute the step matrix S(h) of dense K and C, shape (2 n, 2 n)."""
     x, w = np.split(np.eye(2 * len(k)), 2, axis=1)
     x, w, _ = splitting_step(integrator, lambda x, w: -h * h * x @ k.T - h * w @ c.T, x, w)
     return np.concatenate([x, w], axis=1).T
 
 
 def faulty(integrator: str, k: Floats, c: Floats, flow: npt.NDArray[Any], h: float) -> bool:
-    """Whether a step of h [s] amplifies modes that do not grow in the equation, with dense K
+    """Tell whether a step of h [s] amplifies modes that do not grow in the equation, with dense K
     [1/s^2] and C [1/s].
 
     `flow` has the eigenvalues mu of the equation, whose modes go as e^(mu t) [1/s].
@@ -447,8 +449,8 @@ def faulty(integrator: str, k: Floats, c: Floats, flow: npt.NDArray[Any], h: flo
     if (values[real].real > 1 + _GROWTH[1]).any():
         values, vectors = np.linalg.eig(step)
         real = np.abs(values.imag) <= 1e-9 * np.abs(values)
-        grown = np.flatnonzero(real & (values.real > 1 + _GROWTH[1]))
-        w = vectors[len(k) :, grown].real.T
+        indices = np.flatnonzero(real & (values.real > 1 + _GROWTH[1]))
+        w = vectors[len(k) :, indices].real.T
         size = np.maximum((w**2).sum(axis=1), 1e-300)
         along_k, along_c = (((w @ part.T) * w).sum(axis=1) / size for part in (k, c))
         buckles = (along_k < 0) & (h * along_c < METHODS[integrator].real_limit)
@@ -456,30 +458,37 @@ def faulty(integrator: str, k: Floats, c: Floats, flow: npt.NDArray[Any], h: flo
             return True
     flow = flow[np.abs(flow.imag) > 1e-9 * np.abs(flow)]
     exact = np.exp((flow * h).real.clip(max=50.0) + 1j * (flow * h).imag)
+    waves = values[~real | (values.real < 0)]
     for sign, growth in _GROWTH.items():
-        more, fewer = (
-            np.count_nonzero((np.abs(found) > 1 + least) & (sign * found.real >= 0))
-            for found, least in ((values[~real | (values.real < 0)], growth), (exact, growth / 2))
-        )
-        if more > fewer:
+        if _count(waves, sign, growth) > _count(exact, sign, growth / 2):
             return True
     return False
 
 
-def _limit_in(integrator: str, k: Floats, c: Floats, near: float) -> float:
-    """The limit in a space: the first of rising steps that is unstable, then bisection."""
+def _count(values: npt.NDArray[Any], sign: int, growth: float) -> int:
+    """Count the eigenvalues of a step that grow by more than `growth`, with that sign of Re."""
+    return int(np.count_nonzero((np.abs(values) > 1 + growth) & (sign * values.real >= 0)))
+
+
+def _limit_in(integrator: str, k: Floats, c: Floats, guess: float) -> float:
+    """Search for the limit in a space: the first rising step that is unstable, then bisection."""
     mu, _ = modes(k, c)
     if not np.abs(mu).max(initial=0) > 0:
         return np.inf
-    unstable, low = partial(faulty, integrator, k, c, mu), 0.7 * near
+    unstable = partial(faulty, integrator, k, c, mu)
+    low = 0.7 * guess
     while unstable(low):
         low *= 0.5
     high = low * _RATIO
     while not unstable(high):
-        low, high = high, high * _RATIO
+        low = high
+        high = high * _RATIO
         if high * np.abs(mu).max() > 1e6:
             return np.inf
     while high > (1 + _PRECISION) * low:
         middle = np.sqrt(low * high)
-        low, high = (low, middle) if unstable(middle) else (middle, high)
+        if unstable(middle):
+            high = middle
+        else:
+            low = middle
     return float(low)

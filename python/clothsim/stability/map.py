@@ -25,14 +25,16 @@ if TYPE_CHECKING:
     import xarray
 
 
-_CHECKED = 10  # steps; what has grown may find a folded shape, in which it is stable, and die away
+# Steps between two looks. A disturbance that has grown may reach a folded shape, in which it is
+# stable, and die away.
+_LOOK = 10
 _DISTURBANCE = 1e-6  # of the shortest distance of neighbours, per time step
 _GROWTH = 1e3  # of the disturbance, that counts as unstable
 _ENERGY_ERROR = 0.01  # of kinetic and elastic energy, that an honest run may be off
 
 
 def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **options: Any) -> bool:
-    """Whether a run of `steps` steps of `dt` from a slightly disturbed (x, v) gains no energy.
+    """Tell whether a run of `steps` steps of `dt` from a slightly disturbed (x, v) gains no energy.
 
     The equations of motion add no energy to a cloth without moving spheres, so a rise comes from
     the time step. The free points get random velocities, which contain every mode and are far too
@@ -48,14 +50,14 @@ def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **optio
     start = energy(scene, x, v + noise)
     stepper = Stepper(scene, x, v + noise, **{"threads": 1, **options})
     stepper._state.judge.given.add("dt")
-    for done in range(0, steps, _CHECKED):
+    for begin in range(0, steps, _LOOK):
         try:
-            stepper.advance(min(_CHECKED, steps - done), dt)
+            stepper.advance(min(_LOOK, steps - begin), dt)
         except UnstableError:
             return False
-        now = energy(scene, stepper.positions, stepper.velocities)
-        allowed = _GROWTH**2 * size + _ENERGY_ERROR * (now["kinetic"] + now["elastic"])
-        if not now["total"] - start["total"] <= allowed:
+        energies = energy(scene, stepper.positions, stepper.velocities)
+        allowed = _GROWTH**2 * size + _ENERGY_ERROR * (energies["kinetic"] + energies["elastic"])
+        if not energies["total"] - start["total"] <= allowed:
             return False
     return True
 
@@ -71,7 +73,7 @@ def stability_map(
     threads: int | None = None,
     progress: bool = False,
 ) -> xarray.Dataset:
-    """Which time steps are stable at which stiffness: predicted, guaranteed, and measured.
+    """Map which time steps are stable at which stiffness: predicted, guaranteed, and measured.
 
     Every cell is a run of `steps` steps from the scene's initial state, slightly disturbed. A cell
     is stable unless its total energy rises. Spheres are left out, so only the time step can raise
@@ -113,7 +115,8 @@ def stability_map(
     xr: Any = needed("xarray", "stability_map")
     check.instance("scene", scene, Scene)
     integrator = integrator_name(Options(integrator, precision).integrator, fixed=True)
-    stiffness, dt = _positive("stiffness", stiffness), _positive("dt", dt)
+    stiffness = _positive("stiffness", stiffness)
+    dt = _positive("dt", dt)
     steps = check.integer("steps", steps, minimum=1)
     threads = Options(threads=threads).threads or available_threads()
     scenes = [
@@ -131,28 +134,31 @@ def stability_map(
         ProgressBar(progress, total=stable.size, unit="run") as bar,
         ThreadPoolExecutor(threads) as pool,
     ):
-        for place, one in zip(np.ndindex(stable.shape), pool.map(cell, np.ndindex(stable.shape))):
-            stable[place] = one
+        places = list(np.ndindex(stable.shape))
+        for place, result in zip(places, pool.map(cell, places)):
+            stable[place] = result
             bar.advance()
-    limit = np.array([spectral_limit(integrator, one, x, v) for one in scenes])
-    both, seconds = ("stiffness", "dt"), {"units": "s"}
-    found: xarray.Dataset = xr.Dataset(
+    limit = np.array([spectral_limit(integrator, member, x, v) for member in scenes])
+    guarantee = [max_stable_dt(member, integrator) for member in scenes]
+    dimensions = ("stiffness", "dt")
+    seconds = {"units": "s"}
+    dataset: xarray.Dataset = xr.Dataset(
         {
-            "stable": (both, stable),
-            "predicted": (both, dt <= limit[:, None]),
+            "stable": (dimensions, stable),
+            "predicted": (dimensions, dt <= limit[:, None]),
             "limit": ("stiffness", limit, seconds),
-            "guarantee": ("stiffness", [max_stable_dt(one, integrator) for one in scenes], seconds),
+            "guarantee": ("stiffness", guarantee, seconds),
         },
         {"stiffness": ("stiffness", stiffness, {"units": "N/m"}), "dt": ("dt", dt, seconds)},
         {"integrator": integrator, "precision": precision, "steps": steps},
     )
-    return found
+    return dataset
 
 
 def _positive(name: str, value: npt.ArrayLike) -> Floats:
     accepted = "a one-dimensional array of finite numbers > 0"
-    given = check.array(name, value, what=accepted)
-    if given.ndim != 1 or not given.size:
-        raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
-    check.check_all(name, given, given > 0, accepted)
-    return given
+    numbers = check.array(name, value, what=accepted)
+    if numbers.ndim != 1 or not numbers.size:
+        raise ValueError(f"{name} must be {accepted}, got shape {numbers.shape}")
+    check.check_all(name, numbers, numbers > 0, accepted)
+    return numbers

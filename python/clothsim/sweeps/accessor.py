@@ -8,6 +8,7 @@ from typing import Any
 
 import xarray
 
+from ..base.services import service
 from ..errors import ContactError, UnstableError
 from ..model.motion import motion_from_dict
 from ..model.scene import Scene
@@ -28,15 +29,30 @@ class ClothsimAccessor:
         self._dataset = dataset
 
     def plot(self, kind: str | None = None, **options: Any) -> Any:
-        """Draw the plot that suits the sweep best, or the named kind: "convergence", "stability" or
-        "heatmap".
+        """Draw a Dataset of this package and return the axes.
 
-        A Dataset of `stability_map` or `work_precision` has one plot. `ax` may be given: axes of
-        matplotlib, one or two of them for `work_precision`. The axes are returned.
+        Parameters
+        ----------
+        kind : {"convergence", "stability", "heatmap"}, optional
+            The plot of a sweep. Default: the one that suits it best. A Dataset of `stability_map`,
+            `work_precision` or `sensitivity` has one plot.
+        **options
+            `ax`, axes of matplotlib: one for a sweep and `stability_map`, one or two for
+            `work_precision`, two a parameter for `sensitivity`; default: those of a new figure. Of
+            a sweep also `along`, the dimension of the lines of "convergence"; `y` of "stability";
+            `variable`, `x` and `y` of "heatmap".
+
+        Examples
+        --------
+        >>> over = {"dt": [0.01, 0.02, 0.04]}
+        >>> ds = cs.sweep(cs.scenes.oscillator(), over, duration=0.4, progress=False)
+        >>> ds.clothsim.plot("heatmap", variable="largest_stretch").get_ylabel()
+        'largest stretch [%]'
+        >>> ds = cs.sensitivity(cs.scenes.oscillator(), [0.1, 0.2], of=["stiffness"])
+        >>> ds.clothsim.plot().shape
+        (1, 2)
         """
-        from ..viewing.plots import plot
-
-        return plot(self._dataset, kind, **options)
+        return service("plot")(self._dataset, kind, **options)
 
     @property
     def provenance(self) -> dict[str, Any]:
@@ -54,7 +70,7 @@ class ClothsimAccessor:
     def member(
         self, *, every: float | None = None, force: Force | None = None, **selection: Any
     ) -> Run:
-        """The `Run` of one member, to show, play and export, computed again with equal bits.
+        """Compute the `Run` of a member again, with equal bits, to show, play and export it.
 
         `every` is as for `simulate`; default: that of the sweep. `force`: that of the sweep, which
         keeps no function. `selection` has labels as for
@@ -71,25 +87,29 @@ class ClothsimAccessor:
         (4.0, [0.0, 0.05, 0.1])
         """
         identity = self.provenance["identity"]
-        given = {name: value for name, value in identity["settings"].items() if name != "metrics"}
-        if given["force"] is not None and force is None:
+        settings = dict(identity["settings"])
+        del settings["metrics"]
+        if settings["force"] is not None and force is None:
             raise ValueError(
-                f"force must be given: the sweep had {given['force']}, and functions are not kept"
+                f"force must be given: the sweep had {settings['force']}, and functions are not "
+                "kept"
             )
-        given["force"] = force
-        every = given["every"] if every is None else every
+        settings["force"] = force
+        if every is not None:
+            settings["every"] = every
         grid = Grid([_axis(entry) for entry in identity["over"]])
-        chosen = self._dataset.sel(selection)["member"]
-        for name, size in chosen.sizes.items():
+        indices = self._dataset.sel(selection)["member"]
+        for name, size in indices.sizes.items():
             if size != 1:
                 raise ValueError(
                     f"a member needs one value of {name!r}, got {size}: give member({name}=...)"
                 )
-        index = chosen.item()
-        make = Maker(Scene.from_dict(identity["scene"]), SweepOptions(**{**given, "every": every}))
+        index = indices.item()
+        make = Maker(Scene.from_dict(identity["scene"]), SweepOptions(**settings))
         member = make(index, grid.values(index))
+        options = {**member.settings, "dt": member.dt}
         try:
-            return simulate(member.scene, every=every, **{**member.settings, "dt": member.dt})
+            return simulate(member.scene, every=settings["every"], **options)
         except (UnstableError, ContactError) as error:
             if not isinstance(error.run, Run):
                 raise
@@ -102,7 +122,7 @@ class ClothsimAccessor:
 
 
 def _axis(entry: Mapping[str, Any]) -> Axis:
-    """The axis that `Grid.describe` described."""
+    """Make the axis that `Grid.describe` described."""
     columns = [
         [_value(name, value) for value in values] for name, values in entry["values"].items()
     ]
@@ -113,7 +133,7 @@ def _axis(entry: Mapping[str, Any]) -> Axis:
 
 
 def _value(name: str, value: Any) -> Any:
-    """A swept value from its plain form."""
+    """Make a swept value from its plain form."""
     if isinstance(value, Mapping) and "sha256" in value:
         raise ValueError(
             f"a member cannot be run again where {name} is swept over arrays, which a "

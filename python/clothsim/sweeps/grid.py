@@ -1,4 +1,4 @@
-"""The members of a sweep: products of values, zipped lists, or given samples; values as plain data,
+"""The members of a sweep: products of values, zipped lists, or samples; and values as plain data,
 labels and digests.
 """
 
@@ -17,12 +17,12 @@ from ..base import check
 from ..model.fields import check_name, units
 from ..model.record import Record
 
-# Entries of an array that are written out; a larger one is known by its digest.
-_LARGEST_LISTED = 64
+# A larger array is described by its digest, not by its entries.
+_LARGEST_LISTED = 64  # entries
 
 
 def plain(value: Any) -> Any:
-    """`value` as data for JSON; equal values give equal data."""
+    """Convert `value` to data for JSON; equal values give equal data."""
     if value is None or isinstance(value, (bool, int, float, str)):
         return value.item() if isinstance(value, np.generic) else value
     if isinstance(value, Record):
@@ -46,12 +46,12 @@ def plain(value: Any) -> Any:
 
 
 def digest(value: Any) -> str:
-    """A short text that is equal for equal values alone."""
+    """Make a short text that is equal for equal values alone."""
     return hashlib.sha256(json.dumps(plain(value), sort_keys=True).encode()).hexdigest()
 
 
 def label(value: Any) -> str:
-    """`value` as a short text for a coordinate."""
+    """Make a short text of `value` for a coordinate."""
     if isinstance(value, (bool, int, float, str)):
         return f"{value:g}" if isinstance(value, float) else str(value)
     if isinstance(value, (list, tuple)) and value:
@@ -70,7 +70,7 @@ class Axis:
 
     dimension: str
     places: tuple[Mapping[str, Any], ...]
-    labels: tuple[str, ...] | None = None  # given by the user; else made from the values
+    labels: tuple[str, ...] | None = None  # of the user; else they are made from the values
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,7 +97,7 @@ class Grid:
             raise ValueError(f"over must name each thing once, got {sorted(twice)} more than once")
 
     def values(self, index: int) -> dict[str, Any]:
-        """The swept values of a member, by name."""
+        """Return the swept values of a member, by name."""
         values = dict[str, Any]()
         for axis, length in zip(reversed(self.axes), reversed(self.shape), strict=True):
             index, place = divmod(index, length)
@@ -105,20 +105,21 @@ class Grid:
         return values
 
     def coordinates(self) -> dict[str, Any]:
-        """Labels as xarray takes them: one per swept name, two more for a swept shape, and the
-        number of each member.
+        """Return labels as xarray takes them: one per swept name, two more for a swept shape, and
+        the number of each member.
         """
-        found: dict[str, Any] = {}
+        coordinates: dict[str, Any] = {}
         for axis in self.axes:
             for name in axis.names:
                 labels = axis.labels if axis.dimension == name else None
-                found |= _coordinates(name, axis.dimension, axis.column(name), labels)
+                coordinates |= _coordinates(name, axis.dimension, axis.column(name), labels)
             if axis.dimension not in axis.names:
-                found[axis.dimension] = axis.dimension, np.arange(len(axis))
-        return {**found, "member": (self.dimensions, np.arange(self.size).reshape(self.shape))}
+                coordinates[axis.dimension] = axis.dimension, np.arange(len(axis))
+        coordinates["member"] = self.dimensions, np.arange(self.size).reshape(self.shape)
+        return coordinates
 
     def describe(self) -> list[dict[str, Any]]:
-        """The grid as plain data, to be compared with another."""
+        """Return the grid as plain data, to be compared with another."""
         return [
             {
                 "dimension": axis.dimension,
@@ -135,27 +136,24 @@ def _coordinates(
     attrs: dict[str, Any] = {"long_name": name.replace("_", " ")}
     if labels is None and all(isinstance(v, bool) for v in values):
         return {name: (dimension, np.array(values), attrs)}
-    if unit := "" if all(isinstance(v, str) for v in values) else units(name):
-        attrs["units"] = unit
-    given = [v for v in values if v is not None]  # None, as of dt beside rtol, is NaN
-    if (
-        labels is None
-        and given
-        and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in given)
-    ):
-        return {name: (dimension, np.array([np.nan if v is None else v for v in values]), attrs)}
+    if not all(isinstance(v, str) for v in values) and units(name):
+        attrs["units"] = units(name)
+    numbers = [np.nan if v is None else v for v in values]  # None, as of dt beside rtol, is NaN.
+    are_numbers = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in numbers)
+    if labels is None and are_numbers and any(v is not None for v in values):
+        return {name: (dimension, np.array(numbers), attrs)}
     texts = list(labels or map(label, values))
     if dimension == name and len(set(texts)) < len(texts):
         texts = [f"{text} #{k}" for k, text in enumerate(texts)]
-    found = {name: (dimension, np.array(texts), attrs)}
+    coordinates = {name: (dimension, np.array(texts), attrs)}
     if name == "shape" and labels is None:
         for part, side in enumerate(("rows", "columns")):
-            found[side] = dimension, np.array([v[part] for v in values]), {}
-    return found
+            coordinates[side] = dimension, np.array([v[part] for v in values]), {}
+    return coordinates
 
 
 def make_grid(over: Any) -> Grid:
-    """The grid that the argument `over` of `sweep` describes."""
+    """Make the grid that the argument `over` of `sweep` describes."""
     if over is None:
         return Grid(())
     if isinstance(over, Mapping):
@@ -164,38 +162,39 @@ def make_grid(over: Any) -> Grid:
 
 
 def _axis(key: Any, values: Any) -> Axis:
-    """The axis of a name, or of names with zipped values."""
-    zipped, labels = isinstance(key, tuple), None
+    """Make the axis of a name, or of names with zipped values."""
+    zipped = isinstance(key, tuple)
+    labels = None
     names = tuple(map(check_name, key if zipped else (key,)))
     if len(set(names)) < len(names):
         raise ValueError(f"over must name each thing once, got the zipped names {names!r}")
     if isinstance(values, Mapping) and not zipped:
-        labels, values = tuple(map(str, values)), list(values.values())
+        labels = tuple(map(str, values))
+        values = list(values.values())
     rows = [row if zipped else (row,) for row in _values(f"over[{key!r}]", values)]
     for k, row in enumerate(rows):
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
-            wanted = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
+            accepted = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
             raise ValueError(
-                f"over[{key!r}] must have {wanted}, got {check.shown(row)} at index {k}"
+                f"over[{key!r}] must have {accepted}, got {check.shown(row)} at index {k}"
             )
     return Axis("_".join(names), tuple(dict(zip(names, row, strict=True)) for row in rows), labels)
 
 
 def _samples(over: Any) -> Axis:
-    """Rows of names and values: mappings, or a table with ``to_dict("records")``."""
+    """Make the axis of samples: mappings, or a table with ``to_dict("records")``."""
     if hasattr(over, "to_dict") and not isinstance(over, Record):
         over = over.to_dict("records")
-    given = _values("over", over)
-    for k, sample in enumerate(given):
+    samples = _values("over", over)
+    for k, sample in enumerate(samples):
         if not isinstance(sample, Mapping) or not sample:
-            wanted = "a mapping of names to values or a sequence of mappings"
-            raise TypeError(f"over must be {wanted}, got {check.shown(sample)} at index {k}")
-        if set(sample) != set(given[0]):
-            names = f"{sorted(sample)} at index {k} and {sorted(given[0])} before"
+            accepted = "a mapping of names to values or a sequence of mappings"
+            raise TypeError(f"over must be {accepted}, got {check.shown(sample)} at index {k}")
+        if set(sample) != set(samples[0]):
+            names = f"{sorted(sample)} at index {k} and {sorted(samples[0])} before"
             raise ValueError(f"over must give every sample the same names, got {names}")
-    return Axis(
-        "sample", tuple({check_name(n): _scalar(v) for n, v in sample.items()} for sample in given)
-    )
+    places = [{check_name(n): _scalar(v) for n, v in sample.items()} for sample in samples]
+    return Axis("sample", tuple(places))
 
 
 def _values(name: str, values: Any) -> list[Any]:

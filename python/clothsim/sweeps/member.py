@@ -20,7 +20,7 @@ from ..run.trajectory import checked_every
 
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
-"""What a member's status, the index into this, means."""
+"""Meanings of a member's status, which is an index into these."""
 
 
 @dataclass(frozen=True)
@@ -32,21 +32,20 @@ class SweepOptions:
     integrator: str | None = None
     precision: str = "double"
     kernel: str = "auto"
-    every: Any = None  # checked: steps (int), seconds (float) or None
+    every: Any = None  # steps (int), seconds (float) or None, once it is checked
     rtol: float | None = None
     atol: float | None = None
     force: Any = None
 
     def __post_init__(self) -> None:
-        self.__dict__.update(
-            duration=check.number("duration", self.duration, minimum=0, exclusive=True),
-            dt=None if self.dt is None else check.number("dt", self.dt, minimum=0, exclusive=True),
-            integrator=None
-            if self.integrator is None
-            else integrator_name(self.integrator, "auto"),
-            every=checked_every(self.every),
-            force=checked_force(self.force),
-        )
+        values = self.__dict__  # The class is frozen for others.
+        values["duration"] = check.number("duration", self.duration, minimum=0, exclusive=True)
+        if self.dt is not None:
+            values["dt"] = check.number("dt", self.dt, minimum=0, exclusive=True)
+        if self.integrator is not None:
+            values["integrator"] = integrator_name(self.integrator, "auto")
+        values["every"] = checked_every(self.every)
+        values["force"] = checked_force(self.force)
 
 
 @dataclass(frozen=True)
@@ -65,57 +64,63 @@ class Member:
 
 
 class Maker:
-    """Makes members of a scene and swept values. Those with equal run values share `settings`."""
+    """A maker of members of a scene and swept values. Members with equal run values share their
+    `settings`.
+    """
 
     def __init__(self, base: Scene, options: SweepOptions) -> None:
-        self._base, self._options, self._known = base, options, dict[str, dict[str, Any]]()
+        self._base = base
+        self._options = options
+        self._settings_of: dict[str, dict[str, Any]] = {}
+        # The scene caches these for all members.
         shared = "initial_position", "initial_velocity", "driven_pins", "core_spheres", "has_layers"
         for name in (*shared, "core_forces"):
-            getattr(base, name)  # which caches it for all members
-        _ = base.cloth.core  # with the arrays that it is made of
+            getattr(base, name)
+        _ = base.cloth.core
 
     def __call__(self, index: int, values: Mapping[str, Any]) -> Member:
-        """The member with these values; a refused value raises the error of its argument."""
-        run = (
-            {}
-            if values.keys().isdisjoint(RUN)
-            else {name: values[name] for name in RUN if name in values}
-        )
-        scene = change_scene(
-            self._base,
-            {name: values[name] for name in values if name not in run} if run else values,
-        )
-        settings = self._known.get(key := repr(run))
+        """Make the member with these values; a wrong value raises the error of its argument."""
+        run = {}
+        changes = values
+        if not values.keys().isdisjoint(RUN):
+            run = {name: values[name] for name in RUN if name in values}
+            changes = {name: values[name] for name in values if name not in run}
+        scene = change_scene(self._base, changes)
+        key = repr(run)
+        settings = self._settings_of.get(key)
         if settings is None:
-            settings = self._known[key] = self._settings(run)
-        integrator, dt = settings["integrator"], settings["dt"]
-        integrator = "rk4" if integrator in ("auto", None) else integrator
+            settings = self._settings(run)
+            self._settings_of[key] = settings
+        dt = settings["dt"]
+        integrator = settings["integrator"]
+        if integrator in ("auto", None):
+            integrator = "rk4"
         limit = usable_dt(scene, integrator) if dt is None else stable_dt(scene, integrator)
         return Member(index, scene, settings, dt, limit)
 
     def _settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
-        """The checked arguments of `simulate` of members with the swept values `run`; what is not
-        given is left to `simulate`.
+        """Check the arguments of `simulate` of members with the swept values `run`; None is left
+        to `simulate`.
         """
-        given = {name: run.get(name, getattr(self._options, name)) for name in (*RUN, "force")}
-        if given["integrator"] is None and given["dt"] is not None:
-            given["integrator"] = "rk4"
-        name = given["integrator"]
+        settings = {name: run.get(name, getattr(self._options, name)) for name in (*RUN, "force")}
+        dt = settings["dt"]
+        if settings["integrator"] is None and dt is not None:
+            settings["integrator"] = "rk4"
+        name = settings["integrator"]
         if name is not None:
-            name = integrator_name(name, "auto", fixed=given["dt"] is not None)
-            given["integrator"] = name
+            name = integrator_name(name, "auto", fixed=dt is not None)
+            settings["integrator"] = name
         method = "rk4" if name in ("auto", None) else name
-        Options(method, given["precision"], None, given["kernel"])
-        duration = given["duration"] = check.number(
-            "duration", given["duration"], minimum=0, exclusive=True
-        )
-        tolerances = given["rtol"], given["atol"]
-        if name == "auto" or any(one is not None for one in tolerances):
-            given["rtol"], given["atol"] = checked_tolerances(given["dt"], *tolerances)
-        elif given["dt"] is not None:
-            given["dt"] = check.number("dt", given["dt"], minimum=0, exclusive=True)
-            check.step_count(duration, given["dt"])
-        return given
+        Options(method, settings["precision"], None, settings["kernel"])
+        duration = check.number("duration", settings["duration"], minimum=0, exclusive=True)
+        settings["duration"] = duration
+        tolerances = (settings["rtol"], settings["atol"])
+        if name == "auto" or any(tolerance is not None for tolerance in tolerances):
+            settings["rtol"], settings["atol"] = checked_tolerances(dt, *tolerances)
+        elif dt is not None:
+            settings["dt"] = check.number("dt", dt, minimum=0, exclusive=True)
+            check.step_count(duration, settings["dt"])
+        return settings
 
 
 @dataclass

@@ -26,8 +26,8 @@ from ..typing import Force
 
 
 class Reference(NamedTuple):
-    """Positions at the end [m] and a bound of their error [m]. `contact`: whether a sphere has
-    responded on the way.
+    """Positions at the end [m], a bound of their error [m], and whether a sphere has responded on
+    the way.
     """
 
     x: Floats
@@ -38,7 +38,7 @@ class Reference(NamedTuple):
 def reference_of(
     scene: Scene, duration: float, threads: int | None = 1, force: Force | None = None
 ) -> Reference:
-    """The reference of a scene, which this process computes once, or each time with a force."""
+    """Compute the reference of a scene; with a force each time, else once in a process."""
     if force is None:
         return _kept_reference(scene, duration, threads)
     return _reference(scene, duration, threads, force)
@@ -52,22 +52,21 @@ def _kept_reference(scene: Scene, duration: float, threads: int | None) -> Refer
 def _reference(
     scene: Scene, duration: float, threads: int | None, force: Force | None
 ) -> Reference:
-    found = solve_in_double(scene, [duration], threads, force)
-    x = found.x[-1]
+    solution = solve_in_double(scene, [duration], threads, force)
+    x = solution.x[-1]
     # Both runs may err by rounding, each as much as the other.
-    return Reference(
-        x, float(2 * found.change[-1] + np.spacing(np.abs(x).max())), found.ended.contact
-    )
+    error = float(2 * solution.change[-1] + np.spacing(np.abs(x).max()))
+    return Reference(x, error, solution.ended.contact)
 
 
 def incomparable(run: Run, reference: Reference) -> str:
-    """Why the run cannot be compared with the reference, or ""."""
+    """Say why the run cannot be compared with the reference, or return ""."""
     contact = not math.isnan(run.report["first_contact"]["time"])
     if not (contact or reference.contact):
         return ""
-    whose = "the member" if contact else "the reference"
+    owner = "the member" if contact else "the reference"
     return (
-        f"metric 'error': a sphere has responded to a mass point of {whose}; after contact "
+        f"metric 'error': a sphere has responded to a mass point of {owner}; after contact "
         "trajectories are chaotic and there is no reference; compare outcomes (penetration, "
         "first_contact, energy_drift) or take a shorter duration"
     )
@@ -76,12 +75,12 @@ def incomparable(run: Run, reference: Reference) -> str:
 def _error(run: Run, reference: Reference) -> tuple[float, ...]:
     if incomparable(run, reference):
         return math.nan, math.nan, math.nan
-    found = distances(run.x[-1], reference.x)
-    return float(found["max"]), float(found["rms"]), reference.error
+    distance = distances(run.x[-1], reference.x)
+    return float(distance["max"]), float(distance["rms"]), reference.error
 
 
 def _sag(run: Run, _: Any) -> tuple[float]:
-    """Of the rest state, which does not depend on the run; NaN where the scene does not rest."""
+    """Measure the sag of the rest state, which does not depend on the run; NaN if there is none."""
     gravity = run.scene.gravity
     pull = np.linalg.norm(gravity)
     rest = settle(run.scene) if pull else None
@@ -164,19 +163,16 @@ DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")
 RESERVED = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message")
 """Variables of every sweep, beside its metrics."""
 
-Chosen = Mapping[
-    str, Callable[[Run], Any] | None
-]  # metrics by name; None where the name is of `METRICS`
+# Metrics by name; None where the name is of `METRICS`.
+Metrics = Mapping[str, Callable[[Run], Any] | None]
 
 
-def measured(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Any]:
-    """The variables of a user's function of a run."""
+def variables_of(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Any]:
+    """Compute the variables of a user's function of a run."""
     result = function(run)
-    parts = (
-        {f"{name}_{key}": value for key, value in result.items()}
-        if isinstance(result, Mapping)
-        else {name: result}
-    )
+    parts = {name: result}
+    if isinstance(result, Mapping):
+        parts = {f"{name}_{key}": value for key, value in result.items()}
     for value in parts.values():
         if np.asarray(value).dtype.kind not in "biuf":
             accepted = "a number, an array of numbers or a mapping of them"
@@ -184,8 +180,8 @@ def measured(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, A
     return {part: np.asarray(value, float) for part, value in parts.items()}
 
 
-def choose_metrics(metrics: Any) -> Chosen:
-    """The metrics that the argument `metrics` of `sweep` names."""
+def choose_metrics(metrics: Any) -> Metrics:
+    """Look up the metrics that the argument `metrics` of `sweep` names."""
     if isinstance(metrics, str) or callable(metrics):
         metrics = (metrics,)
     if not isinstance(metrics, (Mapping, list, tuple)):
@@ -193,27 +189,27 @@ def choose_metrics(metrics: Any) -> Chosen:
             "metrics must be names, functions or a mapping of names to functions, got "
             f"{check.shown(metrics)}"
         )
-    chosen: dict[str, Callable[[Run], Any] | None] = {}
-    for name, metric in (
-        metrics.items() if isinstance(metrics, Mapping) else [(None, metric) for metric in metrics]
-    ):
+    pairs = [(None, metric) for metric in metrics]
+    if isinstance(metrics, Mapping):
+        pairs = list(metrics.items())
+    choice: dict[str, Callable[[Run], Any] | None] = {}
+    for name, metric in pairs:
         if callable(metric):
             name = name or getattr(metric, "__name__", None) or type(metric).__name__
-            chosen[_function_name(name, metric)] = metric
+            choice[_function_name(name, metric)] = metric
         else:
-            chosen[check.choice("metrics", metric, METRICS)] = None
-    return chosen
+            choice[check.choice("metrics", metric, METRICS)] = None
+    return choice
 
 
 def _function_name(name: Any, function: Any) -> str:
-    """`name` if a function may give its variable that name."""
+    """Return `name` if a function may give its variable that name."""
     if not isinstance(name, str) or not name.isidentifier():
         raise ValueError(
             f"metrics: {function!r} needs a name, as in metrics={{'name': function}}, got {name!r}"
         )
-    if name in RESERVED or any(
-        name == known or name in metric.variables for known, metric in METRICS.items()
-    ):
+    variables = {variable for metric in METRICS.values() for variable in metric.variables}
+    if name in {*RESERVED, *METRICS, *variables}:
         raise ValueError(
             f"metrics: a function must not be named {name!r}, which is a variable of sweeps"
         )
@@ -221,8 +217,8 @@ def _function_name(name: Any, function: Any) -> str:
 
 
 def describe(name: str, function: Any) -> str:
-    """A text that identifies a metric in a store."""
+    """Make a text that identifies a metric in a store."""
     if function is None:
         return name
-    named = function if hasattr(function, "__qualname__") else type(function)
-    return f"{name} = {named.__module__}.{named.__qualname__}"
+    source = function if hasattr(function, "__qualname__") else type(function)
+    return f"{name} = {source.__module__}.{source.__qualname__}"

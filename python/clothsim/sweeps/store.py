@@ -20,20 +20,20 @@ import numpy as np
 
 try:
     import fcntl
-except ImportError:  # as on Windows
+except ImportError:  # Windows has none.
     fcntl = None  # type: ignore[assignment]
 
 from ..base import check
 from ..base.extras import needed
 from .grid import Grid
 from .member import DONE, FAILED, PENDING, STATUS, MemberRecord
-from .metrics import METRICS, Chosen
+from .metrics import METRICS, Metrics
 
 if TYPE_CHECKING:
     import xarray
 
 _SECONDS_BETWEEN_WRITES = 1.0
-_SHARE_OF_WRITES = 0.05  # of the time, at most
+_SHARE_OF_WRITES = 0.05  # largest part of the time
 
 ATTRIBUTE = "clothsim_sweep"
 """The attribute of Datasets and stores that identifies their sweep, as JSON text. Not "clothsim":
@@ -52,9 +52,11 @@ class Results:
     """
 
     def __init__(
-        self, grid: Grid, metrics: Chosen, about: Mapping[str, Any], store: Store | None = None
+        self, grid: Grid, metrics: Metrics, about: Mapping[str, Any], store: Store | None = None
     ) -> None:
-        self.grid, self.store, self._coordinates = grid, store, grid.coordinates()
+        self.grid = grid
+        self.store = store
+        self._coordinates = grid.coordinates()
         self._attrs = {ATTRIBUTE: json.dumps(store.about if store else about)}
         self._variables: dict[str, tuple[tuple[str, ...], np.ndarray, Mapping[str, Any]]] = {}
         flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
@@ -82,19 +84,26 @@ class Results:
         )
         for metric in [METRICS[name] for name, function in metrics.items() if function is None]:
             for name, (text, unit) in metric.variables.items():
-                attrs = {"long_name": text, **({"units": unit} if unit else {})}
-                self._add(
-                    name, *((np.bool_, False) if name == "stable" else (float, np.nan)), attrs
-                )
-        if store is not None and (found := store.load(self._variables)) is not None:
-            for key, values in found.data_vars.items():
-                name = str(key)
-                if name not in self._variables:  # of a user's function, known from the first result
-                    own = values.dims[len(grid.shape) :]
-                    self._add(
-                        name, float, np.nan, values.attrs, **{str(k): values.sizes[k] for k in own}
-                    )
-                self[name][...] = values.values.reshape(self[name].shape)
+                attrs = {"long_name": text}
+                if unit:
+                    attrs["units"] = unit
+                if name == "stable":
+                    self._add(name, np.bool_, False, attrs)
+                else:
+                    self._add(name, float, np.nan, attrs)
+        dataset = None if store is None else store.load(self._variables)
+        if dataset is not None:
+            self._resume(dataset)
+
+    def _resume(self, dataset: xarray.Dataset) -> None:
+        """Take the values of a store."""
+        for key, values in dataset.data_vars.items():
+            name = str(key)
+            if name not in self._variables:  # A user's function adds its own with the first result.
+                own = values.dims[len(self.grid.shape) :]
+                sizes = {str(dimension): values.sizes[dimension] for dimension in own}
+                self._add(name, float, np.nan, values.attrs, **sizes)
+            self[name][...] = values.values.reshape(self[name].shape)
 
     def _add(self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], **own: int) -> None:
         """Add a variable; `own` has its own dimensions and their lengths."""
@@ -109,7 +118,7 @@ class Results:
         )
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """The values of a variable, with an entry for each member."""
+        """Return the values of a variable, with an entry for each member."""
         return self._variables[name][1]
 
     @property
@@ -121,23 +130,24 @@ class Results:
         """Take the results of members; their status comes last, so that a member that is marked as
         done is complete.
         """
-        found: dict[str, dict[int, Any]] = {}
-        for one in records:
-            for name, value in one.values.items():
-                found.setdefault(name, {})[one.index] = value
-        for name, values in found.items():
+        columns: dict[str, dict[int, Any]] = {}
+        for record in records:
+            for name, value in record.values.items():
+                columns.setdefault(name, {})[record.index] = value
+        for name, values in columns.items():
             self._put(name, [*values], [*values.values()])
         for name in ("max_stable_dt", "unstable_step", "unstable_time", "message", "status"):
             array = self[name]
-            for one in records:
-                array[one.index] = getattr(one, name)
+            for record in records:
+                array[record.index] = getattr(record, name)
 
     def _put(self, name: str, indices: list[int], values: list[Any]) -> None:
         if name not in self._variables:
-            more = {f"{name}_{k}": length for k, length in enumerate(np.shape(values[0]))}
-            self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, **more)
+            own = {f"{name}_{k}": length for k, length in enumerate(np.shape(values[0]))}
+            self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, **own)
         array = self[name]
-        if shapes := {getattr(value, "shape", ()) for value in values} - {array.shape[1:]}:
+        shapes = {getattr(value, "shape", ()) for value in values} - {array.shape[1:]}
+        if shapes:
             raise ValueError(
                 f"metric {name!r} must give every member an array of one shape, got "
                 f"{shapes.pop()} and {array.shape[1:]}"
@@ -145,22 +155,19 @@ class Results:
         array[indices] = values
 
     def flush(self, final: bool = False) -> None:
-        """Write what there is to the store; unless `final`, only now and then."""
+        """Write the results to the store; unless `final`, only now and then."""
         if self.store is not None and (final or self.store.due):
             self.store.write(self.dataset())
 
     def dataset(self) -> xarray.Dataset:
-        """The results as a Dataset."""
-        dims, shape = self.grid.dimensions, self.grid.shape
-        found: xarray.Dataset = needed("xarray", "sweep").Dataset(
-            {
-                name: ((*dims, *own), v.reshape((*shape, *v.shape[1:])), a)
-                for name, (own, v, a) in self._variables.items()
-            },
-            self._coordinates,
-            self._attrs,
-        )
-        return found
+        """Return the results as a Dataset."""
+        variables = {}
+        for name, (own, values, attrs) in self._variables.items():
+            whole = values.reshape((*self.grid.shape, *values.shape[1:]))
+            variables[name] = ((*self.grid.dimensions, *own), whole, attrs)
+        xr = needed("xarray", "sweep")
+        dataset: xarray.Dataset = xr.Dataset(variables, self._coordinates, self._attrs)
+        return dataset
 
 
 class Store:
@@ -172,22 +179,24 @@ class Store:
     """
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
-        self.path, self.about, self._zarr = path, about, needed("zarr", "store=...")
+        self.path = path
+        self.about = about
+        self._zarr = needed("zarr", "store=...")
         self._next = time.monotonic() + _SECONDS_BETWEEN_WRITES  # time of the next write
-        begun = (path / "zarr.json").exists()
-        if not begun and path.exists() and any(path.iterdir()):
+        resumed = (path / "zarr.json").exists()
+        if not resumed and path.exists() and any(path.iterdir()):
             raise ValueError(f"store {str(path)!r} is no store of a sweep")
         path.mkdir(parents=True, exist_ok=True)
         self._lock = _locked(path)
         try:
-            if begun:
+            if resumed:
                 self.about = read_attrs(path)
-                if found := differences(self.about["identity"], about["identity"]):
-                    shown = "; ".join(found[:6]) + (
-                        f"; and {len(found) - 6} more" if len(found) > 6 else ""
-                    )
+                texts = differences(self.about["identity"], about["identity"])
+                if len(texts) > 6:
+                    texts = [*texts[:6], f"and {len(texts) - 6} more"]
+                if texts:
                     raise ValueError(
-                        f"store {str(path)!r} is of another sweep; it differs in {shown}"
+                        f"store {str(path)!r} is of another sweep; it differs in {'; '.join(texts)}"
                     )
             else:
                 self._zarr.create_group(
@@ -198,12 +207,12 @@ class Store:
             raise
 
     def load(self, names: Iterable[str]) -> xarray.Dataset | None:
-        """What is there, with the variables `names`; None where nothing is."""
+        """Read the values, with the variables `names`; None where nothing was written yet."""
         return read(self.path, names) if (self.path / "status" / "zarr.json").exists() else None
 
     @property
     def due(self) -> bool:
-        """Whether it is time to write."""
+        """Tell whether it is time to write."""
         return time.monotonic() >= self._next
 
     def write(self, dataset: xarray.Dataset) -> None:
@@ -211,9 +220,9 @@ class Store:
         begin = time.monotonic()
         codecs = {"compressors": (self._zarr.codecs.ZstdCodec(), self._zarr.codecs.Crc32cCodec())}
         texts = {
-            name: one.astype(object)
-            for name, one in dataset.coords.items()
-            if one.dtype.kind == "U"
+            name: coordinate.astype(object)
+            for name, coordinate in dataset.coords.items()
+            if coordinate.dtype.kind == "U"
         }
         dataset = dataset.assign_coords(texts)
         for part in (dataset.drop_vars("status"), dataset[["status"]]):
@@ -240,7 +249,7 @@ class Store:
 
 
 def _locked(path: Path) -> int | None:
-    """A lock on a folder, as a descriptor; None where the system has none."""
+    """Lock a folder, and return the lock's descriptor; None where the system has no locks."""
     if fcntl is None:
         return None
     handle = os.open(path, os.O_RDONLY)
@@ -248,13 +257,13 @@ def _locked(path: Path) -> int | None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(handle)
-        where = f"store {str(path)!r} is being written by a sweep"
-        raise ValueError(f"{where}; wait for its end, or give another store") from None
+        text = f"store {str(path)!r} is being written by a sweep"
+        raise ValueError(f"{text}; wait for its end, or give another store") from None
     return handle
 
 
 def read_attrs(path: Path) -> dict[str, Any]:
-    """What the store at `path` says of its sweep; a ValueError if it is none."""
+    """Read what the store at `path` says of its sweep; a ValueError refuses other folders."""
     try:
         about = dict(
             json.loads(json.loads((path / "zarr.json").read_bytes())["attributes"][ATTRIBUTE])
@@ -270,50 +279,48 @@ def read_attrs(path: Path) -> dict[str, Any]:
 
 
 def read(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
-    """The values of a store, with the variables `names`; a ValueError names one that is damaged or
-    lacks a chunk.
+    """Read the values of a store, with the variables `names`; a ValueError names a variable that is
+    damaged or lacks a chunk.
     """
     name = "status"
     try:
         group = needed("zarr", "a sweep's store").open_group(path, mode="r", use_consolidated=False)
-        done = (group[name][...] == DONE).any()
+        has_results = (group[name][...] == DONE).any()
         for name in sorted({*group.array_keys(), *names}):
             array = group[name]
             # zarr takes a chunk without a file for empty.
-            if done and name != "status" and array.nchunks_initialized < array.nchunks:
+            if has_results and name != "status" and array.nchunks_initialized < array.nchunks:
                 raise FileNotFoundError("a chunk is missing")
-            array[...]  # which compares checksums
-        found: xarray.Dataset = (
-            needed("xarray", "open_sweep").open_zarr(path, chunks=None, consolidated=False).load()
-        )
-    except Exception as error:  # of zarr, of many kinds
+            array[...]  # zarr compares checksums here
+        xr = needed("xarray", "open_sweep")
+        dataset: xarray.Dataset = xr.open_zarr(path, chunks=None, consolidated=False).load()
+    except Exception as error:  # zarr raises many kinds
         raise ValueError(
             f"store {str(path)!r} is damaged at {name} ({type(error).__name__}: {error}): delete it"
         ) from None
-    for key, one in found.variables.items():
+    for key, variable in dataset.variables.items():
         # NumPy's new text type breaks xarray's `where` and the like; the old ones do not.
-        if one.dtype.kind == "T":
-            texts = one.values.astype(object)
-            found[key] = (
-                one.dims,
-                texts if key == "message" else np.array(texts.tolist()),
-                one.attrs,
-            )
-    return found
+        if variable.dtype.kind == "T":
+            texts = variable.values.astype(object)
+            if key != "message":
+                texts = np.array(texts.tolist())
+            dataset[key] = (variable.dims, texts, variable.attrs)
+    return dataset
 
 
 def differences(theirs: Any, mine: Any, path: str = "") -> list[str]:
-    """The differences of two plain values, as "path (theirs in the store, mine given)" texts."""
+    """List the differences of two plain values, as "path (theirs in the store, mine given)"."""
     if isinstance(theirs, list) and isinstance(mine, list):
-        theirs, mine = dict(enumerate(theirs)), dict(enumerate(mine))
+        theirs = dict(enumerate(theirs))
+        mine = dict(enumerate(mine))
     if isinstance(theirs, dict) and isinstance(mine, dict):
-        both = [
-            (theirs.get(key), mine.get(key), f"{path}.{key}".lstrip("."))
-            for key in {**theirs, **mine}
-        ]
-        return [text for pair in both for text in differences(*pair)]
-    there, here = json.dumps(theirs), json.dumps(mine)
-    return [] if there == here else [f"{path} ({there:.60} in the store, {here:.60} given)"]
+        texts = []
+        for key in {**theirs, **mine}:
+            texts += differences(theirs.get(key), mine.get(key), f"{path}.{key}".lstrip("."))
+        return texts
+    stored = json.dumps(theirs)
+    new = json.dumps(mine)
+    return [] if stored == new else [f"{path} ({stored:.60} in the store, {new:.60} given)"]
 
 
 @check.named
@@ -346,7 +353,8 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     >>> bool(again.stable.all())
     True
     """
-    needed("xarray", "open_sweep"), needed("zarr", "a sweep's store")
+    needed("xarray", "open_sweep")
+    needed("zarr", "a sweep's store")
     path = check.path("path", path)
     if not path.is_dir():
         raise ValueError(f"path must be the folder of a store, got {str(path)!r}")

@@ -38,12 +38,12 @@ from .member import DONE, FAILED, PENDING, UNSTABLE, Maker, Member, MemberRecord
 from .metrics import (
     DEFAULT_METRICS,
     METRICS,
-    Chosen,
+    Metrics,
     choose_metrics,
     describe,
     incomparable,
-    measured,
     reference_of,
+    variables_of,
 )
 from .store import SCHEMA, Results, Store
 
@@ -55,12 +55,10 @@ if TYPE_CHECKING:
 LARGEST_BATCH = 64
 """Members of a call; more save nothing, and all of their states are held at once."""
 
-_WAITING = 256  # tasks that an executor has, at most: each holds the scenes of its members
-_TASKS = (
-    4  # a worker has at least so many, where there are enough members, so that all end together
-)
-_WORKERS_UNKNOWN = 32  # of an executor that does not say
-_CHECKED = 2048  # members that are made before anything is run, to find what cannot be
+_MOST_WAITING = 256  # tasks of an executor, each with the scenes of its members
+_LEAST_TASKS = 4  # of a worker, where there are enough members, so that all workers end together
+_WORKERS = 32  # of an executor that does not say how many it has
+_MOST_CHECKED = 2048  # members that are made before anything is run, to find errors
 
 
 @check.named
@@ -157,19 +155,21 @@ def sweep(
     >>> result.stiffness.attrs["units"], result.sizes["dt"]
     ('N/m', 2)
     """
-    needed("xarray", "sweep")  # so that an ImportError comes before the runs
+    needed("xarray", "sweep")  # An ImportError comes before the runs.
     if check.boolean("progress", progress):
         needed("tqdm", "progress=True")
     check.instance("scene", scene, Scene)
     grid = make_grid(over)
-    chosen = choose_metrics(metrics)
+    choice = choose_metrics(metrics)
     options = SweepOptions(duration, dt, integrator, precision, kernel, every, rtol, atol, force)
     _check_grid(grid, options)
     make = Maker(scene, options)
-    made = checked_members(make, grid)
+    members = checked_members(make, grid)
     workers = Workers(executor, threads)
-    settings = {**vars(options), "metrics": [describe(*metric) for metric in chosen.items()]}
-    settings["force"] = None if force is None else describe("force", force)
+    settings = dict(vars(options))
+    settings["metrics"] = [describe(name, metric) for name, metric in choice.items()]
+    if force is not None:
+        settings["force"] = describe("force", force)
     identity = {
         "version": build_config()["version"],
         "scene": scene.to_dict(),
@@ -177,20 +177,17 @@ def sweep(
         "settings": plain(settings),
     }
     about = {"schema": SCHEMA, "identity": identity, **provenance()}
-    kept = None
+    archive = None
     try:
-        kept = Store(check.path("store", store), about) if store is not None else None
-        results = Results(grid, chosen, about, kept)
-        _run(
-            workers,
-            tasks(make, grid, chosen, options, results.pending, workers, made),
-            results,
-            progress,
-        )
+        if store is not None:
+            archive = Store(check.path("store", store), about)
+        results = Results(grid, choice, about, archive)
+        work = tasks(make, grid, choice, options, results.pending, workers, members)
+        _run(workers, work, results, progress)
     finally:
         workers.close()
-        if kept is not None:
-            kept.close()
+        if archive is not None:
+            archive.close()
     failed = results["status"] == FAILED
     if failed.any():
         first = results["message"][failed][0]
@@ -205,18 +202,17 @@ def _check_grid(grid: Grid, options: SweepOptions) -> None:
     """Refuse arguments that swept values would replace."""
     default = SweepOptions()
     for name in grid.names:
-        if name in RUN and (given := getattr(options, name)) != getattr(default, name):
+        if name in RUN and getattr(options, name) != getattr(default, name):
             raise ValueError(
-                f"{name} must be left out where over has it, got {name} = {given!r} beside "
-                "its swept values"
+                f"{name} must be left out where over has it, got {name} = "
+                f"{getattr(options, name)!r} beside its swept values"
             )
 
 
 def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bool) -> None:
     members = results.grid.size
-    bar = ProgressBar(
-        progress, total=members, initial=members - len(results.pending), unit="member", desc="sweep"
-    )
+    initial = members - len(results.pending)
+    bar = ProgressBar(progress, total=members, initial=initial, unit="member", desc="sweep")
 
     def record(records: Sequence[MemberRecord]) -> None:
         results.record(records)
@@ -228,16 +224,16 @@ def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bo
         workers.run_all(tasks, record)
     except BaseException as caught:
         error = caught
-    with Interrupts():  # a second Ctrl-C waits
+    with Interrupts():  # A second Ctrl-C waits.
         bar.close()
         results.flush(final=True)
         if isinstance(error, KeyboardInterrupt):
             status = results["status"]
-            kept = "were done; give a store to keep them"
+            advice = "were done; give a store to keep them"
             if results.store is not None:
-                kept = f"are in {results.store.path}; repeat the sweep to compute the rest"
+                advice = f"are in {results.store.path}; repeat the sweep to compute the rest"
             raise KeyboardInterrupt(
-                f"{int((status != PENDING).sum())} of {status.size} members {kept}"
+                f"{int((status != PENDING).sum())} of {status.size} members {advice}"
             ) from None
         if error is not None:
             raise error
@@ -247,36 +243,35 @@ def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bo
 
 
 def checked_members(make: Maker, grid: Grid) -> dict[int, Member]:
-    """Members, by their index, among which every swept value occurs."""
-    chosen = np.arange(grid.size)
-    if grid.size > _CHECKED:
-        most = _CHECKED // len(grid.axes)
-        steps = [
-            math.prod(grid.shape[k + 1 :]) for k in range(len(grid.shape))
-        ]  # between members along each axis
-        along = [
+    """Make members, by their index, among which every swept value occurs."""
+    indices = np.arange(grid.size)
+    if grid.size > _MOST_CHECKED:
+        most = _MOST_CHECKED // len(grid.axes)
+        # Steps between members along each axis
+        steps = [math.prod(grid.shape[k + 1 :]) for k in range(len(grid.shape))]
+        offsets = [
             step * np.linspace(0, n - 1, min(n, most)).astype(int)
             for step, n in zip(steps, grid.shape, strict=True)
         ]
-        chosen = np.unique(np.concatenate([[0], *along]))
-    made = {index: _made(make, grid, index) for index in chosen.tolist()}
-    for member in made.values():
+        indices = np.unique(np.concatenate([[0], *offsets]))
+    members = {index: _member(make, grid, index) for index in indices.tolist()}
+    for member in members.values():
         name = member.settings["integrator"]
         if name not in ("auto", None) and warn_of_order(name, member.scene):
             break
-    return made
+    return members
 
 
-def _made(make: Maker, grid: Grid, index: int) -> Member:
-    """The member with an index; a ValueError or TypeError names what cannot be run."""
+def _member(make: Maker, grid: Grid, index: int) -> Member:
+    """Make the member with an index; a ValueError or TypeError names what cannot be run."""
     values = grid.values(index)
     try:
         return make(index, values)
     except (ValueError, TypeError) as error:
         if not values:
             raise
-        which = ", ".join(f"{name}={value!r}" for name, value in values.items())
-        raise type(error)(f"over has the member {which} that cannot be run: {error}") from error
+        text = ", ".join(f"{name}={value!r}" for name, value in values.items())
+        raise type(error)(f"over has the member {text} that cannot be run: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -284,7 +279,7 @@ class Task:
     """Members of a sweep, and what is asked of each."""
 
     members: Sequence[Member]
-    metrics: Chosen
+    metrics: Metrics
     every: int | float | None = None
     threads: int | None = 1
 
@@ -292,48 +287,45 @@ class Task:
 def tasks(
     make: Maker,
     grid: Grid,
-    metrics: Chosen,
+    metrics: Metrics,
     options: SweepOptions,
     pending: np.ndarray,
     workers: Workers,
-    made: dict[int, Member],
+    members: dict[int, Member],
 ) -> Iterator[Task]:
-    """The pending members in tasks of at most a batch, each of one shape and method.
+    """Deal the pending members into tasks of at most a batch, each of one shape and method.
 
     With a metric that needs references, tasks have members of equal physics instead, because they
-    share a reference.
+    share a reference. `members` has those that are made already.
     """
     compared = "error" in metrics
-    most = (
-        LARGEST_BATCH
-        if compared
-        else max(1, min(LARGEST_BATCH, len(pending) // (_TASKS * workers.count)))
-    )
-    apart = [
-        name
-        for name in grid.names
-        if (name not in NUMERICS if compared else name in ("shape", "scene", *RUN))
-    ]
+    if compared:
+        most = LARGEST_BATCH
+        names = [name for name in grid.names if name not in NUMERICS]
+    else:
+        most = max(1, min(LARGEST_BATCH, len(pending) // (_LEAST_TASKS * workers.count)))
+        names = [name for name in grid.names if name in ("shape", "scene", *RUN)]
 
     def kind(index: int) -> str:
+        """Describe the values in which members of a task are equal."""
         values = grid.values(index)
-        return repr(
-            [
-                values[name].cloth.shape if name == "scene" and not compared else values[name]
-                for name in apart
-            ]
-        )
+        if "scene" in names and not compared:
+            values["scene"] = values["scene"].cloth.shape
+        return repr([values[name] for name in names])
 
-    every = options.every if any(metrics.values()) else None  # what has a name needs no frames
-    chosen = pending.tolist()
-    for _, group in groupby(sorted(chosen, key=kind), kind) if apart else [("", chosen)]:
-        indices = list(group)
-        for first in range(0, len(indices), most):
-            part = indices[first : first + most]
-            members = [
-                made.pop(index) if index in made else _made(make, grid, index) for index in part
+    every = options.every if any(metrics.values()) else None  # Metrics by name need no frames.
+    threads = workers.threads_of(len(pending))
+    indices = pending.tolist()
+    groups = [indices]
+    if names:
+        groups = [list(group) for _, group in groupby(sorted(indices, key=kind), kind)]
+    for group in groups:
+        for first in range(0, len(group), most):
+            batch = [
+                members.pop(index) if index in members else _member(make, grid, index)
+                for index in group[first : first + most]
             ]
-            yield Task(members, metrics, every, workers.threads_of(len(pending)))
+            yield Task(batch, metrics, every, threads)
 
 
 # What a worker does
@@ -348,74 +340,69 @@ def run_task(task: Task, pause: Callable[[], None] | None = None) -> list[Member
     members come back.
     """
     records: list[MemberRecord] = []
-    before = PAUSE.set(pause)
+    token = PAUSE.set(pause)
     try:
         with suppress(Stopped):
             records.extend(_records(task))
     finally:
-        PAUSE.reset(before)
+        PAUSE.reset(token)
     return records
 
 
 def _records(task: Task) -> Iterator[MemberRecord]:
-    """Members run side by side where they share a call, else alone."""
+    """Run members side by side where they share a call, else one by one."""
     batches = dict[Any, list[Member]]()
     for member in task.members:
-        # with error control, or where it may diverge
-        alone = member.index if member.dt is None or member.dt > member.max_stable_dt else None
-        batches.setdefault(
-            (member.scene.cloth.shape, id(member.settings), member.dt, alone), []
-        ).append(member)
+        key: tuple[Any, ...] = (member.scene.cloth.shape, id(member.settings), member.dt)
+        # Error control has steps of its own for each member, and a member may diverge.
+        if member.dt is None or member.dt > member.max_stable_dt:
+            key = (*key, member.index)
+        batches.setdefault(key, []).append(member)
     for members in batches.values():
         try:
             runs, errors = _runs(members, task)
         except (ValueError, TypeError) as error:
-            yield from [
-                MemberRecord(one.index, FAILED, message=f"{type(error).__name__}: {error}")
-                for one in members
-            ]
+            message = f"{type(error).__name__}: {error}"
+            yield from [MemberRecord(member.index, FAILED, message=message) for member in members]
             continue
         for k, (member, run) in enumerate(zip(members, runs, strict=True)):
             yield _record(member, run, errors.get(k), task)
 
 
 def _runs(members: Sequence[Member], task: Task) -> tuple[Sequence[Run], Mapping[int, Failure]]:
-    """Runs of members of one batch, and errors of those that did not come to their end."""
-    settings, dt = members[0].settings, members[0].dt
-    if dt is None:  # with error control
+    """Run the members of a batch, and return errors of those that did not come to their end."""
+    settings = members[0].settings
+    dt = members[0].dt
+    if dt is None:  # error control
+        scene = members[0].scene
         try:
-            return [
-                simulate(members[0].scene, **settings, every=task.every, threads=task.threads)
-            ], {}
+            return [simulate(scene, **settings, every=task.every, threads=task.threads)], {}
         except (UnstableError, ContactError) as error:
             return [error.run], {0: error}
     options = Options(
         settings["integrator"], settings["precision"], task.threads, settings["kernel"]
     )
-    # The results have each member's limit, so nothing warns of it.
-    scenes = [one.scene for one in members]
-    return run_batch(
-        Job(
-            scenes,
-            True,
-            settings["duration"],
-            options,
-            frames=Frames(task.every),
-            force=settings["force"],
-            dt=dt,
-            own_step=True,
-        )
+    job = Job(
+        [member.scene for member in members],
+        True,
+        settings["duration"],
+        options,
+        frames=Frames(task.every),
+        force=settings["force"],
+        dt=dt,
+        own_step=True,  # The results have each member's limit, so nothing warns of it.
     )
+    return run_batch(job)
 
 
 def _record(member: Member, run: Run, error: Failure | None, task: Task) -> MemberRecord:
     record = MemberRecord(member.index, DONE, max_stable_dt=member.max_stable_dt)
     if error is not None:
-        record.status, record.message = (
-            UNSTABLE,
-            str(dataclasses.replace(error, member=None)),
-        )  # as of the run alone
-        record.unstable_step, record.unstable_time = error.step, error.time
+        record.status = UNSTABLE
+        # The message is that of a run without others beside it.
+        record.message = str(dataclasses.replace(error, member=None))
+        record.unstable_step = error.step
+        record.unstable_time = error.time
         return record
     if member.dt is None:
         record.max_stable_dt = stable_dt(member.scene, run.report["integrator"])
@@ -429,14 +416,13 @@ def _record(member: Member, run: Run, error: Failure | None, task: Task) -> Memb
     for name, function in task.metrics.items():
         try:
             if function is None:
-                record.values.update(
-                    zip(METRICS[name].variables, METRICS[name].compute(run, reference))
-                )
+                metric = METRICS[name]
+                record.values.update(zip(metric.variables, metric.compute(run, reference)))
             else:
-                record.values |= measured(name, function, run)
+                record.values |= variables_of(name, function, run)
         except Stopped:
             raise
-        except Exception as failure:  # of a user's function: that member's loss alone
+        except Exception as failure:  # A user's function may raise any; other members go on.
             message = f"metric {name!r}: {type(failure).__name__}: {failure}"
             return dataclasses.replace(record, status=FAILED, message=message, values={})
     return record
@@ -450,29 +436,32 @@ class Workers:
 
         if threads is not None:
             threads = check.integer("threads", threads, minimum=1, maximum=_core.most_threads)
-        self.threads, self.own = threads, executor is None
+        self.threads = threads
+        self.own = executor is None
         self._stop = threading.Event()
-        self.count = int(getattr(executor, "_max_workers", _WORKERS_UNKNOWN))
+        self.count = int(getattr(executor, "_max_workers", _WORKERS))
         if executor is None:
             self.count = threads or available_threads()
             self.executor: Executor = ThreadPoolExecutor(self.count, "clothsim-sweep")
         elif isinstance(executor, Executor):
             self.executor = executor
         elif callable(getattr(executor, "get_executor", None)):  # a distributed.Client
-            self.count = int(sum(executor.nthreads().values())) or _WORKERS_UNKNOWN
+            self.count = int(sum(executor.nthreads().values())) or _WORKERS
             self.executor = executor.get_executor(pure=False)
         else:
             accepted = "None, a concurrent.futures.Executor or a dask.distributed Client"
             raise TypeError(f"executor must be {accepted}, got {check.shown(executor)}")
 
     def _pause(self) -> None:
-        """The pause of tasks on threads of this process."""
+        """Stop a task on a thread of this process where the sweep has ended."""
         if self._stop.is_set():
             raise Stopped
 
     def threads_of(self, members: int) -> int | None:
-        """Threads of each task: one, or all threads (None) for a single member."""
-        return (self.threads if members <= 1 else 1) if self.own else self.threads or 1
+        """Return the threads of each task: one, or all threads (None) for a single member."""
+        if not self.own:
+            return self.threads or 1
+        return self.threads if members <= 1 else 1
 
     def run_all(self, tasks: Iterator[Task], record: Callable[[list[MemberRecord]], None]) -> None:
         """Execute all tasks, and call `record` in this thread with the results of each.
@@ -486,7 +475,7 @@ class Workers:
         waiting: set[Future[list[MemberRecord]]] = set()
         try:
             while True:
-                while len(waiting) < _WAITING and (task := next(tasks, None)) is not None:
+                while len(waiting) < _MOST_WAITING and (task := next(tasks, None)) is not None:
                     waiting.add(self.executor.submit(run, task))
                 if not waiting:
                     return

@@ -14,7 +14,7 @@ import numpy as np
 from ..base import Floats, check, files
 from ..base.extras import needed
 from ..base.progress import ProgressBar
-from .legend import Pixels
+from .label import Pixels
 from .picture import Drawing, file_path, style_of
 
 # Effort, 0 to 6; at 4 a film of 181 pictures is 2 % smaller and takes 1.5 times as long, at 6 15
@@ -30,7 +30,7 @@ class Film:
     """The pictures of a film, drawn on demand. Equal consecutive pictures are drawn once."""
 
     def __init__(
-        self, drawing: Drawing, shown: Sequence[int], fps: float, advance: Callable[[int], object]
+        self, drawing: Drawing, shown: Sequence[int], fps: float, advance: Callable[[], object]
     ) -> None:
         self.drawing, self.shown, self.fps, self._advance = drawing, shown, fps, advance
         self._counted, self._frame, self._pixels = 0, -1, np.empty((0, 0, 3), np.uint8)
@@ -43,7 +43,7 @@ class Film:
             self._frame, self._pixels = self.shown[k], self.drawing.pixels(self.shown[k])
         if k == self._counted:
             self._counted += 1
-            self._advance(1)
+            self._advance()
         return self._pixels
 
     def durations(self, tick: int) -> list[int]:
@@ -60,7 +60,7 @@ def animate(
     progress: bool = False,
     **style: Any,
 ) -> Path:
-    """`Run.animate`; with `progress`, a bar counts pictures."""
+    """`Run.animate`."""
     path = film_path("path", path)
     suffix = path.suffix.lower()
     fps = check.number(
@@ -76,12 +76,10 @@ def animate(
     if suffix == ".mp4":  # H.264 halves the resolution of colour, so it wants even sides
         drawing.width -= drawing.width % 2
     shown = shown_frames(run.t, fps, speed)
+    seconds = float(run.t[-1] - run.t[0])
     write = {".gif": _write_gif, ".webp": _write_webp, ".mp4": _write_mp4}[suffix]
-    with (
-        ProgressBar(progress, total=len(shown), unit="picture", desc="film") as bar,
-        files.replacing(path) as part,
-    ):
-        write(part, Film(drawing, shown, fps, bar.advance))
+    with ProgressBar.of_time(progress, seconds, "film") as bar, files.replacing(path) as part:
+        write(part, Film(drawing, shown, fps, lambda: bar.advance(seconds / len(shown))))
     return path
 
 

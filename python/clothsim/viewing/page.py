@@ -25,14 +25,17 @@ from ..model.cloth import Cloth
 from ..model.ready import hanging, oscillator, paper_moving, paper_static, paper_swing
 from ..model.scene import Scene
 from ..model.sphere import RESPONSES, Plane, Sphere
+from ..run.difference import Difference
+from ..run.difference import difference as difference_of
 from ..run.result import Run
-from ..run.result import difference as difference_of
 from . import raster
 from .camera import DIRECTIONS, Camera, camera_for, nearest, reach
-from .legend import HEAT, TOP_PART, VIRIDIS, point_stretch, titled
+from .label import titled
 from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
-from .plots import COLORS, curves
+from .plots.run import curves
+from .plots.style import COLORS
+from .scale import HEAT, TOP_PART, VIRIDIS, point_stretch
 
 # Times the narrowest view of the runs of a page. A cloth that was thrown off is wider; at twice it
 # makes others small, at half two scenes of different size do not both fit.
@@ -173,7 +176,7 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
     return Comparison(runs, difference)
 
 
-def _differences(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
+def _differences(runs: Mapping[str, Run]) -> list[Difference]:
     """The differences of the further runs to the first, at all their times."""
     (first, base), *others = runs.items()
     if not others:

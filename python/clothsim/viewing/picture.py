@@ -18,8 +18,9 @@ from ..engine.state import start_time
 from ..model.scene import Scene
 from ..run.result import deepest
 from .camera import Camera, camera_for, extremes, eye_of, is_wide, nearest
-from .legend import LEAST_WIDTH, Pixels, labelled, scale_of, values_of
+from .label import LEAST_WIDTH, Pixels, labelled
 from .raster import CLOTH_FRONT, DARK_SPHERE, GROUND, PIN, SPHERE, Ball, Plane, render
+from .scale import scale_of, values_of
 
 WIDEST = 8192  # pixels; a square picture of this width takes 200 MB
 PIN_SIZE = 0.013  # radius of a drawn pin, as a part of the cloth's longer side

@@ -1,0 +1,184 @@
+"""What the residuals of a fit say: whether they are noise, and what the data determine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..base import Floats
+from ..base.extras import needed
+
+EDGE = 1e-3  # distance [logarithms or scales] from a bound at which a value ends at it
+# rms of the residuals over that of the motion. Larger ones are part of the motion where no sigma is
+# given.
+LARGE = 0.02
+# Singular value over the largest, of columns of length 1. Below it the data cannot tell parameters
+# apart.
+_SINGULAR = 1e-5
+_PART = 1e-2  # least part of a parameter in a direction that is not determined
+_SIGMAS = 5.0  # deviation [sigmas] of chi-square, or of a correlation, that is no chance
+_CORRELATED = 0.2  # least correlation of residuals at neighbouring times that is no noise
+_SIGNIFICANT = 3.0  # deviation [sigmas] of such a correlation that widens errors
+_LEAST_FREE = 3  # least excess of numbers over parameters that tells sigma
+_NO_SUCH = "no such cloth moves like this, or the noise is not independent; errors have no meaning"
+
+
+def quality_of(
+    minimum: Any,
+    mask: Any,
+    parameters: int,
+    sigma: float | None,
+    unit: float,
+    least: float,
+    way: float,
+) -> tuple[dict[str, float], str]:
+    """Return the quality of a minimum, and why its residuals are not noise, or "".
+
+    The quality has sigma, chi-square per degree of freedom and the correlation of residuals at
+    neighbouring times, as in `Fit.report`. The residuals of `minimum` are in units of `unit` [m];
+    `least` [m] is what residuals can show, `way` [m] how far the cloth has moved, rms.
+    """
+    free = mask.sum() - parameters
+    whole = np.full(mask.shape, np.nan)
+    whole[mask] = minimum.fun[: mask.sum()]
+    pairs = whole[1:] * whole[:-1]
+    number = int(np.isfinite(pairs).sum())
+    correlation = math.nan
+    if number:
+        square = max(np.nanmean(whole**2), 1e-300)
+        correlation = float(np.nansum(pairs) / number / square)
+    chi = 2 * float(minimum.cost) / free
+    if sigma is not None:
+        quality = {"sigma": sigma, "chi_square": chi, "correlation": correlation}
+        deviation = math.sqrt(2 / _effective_number(free, correlation, mask))
+        if chi > 1 + _SIGMAS * deviation:
+            return quality, f"chi-square is {chi:.3g} per degree of freedom: {_NO_SUCH}"
+        return quality, ""
+    noise = unit * math.sqrt(chi)
+    quality = {"sigma": max(noise, least), "chi_square": math.nan, "correlation": correlation}
+    chance = max(_CORRELATED, _SIGMAS / math.sqrt(max(number, 1)))
+    reason = ""
+    if free < _LEAST_FREE:
+        reason = f"only {free} numbers more than parameters do not tell sigma: give it"
+    elif noise > 10 * least and correlation > chance:
+        text = f"residuals at neighbouring times have a correlation of {correlation:.2f}"
+        reason = f"{text}: {_NO_SUCH}"
+    elif noise > max(10 * least, LARGE * way):
+        text = f"residuals are {100 * noise / way:.2g} % of the motion"
+        reason = f"{text}: {_NO_SUCH}; give sigma where noise is as large"
+    return quality, reason
+
+
+def is_significant(correlation: float, mask: Any) -> bool:
+    """Return whether a correlation of residuals at neighbouring times is no chance."""
+    number = int((mask[1:] & mask[:-1]).sum())
+    return number > 0 and correlation > _SIGNIFICANT / math.sqrt(number)
+
+
+def _effective_number(free: int, correlation: float, mask: Any) -> float:
+    """Return the number of independent data whose chi-square scatters as much as that of these."""
+    rho = correlation if is_significant(correlation, mask) else 0.0
+    return free * (1 - rho**2) / (1 + rho**2)
+
+
+def too_small(quality: Mapping[str, float], free: int, mask: Any) -> str:
+    """Return why chi-square is far below 1, or "".
+
+    Its cube root is nearly normal (Wilson and Hilferty).
+    """
+    chi = quality["chi_square"]
+    part = 2 / (9 * _effective_number(free, quality["correlation"], mask))
+    if chi > max(1 - part - _SIGMAS * math.sqrt(part), 0.0) ** 3:
+        return ""
+    return (
+        f"chi-square is {chi:.2g} per degree of freedom: sigma is larger than the noise, or the "
+        "data was smoothed"
+    )
+
+
+def correlated_covariance(
+    covariance: Floats, jacobian: Floats, mask: Any, correlation: float
+) -> Floats:
+    """Return the covariance where residuals k times apart have the correlation to the k-th."""
+    whole = np.zeros((mask.size, jacobian.shape[1]))
+    whole[mask.ravel()] = jacobian
+    whole = whole.reshape(len(mask), -1, jacobian.shape[1])
+    before = whole.copy()
+    after = whole.copy()
+    for k in range(1, len(whole)):
+        before[k] += correlation * before[k - 1]
+        after[-1 - k] += correlation * after[-k]
+    meat = np.einsum("tnp,tnq->pq", whole, before + after - whole)
+    return np.asarray(covariance @ meat @ covariance)
+
+
+def student(free: int) -> float:
+    """Return the one-sigma quantile of Student's t: sigma is estimated from so many numbers."""
+    special = needed("scipy.special", "fit", "fit")
+    return float(special.stdtrit(max(free, _LEAST_FREE), 0.5 + math.erf(math.sqrt(0.5)) / 2))
+
+
+def rivals(best: Any, minima: list[Any], scale: float, covariance: Floats) -> dict[int, Floats]:
+    """Return other minima that the data does not rule out, by the parameter that differs there.
+
+    `scale` times a cost is chi-square.
+    """
+    others: dict[int, Floats] = {}
+    errors = np.sqrt(np.diag(covariance))
+    for minimum in minima:
+        if scale * (minimum.cost - best.cost) < _SIGMAS**2:
+            far = np.abs(minimum.x - best.x) > np.maximum(_SIGMAS * errors, _PART)
+            for k in np.flatnonzero(far):
+                others.setdefault(int(k), minimum.x)
+    return others
+
+
+class Determination(NamedTuple):
+    """What a Jacobian says about the parameters."""
+
+    covariance: Floats  # covariance of the coordinates
+    condition: float  # condition of the Jacobian with columns of length 1
+    reasons: list[str]  # reason why a parameter is not determined, or ""
+
+
+def determination(
+    jacobian: Floats, ends: Sequence[str], u: Floats, bounds: Floats
+) -> Determination:
+    """Return what the data determine at the coordinates `u`.
+
+    `jacobian` is in sigmas per coordinate. `ends` has the reasons why derivatives are not known at
+    the last times, which come before others.
+    """
+    lengths = np.linalg.norm(jacobian, axis=0)
+    has_effect = lengths > 0
+    scaled = jacobian / np.where(has_effect, lengths, 1.0)
+    _, singular, right = np.linalg.svd(scaled, full_matrices=False)
+    condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
+    strong = singular > _SINGULAR * singular[0]
+    inverse = np.zeros((len(u), len(u)))
+    if strong.any():
+        inverse = right[strong].T / singular[strong] ** 2 @ right[strong]
+    safe = np.where(has_effect, lengths, np.inf)
+    covariance = inverse / np.outer(safe, safe)
+    weak = np.abs(right[~strong] / safe)
+    vague = (weak > _PART * weak.max(axis=1, keepdims=True)).any(axis=0)
+    near_bound = np.minimum(u - bounds[0], bounds[1] - u) <= EDGE
+    reasons = list(ends)
+    for k, error in enumerate(np.sqrt(np.diag(covariance))):
+        if reasons[k]:
+            continue
+        if not has_effect[k]:
+            reasons[k] = "has no effect on what was measured"
+        elif vague[k]:
+            reasons[k] = (
+                "only combinations are determined: the condition of the scaled Jacobian is "
+                f"{condition:.1e}"
+            )
+        elif near_bound[k]:
+            reasons[k] = "ends at its bound"
+        elif error > 1:
+            reasons[k] = f"its error would be {error:.1g} times its value or scale"
+    return Determination(covariance, condition, reasons)

@@ -1,0 +1,330 @@
+"""The search for the parameters that explain a measured motion best.
+
+Least squares run over the logarithms of positive parameters. A start that is far off gives a motion
+that is out of phase with the data, where least squares finds a wrong minimum. So the first times
+are fitted first, and then twice as many, until all are. While few times are fitted, each parameter
+stays near its start by a weak prior. A wrong minimum may look like the right one where no sigma
+tells how well data can be explained, so several starts are compared; the aliases of an oscillation,
+which fit as well as it does, are starts too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..base import Floats, check
+from ..base.extras import needed
+from ..base.progress import ProgressBar
+from ..methods.bound import stable_dt
+from ..model.scene import Scene
+from ..run.simulate import simulate
+from ..typing import Force
+from .parameters import Parameter, parameters_of, with_values
+from .residuals import EDGE, LARGE, quality_of
+from .sensitivity import Schedule, derivatives
+from .solution import METHOD
+
+_FEWEST = 4  # number of times of the first stage
+_PRIOR = 3.0  # width of the prior, in logarithms or scales
+_WIDEST = 1e3  # factor, or scales, that a parameter without bounds may move
+_STARTS = 8  # most further starts where a minimum does not explain the data
+# Further starts where no sigma tells whether a minimum explains the data. One start in eight ends
+# in another minimum.
+_SURE = 4
+_FAR = math.log(10)  # largest change of a logarithm to a further start or an alias
+_MOST_RUNS = 60  # most evaluations of the residuals of all times
+_MOST_RUNS_OF_STAGE = 20  # most evaluations of the residuals of the first times
+_UNIT = 1e-3  # unit of the residuals over the motion, rms, where sigma is not given
+# Factors from metres. A unit is meant if data then is ten times nearer to the motion.
+_UNITS = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 39.37, "feet": 3.281}
+_NEARER = 10.0
+_MISFIT = 4.0  # least chi-square per number of the first times that asks for a shift of the times
+_EARLY = 8  # number of the times that tell a shift
+_MOST_TURNS = 3  # most turns between two times of an alias
+_LEAST_FRAMES = 64  # least number of frames of a spectrum
+_MOST_FRAMES = 4096  # largest number of frames of a spectrum
+
+
+class Outcome(NamedTuple):
+    """What a search ends with."""
+
+    minima: list[Any]  # result of scipy.optimize.least_squares for each start
+    quality: dict[str, float]  # quality of the best
+    misfit: str  # reason why its residuals are not noise, or ""
+    late: float = 0.0  # s, the shift that the times need
+
+    @property
+    def best(self) -> Any:
+        return min(self.minima, key=lambda minimum: minimum.cost)
+
+
+class Problem:
+    """Residuals and their Jacobian, as functions of coordinates that are 0 at the start.
+
+    A coordinate is the logarithm of a positive parameter over its start, else its change over its
+    scale.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        over: Any,
+        times: Floats,
+        data: Floats,
+        mask: Any,
+        sigma: float | None,
+        rtol: float,
+        force: Force | None,
+    ) -> None:
+        self.least_squares = needed("scipy.optimize", "fit", "fit").least_squares
+        self.scene = scene
+        self.times = times
+        self.data = data  # m, shape (times, rows, columns, 3)
+        self.mask = mask  # the same shape; True where a number counts
+        self.sigma = sigma
+        self.rtol = rtol
+        self.force = force
+        self.parameters = parameters_of(scene, over, "over")
+        self.names = [parameter.name for parameter in self.parameters]
+        self.start = np.array([parameter.value for parameter in self.parameters])
+        self.scales = np.array([parameter.scale for parameter in self.parameters])
+        ends = np.array([(parameter.least, parameter.most) for parameter in self.parameters]).T
+        self.logarithmic = (ends[0] == 0) & (self.start > 0)
+        self.bounds = self._bounds(over, ends)
+        self.least = rtol * max(scene.cloth.size)  # m, the least residual that has a meaning
+        self.way = float(np.sqrt(np.mean((data - scene.initial_position)[mask] ** 2)))  # m
+        self.unit = sigma or max(_UNIT * self.way, self.least)  # m
+        self.evaluations = 0
+        self.jacobians = 0
+
+    def values(self, u: Floats) -> Floats:
+        """Return the parameters at the coordinates `u`."""
+        values: Floats = np.where(
+            self.logarithmic,
+            self.start * np.exp(u * self.logarithmic),
+            self.start + u * self.scales,
+        )
+        return values
+
+    def slopes(self, u: Floats) -> Floats:
+        """Return derivatives of the values by the coordinates."""
+        slopes: Floats = np.where(self.logarithmic, self.values(u), self.scales)
+        return slopes
+
+    def _bounds(self, over: Any, ends: Floats) -> Floats:
+        """Return the least and largest coordinates, shape (2, parameters)."""
+        for k, name in enumerate(self.names if isinstance(over, Mapping) else ()):
+            argument = f"over[{name!r}]"
+            value = self.start[k]
+            pair = check.items(argument, over[name], 2, "numbers (least, most)")
+            least, most = (check.number(argument, number) for number in pair)
+            if not (ends[0, k] <= least <= value <= most <= ends[1, k] and least < most):
+                low, high = ends[:, k]
+                accepted = f"(least, most) from {low:g} to {high:g} around {value:g}"
+                raise ValueError(f"{argument} must be {accepted}, got {(least, most)}")
+            ends[:, k] = least, most
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = np.where(
+                self.logarithmic, np.log(ends / self.start), (ends - self.start) / self.scales
+            )
+        far = np.where(self.logarithmic, math.log(_WIDEST), _WIDEST)
+        return np.asarray(np.clip(u, -far, far))
+
+    def at(self, u: Floats) -> Scene:
+        """Return the scene with the parameters at the coordinates `u`."""
+        return with_values(self.scene, self.parameters, self.values(u))
+
+    def schedule(self, scene: Scene, times: Floats) -> Schedule:
+        """Return the steps of all runs near the scene, up to the last of the times."""
+        return Schedule(scene, times, self.rtol, self.force)
+
+    def columns(self, change: Floats, parameters: Sequence[Parameter], u: Floats) -> Floats:
+        """Return changes per scale of each parameter as columns of a Jacobian [m per coordinate].
+
+        They are 0 where a run failed.
+        """
+        slopes = self.slopes(u) / [parameter.scale for parameter in parameters]
+        return np.nan_to_num(change[:, self.mask[: change.shape[1]]].T * slopes)
+
+    def search(self, bar: ProgressBar) -> Outcome:
+        """Return the minima of all starts, and the quality of the best.
+
+        The bar counts the time up to which each start is fitted.
+        """
+        end = float(self.times[-1])
+        random = np.random.default_rng(0)
+        minima: list[Any] = []
+
+        def outcome(late: float = 0.0) -> Outcome:
+            best = min(minima, key=lambda minimum: minimum.cost)
+            quality, misfit = quality_of(
+                best, self.mask, len(self.names), self.sigma, self.unit, self.least, self.way
+            )
+            return Outcome(minima, quality, misfit, late)
+
+        u = np.zeros(len(self.names))
+        early = self._minimum(u, self.schedule(self.scene, self.times[:_FEWEST]))
+        level = 1.0 if self.sigma else LARGE * self.way / self.unit
+        if 2 * early.cost > _MISFIT * early.fun.size * level**2:
+            late = self._shift_of_times()
+            if late:
+                schedule = self.schedule(self.at(early.x), self.times)
+                minima.append(self._minimum(early.x, schedule, most=1))
+                bar.advance(end)
+                return outcome(late)
+        while True:
+            minima.append(self._minimum_in_stages(u, bar))
+            result = outcome()
+            restarts = len(minima) - 1
+            unsure = self.sigma is None and restarts < _SURE
+            if restarts >= _STARTS or not (result.misfit or unsure):
+                break
+            u = random.uniform(-_FAR, _FAR, len(self.names)) * self.logarithmic
+            bar.expect(end)
+        if result.misfit:
+            return result
+        for place in self._aliases(result.best.x):
+            bar.expect(end)
+            minima.append(self._minimum(place, self.schedule(self.at(place), self.times)))
+            bar.advance(end)
+        return outcome()
+
+    def _minimum_in_stages(self, u: Floats, bar: ProgressBar) -> Any:
+        """Return the minimum over all times that is found from `u` by way of the first times."""
+        total = len(self.times)
+        counts = [-(-total // 2**k) for k in range(int(math.log2(total)), 0, -1)]
+        before = 0.0
+        for count in [*(n for n in counts if n >= _FEWEST), total]:
+            minimum = self._minimum(u, self.schedule(self.at(u), self.times[:count]))
+            u = minimum.x
+            bar.advance(self.times[count - 1] - before)
+            before = self.times[count - 1]
+        return minimum
+
+    def _minimum(self, middle: Floats, schedule: Schedule, most: int = _MOST_RUNS) -> Any:
+        """Return the minimum over the times of `schedule`.
+
+        It is near `middle` unless these are all times.
+        """
+        n = len(schedule.times)
+        data = self.data[:n]
+        mask = self.mask[:n]
+        stage = n < len(self.times)
+        prior = stage / _PRIOR
+
+        def residuals(u: Floats) -> Floats:
+            self.evaluations += 1
+            scene = self.at(u)
+            off = (schedule.run([scene], schedule.counts(scene)).x[0] - data)[mask]
+            return np.append(
+                np.nan_to_num(off, nan=schedule.size) / self.unit, (u - middle) * prior
+            )
+
+        def jacobian(u: Floats) -> Floats:
+            self.jacobians += 1
+            scene = self.at(u)
+            parameters = parameters_of(scene, self.names, "over")
+            change = derivatives(scene, parameters, schedule).change
+            columns = self.columns(change, parameters, u)
+            return np.append(columns / self.unit, np.eye(len(u)) * prior, axis=0)
+
+        start = np.clip(middle, self.bounds[0] + EDGE / 2, self.bounds[1] - EDGE / 2)
+        digits = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if stage else 1e-10)
+        runs = min(most, _MOST_RUNS_OF_STAGE) if stage else most
+        return self.least_squares(
+            residuals, start, jacobian, (*self.bounds,), max_nfev=runs, **digits
+        )
+
+    def check_units(self) -> None:
+        """Refuse positions that are near the motion of the start in another unit alone."""
+        distance = self._first_distance(1.0)
+        for unit, factor in _UNITS.items():
+            if _NEARER * self._first_distance(factor) < distance:
+                raise ValueError(
+                    f"positions must be in metres, got numbers that look like {unit}: "
+                    f"divide them by {factor:g}"
+                )
+
+    def _first_distance(self, factor: float) -> float:
+        """Return the distance of the data over `factor` from the motion of the start [m], rms."""
+        schedule = self.schedule(self.scene, self.times[:_FEWEST])
+        x = schedule.run([self.scene], schedule.counts(self.scene)).x[0]
+        n = len(schedule.times)
+        return float(np.sqrt(np.nanmean((self.data[:n] / factor - x)[self.mask[:n]] ** 2)))
+
+    def _shift_of_times(self) -> float:
+        """Return what has to be added to the times [s] so that the first of them can be explained.
+
+        It is 0 if a shift does not explain them ten times better.
+        """
+        shape = self.scene.cloth.shape
+        size = max(self.scene.cloth.size)
+        early = self.times[:_EARLY]
+        data = self.data[: len(early)]
+        mask = self.mask[: len(early)]
+        unit = float(np.diff(self.times, prepend=0.0).max())
+        far = _FAR * self.logarithmic + ~self.logarithmic
+
+        def residuals(values: Floats, shifted: float = 1.0) -> Floats:
+            scene = self.at(values[:-1])
+            late = shifted * unit * float(values[-1])
+            times = np.maximum(early + late, 0.0)
+            later, places = np.unique(times[times > 0], return_inverse=True)
+            x = np.broadcast_to(scene.initial_position, (len(early), *shape, 3)).copy()
+            if later.size:
+                schedule = self.schedule(scene, later)
+                x[times > 0] = schedule.run([scene], schedule.counts(scene)).x[0][places]
+            off = np.nan_to_num((x - data)[mask], nan=size)
+            return np.append(off, 1e-3 * self.least * values)
+
+        start = np.zeros(len(self.names) + 1)
+        ends = np.append(far, _EARLY / 2.0)
+        options = {"diff_step": 1e-4, "max_nfev": 20, "bounds": (-ends, ends), "x_scale": ends}
+        shifted = self.least_squares(residuals, start, **options)
+        still = self.least_squares(residuals, start, args=(0.0,), **options)
+        better = still.cost > _NEARER**2 * shifted.cost
+        return unit * float(shifted.x[-1]) if better else 0.0
+
+    def _aliases(self, u: Floats) -> list[Floats]:
+        """Return coordinates whose motion has an alias of the main frequency at the times.
+
+        An alias turns as often, and a whole number of turns more or less between two times.
+        """
+        speeding = np.array([p.field.startswith("stiffness") for p in self.parameters])
+        slowing = np.array([p.field == "mass" for p in self.parameters])
+        direction = 1.0 * speeding - slowing
+        between = float(np.median(np.diff(self.times))) if len(self.times) > 1 else 0.0
+        if not direction.any() or between <= 0:
+            return []
+        frequency = self._main_frequency(u)
+        least, most = self.bounds
+        places = []
+        for turns in range(1, _MOST_TURNS + 1):
+            for alias in (turns / between - frequency, turns / between + frequency):
+                if frequency <= 0 or alias <= 0:
+                    continue
+                place = u + 2 * math.log(alias / frequency) * direction * self.logarithmic
+                inside = (np.abs(place) <= _FAR) & (least <= place) & (place <= most)
+                if inside[direction != 0].all():
+                    places.append(place)
+        return places
+
+    def _main_frequency(self, u: Floats) -> float:
+        """Return the frequency [Hz] at which most of the measured points' motion is."""
+        scene = self.at(u)
+        end = float(self.times[-1])
+        longest = stable_dt(scene, METHOD)
+        count = int(min(max(2 * end / longest, _LEAST_FRAMES), _MOST_FRAMES))
+        moments = np.linspace(0, end, count + 1)[1:]
+        run = simulate(scene, end, rtol=1e-3, times=moments, force=self.force)
+        moving = run.x[1:, self.mask.any(axis=0)]
+        spectrum = np.abs(np.fft.rfft(moving - moving.mean(axis=0), axis=0)) ** 2
+        weights = spectrum.sum(axis=1)
+        peak = int(weights[1:].argmax()) + 1
+        near = slice(peak - 1, peak + 2)
+        places = np.fft.rfftfreq(count, end / count)[near]
+        return float((places * weights[near]).sum() / weights[near].sum())
