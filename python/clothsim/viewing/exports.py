@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +18,7 @@ from ..base.extras import needed
 from ..base.progress import ProgressBar
 from ..model.mesh import triangles
 from ..run.trajectory import interpolated
+from .camera import extremes
 from .picture import file_path
 
 # Suffix -> module of `formats`.
@@ -172,8 +174,15 @@ class Clip:
         """The name of sphere or plane `k` in files."""
         return f"{type(self.spheres[k]).__name__.lower()}_{k}"
 
+    @cached_property
+    def box(self) -> tuple[Floats, Floats]:
+        """Lowest and highest place of the cloth and of spheres near it in the whole run."""
+        ends = extremes(self.scene, self._run.x, self._run.t, np.eye(3))
+        low, high = np.sort([self._turned(end) for end in ends], axis=0)
+        return low, high
+
     def normal(self, k: int) -> Floats:
-        """The unit normal of a plane."""
+        """Return the unit normal of a plane."""
         return self._turned(self.spheres[k].unit_normal)
 
     def depth(self, k: int, places: Floats) -> Floats:

@@ -28,7 +28,7 @@ from ..model.sphere import RESPONSES, Plane, Sphere
 from ..run.result import Run
 from ..run.result import difference as difference_of
 from . import raster
-from .camera import DIRECTIONS, Camera, camera_for, nearest, reach
+from .camera import DIRECTIONS, Camera, camera_for, reach
 from .legend import HEAT, TOP_PART, VIRIDIS, point_stretch, titled
 from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
@@ -64,6 +64,11 @@ SHADING = {
     "viridis": VIRIDIS,
     "heat": HEAT,
     "darkSphere": raster.DARK_SPHERE.tolist(),
+    "planeCell": raster.PLANE_CELL,
+    "planeLine": raster.PLANE_LINE,
+    "toneOfPlanes": raster.PLANE_TONE,
+    "planeInShadow": raster.PLANE_IN_SHADOW,
+    "lightSize": raster.LIGHT_SIZE,
 }
 """Colours and lights of pictures, which the page draws with."""
 
@@ -481,16 +486,20 @@ def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
 
 
 def as_ball(sphere: Sphere | Plane, t: Floats, x: Floats, cloth: Cloth) -> dict[str, Any]:
-    """A sphere of the page: radius and centres. A plane becomes a sphere so large that it looks
-    flat below the cloth's start.
+    """Return a sphere of the page: radius and centres. A plane becomes a sphere so large that it
+    looks flat below the cloth's start, with the directions of its grid's lines.
     """
     radius, centers = sphere.radius, sphere.center_at(t)
-    if isinstance(sphere, Plane):
-        radius = FLAT * max(cloth.size)
-        centers = (
-            centers
-            + nearest(sphere, x.mean(axis=(0, 1)))
-            - sphere.center_at(0.0)
-            - radius * sphere.unit_normal
-        )
-    return {"radius": radius, "centers": [_rounded(c, 15) for c in centers]}
+    if not isinstance(sphere, Plane):
+        return {"radius": radius, "centers": [_rounded(c, 15) for c in centers]}
+    radius = FLAT * max(cloth.size)
+    lines = raster.lines_of(sphere.unit_normal)
+    # By whole steps to the cloth's start, so that lines of the grid stay where they are.
+    step = 10 * raster.PLANE_CELL
+    away = lines @ (x.mean(axis=(0, 1)) - sphere.center_at(0.0))
+    centers = centers + step * np.round(away / step) @ lines - radius * sphere.unit_normal
+    return {
+        "radius": radius,
+        "centers": [_rounded(c, 15) for c in centers],
+        "lines": [_rounded(line, 15) for line in lines],
+    }

@@ -94,8 +94,9 @@ class Drawing:
                 s.unit_normal,
                 shade,
                 solid=True,
+                node=center,
             )
-            for s in self.scene.spheres
+            for s, center in zip(self.scene.spheres, centers, strict=True)
             if np.isinf(s.radius)
         ]
         colors = (

@@ -22,7 +22,7 @@ AROUND, FROM_POLE_TO_POLE = (
     48,
     24,
 )  # cells of a sphere; off the true one by at most 0.5 % of the radius
-PLANE_REACH = 3.0  # half the side of a plane's square, in longer sides of the cloth
+PLANE_WIDTH = 3.0  # side of a plane's square, in longest sides of the box around the scene
 VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64"}
 
 
@@ -61,19 +61,20 @@ def unit_ball() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
 
 
 def surface(clip: Clip, k: int) -> tuple[Floats, npt.NDArray[np.int64], Floats, Floats]:
-    """Vertices from its centre, triangles, normals and texture coordinates of a sphere, or of a
-    square of a plane.
+    """Return vertices from its centre, triangles, normals and texture coordinates of a sphere, or
+    of a square of a plane.
     """
     if not np.isinf(clip.spheres[k].radius):
         vertices, corners, uv = unit_ball()
         return clip.spheres[k].radius * vertices, corners, vertices, uv
-    normal, start = clip.normal(k), clip[0].positions.mean(axis=0) - clip.centers(0)[k]
+    low, high = clip.box
+    normal = clip.normal(k)
+    middle = (low + high) / 2 - clip.centers(0)[k]
     along = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    along *= PLANE_REACH * max(clip.scene.cloth.size) / np.linalg.norm(along)
+    along *= PLANE_WIDTH / 2 * (high - low).max() / np.linalg.norm(along)
     sides = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    vertices = (
-        start - (start @ normal) * normal + sides @ np.stack([along, np.cross(normal, along)])
-    )
+    square = sides @ np.stack([along, np.cross(normal, along)])
+    vertices = middle - (middle @ normal) * normal + square
     return vertices, np.array([[0, 1, 2], [0, 2, 3]]), np.tile(normal, (4, 1)), (sides + 1) / 2
 
 
