@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import pytest
 
 _NEEDED = {
-    "xarray": ["python/clothsim/sweeps/accessor.py", "python/clothsim/sweeps/api.py"],
+    "xarray": ["python/clothsim/sweeps/accessor.py", "python/clothsim/sweeps/sweep.py"],
     "zarr": ["python/clothsim/sweeps/store.py"],
 }
 collect_ignore = [path for name, paths in _NEEDED.items() if not find_spec(name) for path in paths]

@@ -183,14 +183,13 @@ void append_layer(std::vector<double>& values, const Sphere& s, double t, double
     const auto append = [&](const Vec3& v) { values.insert(values.end(), v.begin(), v.end()); };
     for (const double part : {0.0, 0.5, 1.0}) {
         const StageTime time = StageTime::of_stage(t, dt, part);
-        append(s.surface_at(time));
+        append(s.surface_at(time).place);
         append(s.velocity_at(time));
     }
     append(s.normal);
-    values.insert(
-        values.end(),
-        {s.curvature(), s.offset + s.thickness, unit * s.stiffness / (s.thickness * s.thickness),
-         s.dissipation, s.friction, s.slip_speed * s.slip_speed, 2 * s.thickness});
+    values.insert(values.end(),
+                  {1 / s.radius, s.reach(), unit * s.stiffness / (s.thickness * s.thickness),
+                   s.dissipation, s.friction, s.slip_speed * s.slip_speed, 2 * s.thickness});
 }
 
 // An obstacle with a response of the paper after the step that ends at the time t, as
@@ -199,10 +198,11 @@ void append_contact(std::vector<double>& values, const Sphere& sphere, const Clo
                     double dt, bool single) {
     const Contact contact(sphere, t, dt);
     const NearLevel near(contact, cloth, single ? 0x1p-23 : 0x1p-52);
-    for (const Vec3& vector : {contact.place, contact.velocity, sphere.normal})
+    const Surface& surface = contact.surface;
+    for (const Vec3& vector : {surface.place, contact.velocity, surface.normal})
         values.insert(values.end(), vector.begin(), vector.end());
     values.insert(values.end(),
-                  {sphere.curvature(), contact.top, sphere.restitution, sphere.friction, near.level,
+                  {surface.curvature, contact.top, sphere.restitution, sphere.friction, near.level,
                    near.curvature});
 }
 
@@ -296,7 +296,7 @@ void bind_model(py::module_& m) {
              "thickness"_a = 0.0, "stiffness"_a = 0.0, "dissipation"_a = 0.0, "slip_speed"_a = 0.0,
              "speed"_a = 0.0)
         .def_readonly("normal", &Sphere::normal)
-        .def("center_at", &Sphere::center_at)
+        .def("center_at", py::overload_cast<double>(&Sphere::center_at, py::const_))
         .def("velocity_at", [](const Sphere& s, double t) { return s.velocity_at(t); });
     py::class_<Force, std::shared_ptr<Force>>(m, "Force")
         .def(py::init([](const std::string& name, std::vector<double> values, Motion motion) {

@@ -4,6 +4,7 @@
 #include <xsimd/config/xsimd_config.hpp>
 
 #include "bindings/bindings.hpp"
+#include "bindings/version.hpp"
 #include "driver/energy_watch.hpp"
 #include "driver/simulation.hpp"
 #include "kernels/kernel_table.hpp"
@@ -26,7 +27,7 @@ py::dict build_facts() {
     for (const KernelTable* table : supported_instruction_sets())
         supported.append(std::string(table->name));
     py::dict facts;
-    facts["version"] = CLOTHSIM_VERSION;
+    facts["version"] = package_version;
     facts["compiler"] = CLOTHSIM_COMPILER;
     facts["build_type"] = CLOTHSIM_BUILD_TYPE;
     facts["flags"] = CLOTHSIM_FLAGS;

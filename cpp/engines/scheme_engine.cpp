@@ -267,7 +267,7 @@ private:
         return allowed;
     }
     double contact_step(const Sphere& sphere, double t, double h, double near, bool tried) {
-        const Vec3 place = sphere.place_at(t);
+        const Surface surface = sphere.surface_at(t);
         const Travel moved = travel_of(sphere, t, h);
         const Vec3& travel = moved.velocity;
         const Cloth& cloth = this->plan_.cloth;
@@ -283,7 +283,8 @@ private:
             double speed = (point.velocity - travel).norm();
             if (tried) speed = std::max(speed, (vector_in(result_, i, 3) - travel).norm());
             speed += sphere_speed;
-            const double gap = std::max(sphere.height(point.position - place) - sphere.offset, 0.0);
+            const double level = surface.level(point.position - surface.place);
+            const double gap = std::max(surface.height(level) - sphere.offset, 0.0);
             if (speed * allowed > gap)
                 allowed =
                     std::min(allowed, std::max(gap / speed, std::min(near, least_gap / speed)));

@@ -143,9 +143,7 @@ public:
             const Sphere& sphere = plan_.spheres[number];
             const PenaltyContact contact(sphere, StageTime::at_rest(t));
             for (const int i : pins_)
-                if (contact.at(points_.position(memory_, i)).depth >
-                    sphere.thickness + sphere.offset)
-                    return i;
+                if (contact.at(points_.position(memory_, i)).depth > sphere.reach()) return i;
         }
         return -1;
     }
@@ -409,24 +407,24 @@ private:
     }
     PenaltyArguments<Real> placed(const Sphere& sphere, std::size_t number, const StageTime& time,
                                   double unit, double factor, bool noted) const {
-        const Vec3 place = sphere.surface_at(time), velocity = sphere.velocity_at(time);
+        const Surface surface = sphere.surface_at(time);
+        const Vec3 velocity = sphere.velocity_at(time);
         PenaltyArguments<Real> p{};
         for (int k = 0; k < 3; ++k) {
-            p.place[k] = Real(place[k]);
-            p.normal[k] = Real(sphere.normal[k]);
+            p.place[k] = Real(surface.place[k]);
+            p.normal[k] = Real(surface.normal[k]);
             p.velocity[k] = Real(velocity[k]);
         }
-        const double reach = sphere.offset + sphere.thickness;
-        p.curvature = Real(sphere.curvature());
-        p.reach = Real(reach);
+        p.curvature = Real(surface.curvature);
+        p.reach = Real(sphere.reach());
         p.push = Real(unit * sphere.stiffness / (sphere.thickness * sphere.thickness));
         p.dissipation = Real(sphere.dissipation);
         p.friction = Real(sphere.friction);
         p.slip2 = Real(sphere.slip_speed * sphere.slip_speed);
-        fold_constants(p, sphere, place);
+        fold_constants(p, sphere, surface);
         p.axis = -1;
         int side = clear_side_[number];
-        double from = reach;
+        double from = sphere.reach();
         if (sphere.flat()) {
             for (int k = 0; k < 3; ++k)
                 if (std::abs(sphere.normal[k]) == 1) side = sphere.normal[k] > 0 ? k : k + 3;
@@ -436,7 +434,8 @@ private:
         if (side >= 0) {
             // Points beyond are clear whatever rounding does to their depth.
             constexpr double rounding = 32 * std::numeric_limits<Real>::epsilon();
-            const Vec3 middle = sphere.flat() ? place : Vec3(place - sphere.radius * sphere.normal);
+            const Vec3 middle =
+                sphere.flat() ? surface.place : Vec3(surface.place - sphere.radius * sphere.normal);
             p.axis = side % 3;
             p.side = side < 3 ? Real(1) : Real(-1);
             const double bound = double(p.side) * middle[p.axis] + from;
@@ -450,7 +449,8 @@ private:
         return p;
     }
     // For the edge kernel.
-    static void fold_constants(PenaltyArguments<Real>& p, const Sphere& sphere, const Vec3& place) {
+    static void fold_constants(PenaltyArguments<Real>& p, const Sphere& sphere,
+                               const Surface& surface) {
         // The radius up to which distances from the centre are good to 1e-14 m.
         constexpr double near = 100;
         if (!Layout::is_transposed) return;
@@ -458,10 +458,10 @@ private:
         p.scale = Real(scale);
         p.direct = !compensated && sphere.radius <= near;
         if (sphere.flat()) {
-            for (int k = 0; k < 3; ++k) p.place[k] = Real(scale * sphere.normal[k]);
-            p.scaled_reach = Real(scale * (double(p.reach) + place.dot(sphere.normal)));
+            for (int k = 0; k < 3; ++k) p.place[k] = Real(scale * surface.normal[k]);
+            p.scaled_reach = Real(scale * (double(p.reach) + surface.place.dot(surface.normal)));
         } else if (p.direct) {
-            const Vec3 from_centre = sphere.normal - sphere.curvature() * place;
+            const Vec3 from_centre = surface.normal - surface.curvature * surface.place;
             for (int k = 0; k < 3; ++k) p.place[k] = Real(from_centre[k]);
             p.scaled_radius = Real(scale * sphere.radius);
             p.scaled_reach = Real(scale * (double(p.reach) + sphere.radius));

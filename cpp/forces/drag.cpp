@@ -1,7 +1,7 @@
 // Drag: - c v on each mass point. Values: c [N s/m]. The kernels compute it.
 #include <algorithm>
 
-#include "forces/table.hpp"
+#include "model/force.hpp"
 
 namespace clothsim {
 namespace {

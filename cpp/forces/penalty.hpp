@@ -39,17 +39,15 @@ inline Vec3 normal_towards(const Sphere& sphere, const Vec3& place, double t) {
 // The law in scalar double, for energies, bounds and derivatives.
 struct PenaltyContact {
     const Sphere& obstacle;
-    Vec3 place, velocity;  // of the obstacle
+    Surface surface;
+    Vec3 velocity;  // of the obstacle [m/s]
 
     PenaltyContact(const Sphere& sphere, const StageTime& time)
-        : obstacle(sphere), place(sphere.surface_at(time)), velocity(sphere.velocity_at(time)) {}
+        : obstacle(sphere), surface(sphere.surface_at(time)), velocity(sphere.velocity_at(time)) {}
 
     // Whether a point is so far off that it cannot be in the layer; quicker than its gap.
     bool is_clear(const Vec3& x) const {
-        const Vec3 e = x - place;
-        const double reach = obstacle.offset + obstacle.thickness;
-        const double level = e.dot(2 * obstacle.normal + obstacle.curvature() * e);
-        return level > reach * (2 + obstacle.curvature() * reach);
+        return level(x - surface.place) > surface.level_at(obstacle.reach());
     }
     struct Gap {
         double depth;  // in the layer: above 0 in contact [m]
@@ -57,13 +55,14 @@ struct PenaltyContact {
         double radius;  // from the centre to the point; infinite for a plane [m]
     };
     Gap at(const Vec3& x) const {
-        const Vec3 e = x - place;
-        const double kappa = obstacle.curvature(), f = e.dot(2 * obstacle.normal + kappa * e);
-        const double root = std::sqrt(std::max(1 + kappa * f, 0.0));
-        const Vec3 normal = root > 0 ? Vec3((obstacle.normal + kappa * e) / root) : obstacle.normal;
-        return {obstacle.offset + obstacle.thickness - f / (1 + root), normal,
-                obstacle.radius * root};
+        const Vec3 e = x - surface.place;
+        const double f = level(e);
+        const double root = std::sqrt(std::max(1 + surface.curvature * f, 0.0));
+        const Vec3 normal = root > 0 ? Vec3(surface.gradient(e) / root) : surface.normal;
+        return {obstacle.reach() - f / (1 + root), normal, obstacle.radius * root};
     }
+    // Surface::level with 2 N first, whose rounding is part of the bits of implicit runs.
+    double level(const Vec3& e) const { return e.dot(2 * surface.normal + surface.curvature * e); }
 
     double elastic(double depth) const {
         const double part = depth / obstacle.thickness;

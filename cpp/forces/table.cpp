@@ -5,6 +5,11 @@
 #include <stdexcept>
 
 namespace clothsim {
+
+// Each is defined in the file of its force.
+std::shared_ptr<const Force> make_drag(std::string name, std::vector<double> values, Motion motion);
+std::shared_ptr<const Force> make_wind(std::string name, std::vector<double> values, Motion motion);
+
 namespace {
 
 using Make = std::shared_ptr<const Force> (*)(std::string, std::vector<double>, Motion);

@@ -13,8 +13,4 @@ namespace clothsim {
 std::shared_ptr<const Force> make_force(const std::string& name, std::vector<double> values,
                                         Motion motion);
 
-// Entries of the table, each defined in the file of its force.
-std::shared_ptr<const Force> make_drag(std::string name, std::vector<double> values, Motion motion);
-std::shared_ptr<const Force> make_wind(std::string name, std::vector<double> values, Motion motion);
-
 }  // namespace clothsim

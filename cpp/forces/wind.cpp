@@ -21,8 +21,8 @@
 #include <cmath>
 #include <Eigen/Geometry>
 
-#include "forces/table.hpp"
 #include "lanes/versions.hpp"
+#include "model/force.hpp"
 
 namespace clothsim {
 namespace {

@@ -196,7 +196,7 @@ int ImplicitMidpoint::solve(Points& x, Points& v, double t, double h) {
     for (const Sphere& sphere : scene_.spheres)
         if (sphere.penalty()) {
             contacts_.emplace_back(sphere, middle_);
-            contacts_.back().place += sphere.origin;  // states come relative to 0 here
+            contacts_.back().surface.place += sphere.origin;  // states come relative to 0 here
         }
     int evaluations = 1;
     Vector u(3 * unknowns_);

@@ -48,9 +48,12 @@ Vec3 closest_point_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, cons
 Penetration penetration(int rows, int columns, const PointsView& x, const Sphere& sphere,
                         double t) {
     if (sphere.flat()) {
+        const Surface surface = sphere.surface_at(t);
         double depth = 0;
-        for (std::int64_t i = 0; i < x.rows(); ++i)
-            depth = std::max(depth, -sphere.height(x.row(i).transpose() - sphere.place_at(t)));
+        for (std::int64_t i = 0; i < x.rows(); ++i) {
+            const double level = surface.level(x.row(i).transpose() - surface.place);
+            depth = std::max(depth, -surface.height(level));
+        }
         return {depth, depth};
     }
     const Vec3 center = sphere.center_at(t);

@@ -15,39 +15,37 @@
 
 namespace clothsim {
 
-// The sphere at the moment of the pass.
+// The sphere at the end of a step.
 struct Contact {
     const Sphere& sphere;
-    Vec3 place;  // from which points are measured (Sphere::place_at)
+    Surface surface;
     Vec3 velocity;
     double top;  // level below which points are in contact
     double dt;  // of the step that ends then [s]
 
     Contact(const Sphere& s, double t, double step)
         : sphere(s),
-          place(s.place_at(t)),
+          surface(s.surface_at(t)),
           velocity(s.velocity_at(t)),
-          top(s.level(s.offset)),
+          top(surface.level_at(s.offset)),
           dt(step) {}
 
     // Velocity on which the response acts: relative to the sphere, or absolute in the as_printed
     // reading.
     Vec3 relative(const Vec3& v) const { return sphere.as_printed ? v : Vec3(v - velocity); }
-    // Along the normal at d, of length 1 on the surface.
-    Vec3 gradient(const Vec3& d) const { return sphere.normal + sphere.curvature() * d; }
 };
 
 // Unit normal at d; a point at the exact centre leaves along that of the place.
-inline Vec3 outward_normal(const Contact& contact, const Vec3& d) {
-    const Vec3 m = contact.gradient(d);
+inline Vec3 outward_normal(const Surface& surface, const Vec3& d) {
+    const Vec3 m = surface.gradient(d);
     const double length = m.norm();
-    return length > 0 ? Vec3(m / length) : contact.sphere.normal;
+    return length > 0 ? Vec3(m / length) : surface.normal;
 }
 
 // Reflection about the tangent plane (eq 7), scaled by restitution, with Coulomb friction: the
 // tangential impulse is at most friction times the normal impulse. As printed: reflected in any
 // case.
-inline Vec3 reflected(const Contact& contact, const Vec3& velocity, const Vec3& normal) {
+inline Vec3 reflection(const Contact& contact, const Vec3& velocity, const Vec3& normal) {
     const double normal_speed = contact.relative(velocity).dot(normal);
     if (normal_speed >= 0 && !contact.sphere.as_printed) return velocity;
     const double impulse = (1 + contact.sphere.restitution) * normal_speed;
@@ -63,8 +61,8 @@ inline Vec3 reflected(const Contact& contact, const Vec3& velocity, const Vec3& 
 
 // Method 1: reflect the velocity, leave the position alone.
 inline PointState respond_reflect(const Contact& contact, const PointState& point) {
-    const Vec3 normal = outward_normal(contact, point.position - contact.place);
-    return {point.position, reflected(contact, point.velocity, normal)};
+    const Vec3 normal = outward_normal(contact.surface, point.position - contact.surface.place);
+    return {point.position, reflection(contact, point.velocity, normal)};
 }
 
 // |v| of velocities so small or so large that their squares would vanish or overflow. Written out,
@@ -77,7 +75,7 @@ inline double length_of(const Vec3& v) {
 // Method 2: cast a ray from the point back along its velocity. The point moves to the intersection
 // of ray and surface, and its velocity is reflected there.
 //
-// With b = -v/|v| the level (model/sphere.hpp) along the ray is f + 2 s m.b + k s^2: eq 9
+// With b = -v/|v| the level (Surface in model/sphere.hpp) along the ray is f + 2 s m.b + k s^2: eq 9
 // with its errata corrected, over the radius. Division by v.v makes no speed too small. The point
 // lies inside, C = f - top < 0, so exactly one distance along the ray is positive:
 //
@@ -95,13 +93,17 @@ inline double length_of(const Vec3& v) {
 // away.
 inline PointState respond_ray(const Contact& contact, const PointState& point) {
     const Sphere& sphere = contact.sphere;
-    const double k = sphere.curvature();
-    Vec3 d = point.position - contact.place;
-    const Vec3 m = contact.gradient(d), v = contact.relative(point.velocity);
-    const double speed = length_of(v), lacks = contact.top - sphere.level(d);
+    const Surface& surface = contact.surface;
+    const double k = surface.curvature;
+    Vec3 d = point.position - surface.place;
+    const Vec3 m = surface.gradient(d);
+    const Vec3 v = contact.relative(point.velocity);
+    const double speed = length_of(v);
+    const double lacks = contact.top - surface.level(d);
     double rest = 0;  // time since the point was at the surface [s]
     const Vec3 back = speed > 0 ? Vec3(-v / speed) : Vec3(Vec3::Zero());
-    const double b = m.dot(back), root = std::sqrt(b * b + k * lacks);
+    const double b = m.dot(back);
+    const double root = std::sqrt(b * b + k * lacks);
     if (b < 0 && !sphere.as_printed) return point;  // on its way out
     if (speed > 0 && root > 0) {
         double way = b > 0 ? lacks / (b + root) : (root - b) / k;
@@ -112,16 +114,16 @@ inline PointState respond_ray(const Contact& contact, const PointState& point) {
         // A point without a ray, at rest or along a plane, is projected along the normal.
         d += lacks / (w + std::sqrt(w * (1 + k * contact.top))) * m;
     } else {
-        d = sphere.height(contact.top) * sphere.normal;
+        d = surface.height(contact.top) * surface.normal;
     }
-    const Vec3 velocity = reflected(contact, point.velocity, outward_normal(contact, d));
+    const Vec3 velocity = reflection(contact, point.velocity, outward_normal(surface, d));
     if (!sphere.as_printed && (sphere.restitution < 1 || sphere.friction > 0))
         d += rest * contact.relative(velocity);
-    return {contact.place + d, velocity};
+    return {surface.place + d, velocity};
 }
 
 inline bool touches(const Contact& contact, const Vec3& position) {
-    return contact.sphere.level(position - contact.place) < contact.top;
+    return contact.surface.level(position - contact.surface.place) < contact.top;
 }
 
 inline PointState respond(const Contact& contact, const PointState& point) {
@@ -139,8 +141,8 @@ struct NearLevel {
                                      4 *
                                          std::hypot((cloth.rows - 1) * cloth.row_spacing,
                                                     (cloth.columns - 1) * cloth.column_spacing));
-        level = contact.top + 64 * epsilon * (size + contact.place.lpNorm<1>());
-        curvature = contact.sphere.curvature() - 64 * epsilon / size;
+        level = contact.top + 64 * epsilon * (size + contact.surface.place.lpNorm<1>());
+        curvature = contact.surface.curvature - 64 * epsilon / size;
     }
 };
 
@@ -205,10 +207,11 @@ public:
         // Pinned points too; no other point can be inside.
         for (const Sphere& sphere : plan_.spheres) {
             if (sphere.penalty()) continue;
-            const Vec3 place = sphere.place_at(t);
-            for (const int i : found)
-                all.depth =
-                    std::max(all.depth, -sphere.height(points_.position(memory, i) - place));
+            const Surface surface = sphere.surface_at(t);
+            for (const int i : found) {
+                const double level = surface.level(points_.position(memory, i) - surface.place);
+                all.depth = std::max(all.depth, -surface.height(level));
+            }
         }
         return all;
     }
@@ -221,8 +224,8 @@ private:
         const NearLevel near(contact, plan_.cloth, std::numeric_limits<Real>::epsilon());
         SurfaceLevel<Real> level{};
         for (int k = 0; k < 3; ++k) {
-            level.place[k] = Real(contact.place[k]);
-            level.normal[k] = Real(contact.sphere.normal[k]);
+            level.place[k] = Real(contact.surface.place[k]);
+            level.normal[k] = Real(contact.surface.normal[k]);
         }
         level.curvature = Real(near.curvature);
         level.below = Real(near.level);

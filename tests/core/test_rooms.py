@@ -24,7 +24,7 @@ def written_springs(text, rows, columns, x, y):
         if opened := re.fullmatch(r"    if \((\w+)\) \{", line):
             family = opened[1]
         elif pull := re.fullmatch(
-            r" +if \((.+)\) \{ a = pulled\(a, x, v, (.+), first \+ (\d+)u\); \}", line
+            r" +if \((.+)\) \{ a = add_spring\(a, x, v, (.+), first \+ (\d+)u\); \}", line
         ):
             condition, place, first = map(value, pull.groups())
             found += [(place, family, first // 3)] if condition else []

@@ -108,7 +108,7 @@ def _numbers(scene: Scene) -> dict[str, list[float]]:
         "gravity": [scene.gravity],
         **{f"pin{k}": [scene.initial_position[pin]] for k, pin in enumerate(cloth.pins)},
     }
-    indexed = {f"plane{k}": one for k, one in enumerate(scene.spheres) if isinstance(one, Plane)}
+    indexed = {f"plane{k}": one for k, one in enumerate(scene.spheres) if one._kind == "plane"}
     for prefix, planes in {
         "plane": [*indexed.values()],
         **{name: [plane] for name, plane in indexed.items()},
@@ -121,7 +121,7 @@ def _numbers(scene: Scene) -> dict[str, list[float]]:
         **{f"sphere{k}": [one] for k, one in enumerate(scene.spheres)},
     }.items():
         found |= _contact_numbers(prefix, spheres, cloth)
-        if all(isinstance(one, Sphere) for one in spheres):  # no plane
+        if all(one._kind == "sphere" for one in spheres):  # no plane
             vectors[f"{prefix}_center"] = [sphere.center for sphere in spheres]
             found[f"{prefix}_radius"] = [sphere.radius for sphere in spheres]
     if scene.wind:

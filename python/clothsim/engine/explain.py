@@ -9,9 +9,8 @@ from typing import Any
 from ..base.text import aligned
 from ..methods.bound import damping_ratio, least_rtol_of_rkc2, limit_in_layer, limiting_term
 from ..methods.integrators import METHODS, integrator_name
-from ..model.cloth import FAMILIES, Cloth
+from ..model.cloth import FAMILIES
 from ..model.scene import Scene
-from ..model.sphere import Plane, Sphere, kind_name
 from .options import Options, core_plan
 
 
@@ -43,18 +42,12 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _radius_text(sphere: Sphere | Plane, cloth: Cloth) -> str:
-    if isinstance(sphere, Plane):
-        return "a plane"
-    return f"contact radius {sphere.contact_radius(cloth):.6g} m"
-
-
 def _layer_text(scene: Scene, k: int, integrator: str) -> str:
     layer = scene.spheres[k].layer(scene.cloth)
     h = layer["thickness"]
     limit = limit_in_layer(scene, integrator, k, h)
     return (
-        f"a {kind_name([scene.spheres[k]])}, spheres[{k}]: thickness {h:.3g} m, stiffness "
+        f"a {scene.spheres[k]._kind}, spheres[{k}]: thickness {h:.3g} m, stiffness "
         f"{layer['stiffness']:.4g} N/m, dissipation {layer['dissipation']:.3g} s/m, friction "
         f"{scene.spheres[k].friction:g}; dt up to {limit:.3g} s is stable in all of it"
     )
@@ -94,8 +87,8 @@ def explain(
         "forces on points": scene.force is not None,
         "wind": scene.wind is not None,
         "driven pins": bool(cloth.driven),
-        "spheres": any(isinstance(one, Sphere) for one in scene.spheres),
-        "planes": any(isinstance(one, Plane) for one in scene.spheres),
+        "spheres": any(obstacle._kind == "sphere" for obstacle in scene.spheres),
+        "planes": any(obstacle._kind == "plane" for obstacle in scene.spheres),
         "compensation": precision == "single",
     }
     term = limiting_term(scene, integrator)
@@ -106,7 +99,7 @@ def explain(
             "computed": tuple(name for name, present in everything.items() if present),
             "left_out": tuple(name for name, present in everything.items() if not present),
             "collision_passes": tuple(
-                f"{s.response}{' (as printed)' if s.as_printed else ''}, {_radius_text(s, cloth)}"
+                f"{s.response}{' (as printed)' if s.as_printed else ''}, {s._size_text(cloth)}"
                 for s in scene.spheres
                 if s.response != "penalty"
             ),

@@ -19,7 +19,7 @@ from ..methods.bound import stable_depths, stable_dt
 from ..methods.integrators import METHODS, integrator_name, warn_of_order
 from ..model.motion import Linear
 from ..model.scene import Scene
-from ..model.sphere import held, kind_name
+from ..model.sphere import kind_name
 from ..typing import Force
 from .force import forces_of, is_python, with_force
 from .judge import Judge
@@ -575,7 +575,7 @@ class State:
                     scenes = [
                         scene.replace(
                             spheres=[
-                                held(s, x) if n == k else s for n, s in enumerate(scene.spheres)
+                                s._at_rest(x) if n == k else s for n, s in enumerate(scene.spheres)
                             ]
                         )
                         for scene, x in zip(scenes, ends)

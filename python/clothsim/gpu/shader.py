@@ -61,7 +61,7 @@ def springs(neighbours: Sequence[tuple[int, int, str, int]] = _core.neighbours) 
             place = f"at {down} {abs(row)}u * columns {right} {abs(column)}u"
             lines.append(
                 f"        if ({' && '.join(inside)}) "
-                f"{{ a = pulled(a, x, v, {place}, first + {3 * kind}u); }}"
+                f"{{ a = add_spring(a, x, v, {place}, first + {3 * kind}u); }}"
             )
         lines.append("    }")
     return "\n".join([*lines, "    return a;", "}"])
@@ -114,17 +114,20 @@ class Features:
         order of the obstacles.
         """
         lines = [
-            "fn pushed(force: vec3<real>, x: vec3<real>, v: vec3<real>, id: vec3<u32>) "
+            "fn add_contacts(force: vec3<real>, x: vec3<real>, v: vec3<real>, id: vec3<u32>) "
             "-> vec3<real> {",
             "    var result = force;",
         ]
         lines += [
-            f"    result = pressed(result, x, v, id, {k}u);"
+            f"    result = add_contact(result, x, v, id, {k}u);"
             for k, s in enumerate(self.spheres)
             if s.response == "penalty"
         ]
         lines += ["    return result;", "}"]
-        lines += ["fn respond_all(body: Body, id: vec3<u32>) -> Body {", "    var result = body;"]
+        lines += [
+            "fn respond_all(point: PointState, id: vec3<u32>) -> PointState {",
+            "    var result = point;",
+        ]
         for k, s in enumerate(self.spheres):
             if s.response != "penalty":
                 flags = ", ".join(
@@ -173,13 +176,14 @@ def source(features: Features, precision: str, float64: bool) -> str:
         f"fn is_finite(a: real) -> bool {{ return ({bits} & {exponent}) != {exponent}; }}",
     ]
     for word, prefix in ((real, ""), (wide, "wide_")):
-        vector, scaled = f"vec3<{word}>", ", ".join(f"{prefix}product(a, b.{k})" for k in "xyz")
+        vector = f"vec3<{word}>"
+        multiple = ", ".join(f"{prefix}product(a, b.{k})" for k in "xyz")
         x, y, z = (f"{prefix}product(a.{k}, b.{k})" for k in "xyz")
         lines += [
             keep(word, f"{prefix}keep"),
             f"fn {prefix}product(a: {word}, b: {word}) -> {word} {{ return {prefix}keep(a * b); }}",
-            f"fn {prefix}scaled(a: {word}, b: {vector}) -> {vector} "
-            f"{{ return {vector}({scaled}); }}",
+            f"fn {prefix}multiple(a: {word}, b: {vector}) -> {vector} "
+            f"{{ return {vector}({multiple}); }}",
             f"fn {prefix}inner(a: {vector}, b: {vector}) -> {word} {{ return ({x} + {y}) + {z}; }}",
         ]
     lines.append(

@@ -14,7 +14,7 @@ from ..base.text import counted
 from .cloth import FAMILIES, Cloth
 from .motion import MOTIONS
 from .scene import Scene
-from .sphere import Plane, Sphere, kind_name, place_name
+from .sphere import Plane, Sphere
 from .wind import Wind
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel")
@@ -261,10 +261,8 @@ def _change_spheres(
 
 
 def _has(obstacle: Sphere | Plane, kind: str, part: str) -> bool:
-    """Whether a name of this kind and part means the sphere or plane."""
-    if kind == "plane":
-        return isinstance(obstacle, Plane)
-    return isinstance(obstacle, Sphere) or part not in _SPHERE_ALONE
+    """Return whether a name of this kind and part means the sphere or plane."""
+    return obstacle._kind == kind or (kind == "sphere" and part not in _SPHERE_ALONE)
 
 
 def _check_obstacle(
@@ -283,13 +281,13 @@ def _check_obstacle(
 def _change_part(sphere: Sphere | Plane, name: str, part: str, value: Any) -> Sphere | Plane:
     whole, _, component = part.rpartition("_")
     if part == "center":
-        return sphere.replace(**{place_name(sphere): value})
+        return sphere.replace(**{sphere._place_name: value})
     if whole in ("center", "point", "normal"):
-        argument = place_name(sphere) if whole == "center" else whole
+        argument = sphere._place_name if whole == "center" else whole
         vector = _with_components(getattr(sphere, argument), {component: value})
         return sphere.replace(**{argument: vector})
     if sphere.motion is None or part not in _arguments(type(sphere.motion)):
         raise ValueError(
-            f"{name} needs a {kind_name([sphere])} whose motion has it, got {sphere.motion!r}"
+            f"{name} needs a {sphere._kind} whose motion has it, got {sphere.motion!r}"
         )
     return sphere.replace(motion=sphere.motion.replace(**{part: value}))

@@ -335,28 +335,17 @@ class Scene(Record):
 
 
 def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sphere:
-    """The sphere or plane in the form of the core, without offset if no scene is given.
-
-    The core measures points from the top of a sphere, against gravity, or from the `point` of a
-    plane.
-    """
-    up = (
-        np.array((0.0, 1.0, 0.0))
-        if scene is None or not any(scene.gravity)
-        else -np.array(scene.gravity)
-    )
-    if isinstance(sphere, Plane):
-        up = sphere.unit_normal
-    normal = up / np.linalg.norm(up)
+    """Return the sphere or plane in the form of the core, without offset if no scene is given."""
     offset = 0.0
     layer: dict[str, float] = {}
-    if scene is not None:
+    if scene is None:
+        normal = sphere._reference_normal((0.0, 0.0, 0.0), None)
+    else:
+        normal = sphere._reference_normal(scene.gravity, scene.initial_position)
+        offset = sphere.offset_length(scene.cloth)
         if sphere.response == "penalty":
             speed = sphere.motion.largest_speed if sphere.motion else 0.0
             layer = {**sphere.layer(scene.cloth), "speed": speed}
-            if not isinstance(sphere, Plane):
-                normal = _towards(scene.initial_position, sphere, normal)
-        offset = sphere.offset_length(scene.cloth)
     return _core.Sphere(
         center=sphere.center,
         radius=sphere.radius,
@@ -369,15 +358,6 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
         normal=normal,
         **layer,
     )
-
-
-def _towards(
-    x: npt.NDArray[np.float64], sphere: Sphere, otherwise: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
-    """Return the unit vector from the centre of a sphere to the middle of the cloth."""
-    away = x.mean(axis=(0, 1)) - sphere.center_at(0.0)
-    distance = float(np.linalg.norm(away))
-    return np.asarray(away / distance) if 0 < distance < np.inf else otherwise
 
 
 def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
@@ -401,15 +381,14 @@ def spheres_text(scene: Scene) -> str:
     spheres = scene.spheres
     if not spheres:
         return "no sphere"
-    planes = sum(isinstance(one, Plane) for one in spheres)
-    numbers = ((len(spheres) - planes, "sphere"), (planes, "plane"))
-    text = " and ".join(counted(number, noun) for number, noun in numbers if number)
-    kinds = Counter(
+    numbers = Counter(sphere._kind for sphere in spheres)
+    text = " and ".join(counted(numbers[kind], kind) for kind in sorted(numbers, reverse=True))
+    responses = Counter(
         f"{'moving, ' if s.motion else ''}response "
         f"{s.response}{' as printed' if s.as_printed else ''}"
         for s in spheres
     )
-    parts = [kind if n == len(spheres) else f"{n} {kind}" for kind, n in kinds.items()]
+    parts = [kind if n == len(spheres) else f"{n} {kind}" for kind, n in responses.items()]
     return f"{text} ({'; '.join(parts)})"
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check
+from ..base import Floats, check
 from ..typing import Numbers, Offset, Response
 from .cloth import Cloth
 from .motion import Linear, Motion, checked_motion, motion_from_dict
@@ -48,7 +48,10 @@ class Obstacle(Record):
     dissipation: float | None
     slip_speed: float | None
     friction: float
+    as_printed: bool
     _has_own_restitution: bool
+    _kind: str  # what it is called in texts and names
+    _place_name: str  # the argument that says where it is
 
     def _set_response(
         self, motion: Any, response: Any, restitution: Any, friction: Any, **layer: Any
@@ -226,12 +229,34 @@ class Obstacle(Record):
         >>> float(cs.Sphere(radius=0.25).height((0.0, 1.0, 0.0)))
         0.75
         """
-        away = np.asarray(x, float) - self.center_at(t)
-        return np.asarray(
-            away @ self.unit_normal
-            if isinstance(self, Plane)
-            else np.linalg.norm(away, axis=-1) - self.radius
-        )
+        return self._heights(np.asarray(x, float) - self.center_at(t))
+
+    def _heights(self, away: Floats) -> Floats:
+        """Return the heights over the surface of places `away` from the centre [m]."""
+        raise NotImplementedError
+
+    def _at_height(self, x: Floats, t: float, height: Floats, goal: Floats) -> Floats:
+        """Return places of these heights moved along the normal to other heights [m]."""
+        raise NotImplementedError
+
+    def _reference_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
+        """Return the normal at the place from which the core measures points of a cloth at `x`."""
+        raise NotImplementedError
+
+    def _size_text(self, cloth: Cloth) -> str:
+        raise NotImplementedError
+
+    def _at_rest(self: Self, center: npt.ArrayLike) -> Self:
+        """Return the obstacle at rest at `center`."""
+        return self.replace(**{self._place_name: center, "motion": None})
+
+    def _as_layer(self: Self, **changes: Any) -> Self:
+        """Return the obstacle with response "penalty" and further `changes`."""
+        if self.response != "penalty":
+            changes |= {"response": "penalty", "restitution": None}
+        if self.as_printed:
+            changes["as_printed"] = False
+        return self.replace(**changes)
 
     def contact_radius(self, cloth: Cloth) -> float:
         """Distance from the centre below which a mass point is in contact [m]: ``radius`` +
@@ -317,6 +342,9 @@ class Sphere(Obstacle):
     restitution: float | None
     as_printed: bool
 
+    _kind = "sphere"
+    _place_name = "center"
+
     @check.named
     def __init__(
         self,
@@ -354,6 +382,26 @@ class Sphere(Obstacle):
                 f"as_printed must be False with response {response!r}, which the paper does not "
                 "have; accepted with 'ray' and 'reflect'"
             )
+
+    def _heights(self, away: Floats) -> Floats:
+        return np.asarray(np.linalg.norm(away, axis=-1) - self.radius)
+
+    def _at_height(self, x: Floats, t: float, height: Floats, goal: Floats) -> Floats:
+        center = self.center_at(t)
+        return center + (x - center) * ((self.radius + goal) / (self.radius + height))[:, None]
+
+    def _reference_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
+        """Return the direction against gravity; with "penalty" that to the middle of the cloth."""
+        if x is not None and self.response == "penalty":
+            away = x.mean(axis=(0, 1)) - self.center_at(0.0)
+            distance = float(np.linalg.norm(away))
+            if 0 < distance < np.inf:
+                return np.asarray(away / distance)
+        up = -np.array(gravity) if any(gravity) else np.array((0.0, 1.0, 0.0))
+        return np.asarray(up / np.linalg.norm(up))
+
+    def _size_text(self, cloth: Cloth) -> str:
+        return f"contact radius {self.contact_radius(cloth):.6g} m"
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -398,8 +446,11 @@ class Plane(Obstacle):
     slip_speed: float | None
     restitution: float | None
 
-    radius, as_printed = math.inf, False  # what a sphere has of its own
+    radius = math.inf
     offset = "none"
+    as_printed = False
+    _kind = "plane"
+    _place_name = "point"
 
     @check.named
     def __init__(
@@ -437,35 +488,27 @@ class Plane(Obstacle):
         n /= np.abs(n).max()
         return np.asarray(n / np.linalg.norm(n))
 
+    def _heights(self, away: Floats) -> Floats:
+        return np.asarray(away @ self.unit_normal)
+
+    def _at_height(self, x: Floats, t: float, height: Floats, goal: Floats) -> Floats:
+        return x + (goal - height)[:, None] * self.unit_normal
+
+    def _reference_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
+        normal = self.unit_normal
+        return np.asarray(normal / np.linalg.norm(normal))
+
+    def _size_text(self, cloth: Cloth) -> str:
+        return "a plane"
+
 
 _STILL = Linear((0.0, 0.0, 0.0))
 
 
-def place_name(obstacle: Sphere | Plane) -> str:
-    """The argument that says where a sphere or plane is."""
-    return "point" if isinstance(obstacle, Plane) else "center"
-
-
 def kind_name(obstacles: Iterable[Sphere | Plane]) -> str:
-    """What they are called in texts: "sphere", "plane" or "sphere or plane"."""
-    kinds = {isinstance(one, Plane) for one in obstacles}
-    if len(kinds) > 1:
-        return "sphere or plane"
-    return "plane" if True in kinds else "sphere"
-
-
-def held(obstacle: Sphere | Plane, center: npt.ArrayLike) -> Sphere | Plane:
-    """The sphere or plane at rest at `center`."""
-    return obstacle.replace(**{place_name(obstacle): center, "motion": None})
-
-
-def as_layer(obstacle: Sphere | Plane, **changes: Any) -> Sphere | Plane:
-    """The sphere or plane with response "penalty" and further `changes`."""
-    if obstacle.response != "penalty":
-        changes |= {"response": "penalty", "restitution": None}
-    if obstacle.as_printed:
-        changes["as_printed"] = False
-    return obstacle.replace(**changes)
+    """Return what obstacles are called in texts: "sphere", "plane" or "sphere or plane"."""
+    kinds = {obstacle._kind for obstacle in obstacles} or {Sphere._kind}
+    return " or ".join(sorted(kinds, reverse=True))
 
 
 def _offset(value: Any) -> Offset | float:

@@ -26,7 +26,6 @@ from ..engine.stepping import acceleration
 from ..errors import ContactError, UnstableError
 from ..methods.bound import limit_in_layer, stable_dt
 from ..model.scene import Scene
-from ..model.sphere import as_layer, held
 from ..typing import Force
 from .report import report
 from .result import Run
@@ -161,7 +160,7 @@ def scene_at(scene: Scene, t: float) -> Scene:
     if wind and wind.motion:
         velocity = np.array(wind.velocity) + wind.motion.velocity_at(t)
         wind = wind.replace(velocity=velocity, motion=None)
-    spheres = [held(sphere, sphere.center_at(t)) for sphere in scene.spheres]
+    spheres = [sphere._at_rest(sphere.center_at(t)) for sphere in scene.spheres]
     still = scene.replace(spheres=spheres, wind=wind)
     if not scene.cloth.driven:
         return still
@@ -192,7 +191,7 @@ class _Relaxation:
             options,
         )
         # The friction of a layer is 0 at rest, and would only slow the way there.
-        still = [as_layer(sphere, friction=0.0) for sphere in scene.spheres]
+        still = [sphere._as_layer(friction=0.0) for sphere in scene.spheres]
         self._plain = scene.replace(spheres=still)
         self._mass = scene.cloth.mass_per_point[..., None]
         self._free = ~scene.cloth.pinned

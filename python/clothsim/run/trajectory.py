@@ -656,13 +656,5 @@ def _lift(
     least = np.minimum(*(sphere.height(places, time) for time, places in ends))
     allowed = np.minimum(least, offset)
     inside = free & (height < allowed)
-    if isinstance(sphere, Plane):
-        x[inside] += (allowed - height)[inside, None] * sphere.unit_normal
-        return
-    center = sphere.center_at(t)
     inside &= height > -sphere.radius
-    x[inside] = (
-        center
-        + (x[inside] - center)
-        * ((sphere.radius + allowed) / (sphere.radius + height))[inside][:, None]
-    )
+    x[inside] = sphere._at_height(x[inside], t, height[inside], allowed[inside])

@@ -315,8 +315,8 @@ def _views() -> str:
 
 def _kinds(scenes: Sequence[Scene]) -> list[str]:
     """What cloth meets in the scenes: "sphere", "plane", both or nothing."""
-    kinds = {type(obstacle) for scene in scenes for obstacle in scene.spheres}
-    return [kind.__name__.lower() for kind in (Sphere, Plane) if kind in kinds]
+    kinds = {obstacle._kind for scene in scenes for obstacle in scene.spheres}
+    return sorted(kinds, reverse=True)
 
 
 def _bodies(scenes: Sequence[Scene]) -> str:

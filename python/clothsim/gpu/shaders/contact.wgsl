@@ -1,6 +1,6 @@
 // The responses of Kim et al., section 5, after a step (cpp/responses/paper.hpp is the same on the
 // CPU). The host writes `respond_all`, which goes through the obstacles in their order.
-struct Body {
+struct PointState {
     position: vec3<real>, position_low: vec3<real>,
     velocity: vec3<real>, velocity_low: vec3<real>,
 }
@@ -8,11 +8,24 @@ struct Body {
 // A place with its rounding error, which is 0 where `wide` has float64.
 struct Spot { whole: vec3<wide>, low: vec3<wide> }
 
-// A sphere or plane after the step: the place from which points are measured, the normal there and
-// the curvature, the level below which points are in contact, and NearLevel of the core.
+// Surface of cpp/model/sphere.hpp: its level, gradient and height have the same names here.
+struct Surface { place: Spot, normal: vec3<wide>, curvature: wide }
+
+fn gradient(surface: Surface, d: vec3<wide>) -> vec3<wide> {
+    return surface.normal + wide_multiple(surface.curvature, d);
+}
+fn level(surface: Surface, d: vec3<wide>) -> wide {
+    return wide_inner(d, surface.normal + gradient(surface, d));
+}
+fn height(surface: Surface, level: wide) -> wide {
+    let square = max(wide(1.0) + wide_product(surface.curvature, level), wide(0.0));
+    return level / (wide(1.0) + sqrt(square));
+}
+
+// A sphere or plane at the end of the step, the level below which points are in contact, and
+// NearLevel of the core.
 struct Contact {
-    place: Spot, velocity: vec3<wide>, normal: vec3<wide>,
-    curvature: wide, top: wide, restitution: wide, friction: wide,
+    surface: Surface, velocity: vec3<wide>, top: wide, restitution: wide, friction: wide,
     near_level: wide, near_curvature: wide,
 }
 
@@ -29,28 +42,18 @@ fn contact_at(member: u32, obstacle: u32, steps_ago: u32) -> u32 {
 fn contact_of(member: u32, obstacle: u32) -> Contact {
     let at = contact_at(member, obstacle, 0u);
     let c = at + 12u;
+    let place = Spot(contact_vector(at), contact_vector(at + 3u));
     return Contact(
-        Spot(contact_vector(at), contact_vector(at + 3u)),
-        contact_vector(at + 6u), contact_vector(at + 9u),
-        contacts[c], contacts[c + 1u], contacts[c + 2u], contacts[c + 3u],
+        Surface(place, contact_vector(at + 9u), contacts[c]),
+        contact_vector(at + 6u), contacts[c + 1u], contacts[c + 2u], contacts[c + 3u],
         contacts[c + 4u], contacts[c + 5u]);
 }
 
 // Whether a point may be in contact, in the arithmetic of a step: no point in contact is missed.
-fn is_near(s: Contact, position: vec3<real>) -> bool {
-    let d = position - vec3<real>(s.place.whole);
-    let n = vec3<real>(s.normal);
-    return inner(d, n + n + scaled(real(s.near_curvature), d)) < real(s.near_level);
-}
-
-// Levels and heights of model/sphere.hpp, at d from the place.
-fn gradient(s: Contact, d: vec3<wide>) -> vec3<wide> {
-    return s.normal + wide_scaled(s.curvature, d);
-}
-fn level(s: Contact, d: vec3<wide>) -> wide { return wide_inner(d, s.normal + gradient(s, d)); }
-fn height(s: Contact, level: wide) -> wide {
-    let square = max(wide(1.0) + wide_product(s.curvature, level), wide(0.0));
-    return level / (wide(1.0) + sqrt(square));
+fn is_near(contact: Contact, position: vec3<real>) -> bool {
+    let d = position - vec3<real>(contact.surface.place.whole);
+    let n = vec3<real>(contact.surface.normal);
+    return inner(d, n + n + multiple(real(contact.near_curvature), d)) < real(contact.near_level);
 }
 
 // |a|, whose square may vanish or overflow.
@@ -62,83 +65,89 @@ fn length_of(a: vec3<wide>) -> wide {
 }
 
 // A point at the exact centre leaves along the normal of the place.
-fn outward_normal(s: Contact, d: vec3<wide>) -> vec3<wide> {
-    let m = gradient(s, d);
+fn outward_normal(surface: Surface, d: vec3<wide>) -> vec3<wide> {
+    let m = gradient(surface, d);
     let length = sqrt(wide_inner(m, m));
     if (length > wide(0.0)) { return m / length; }
-    return s.normal;
+    return surface.normal;
 }
 
 // Velocity on which a response acts: relative to the obstacle, or absolute as printed.
-fn relative(s: Contact, velocity: vec3<wide>, as_printed: bool) -> vec3<wide> {
-    return select(velocity - s.velocity, velocity, as_printed);
+fn relative(contact: Contact, velocity: vec3<wide>, as_printed: bool) -> vec3<wide> {
+    return select(velocity - contact.velocity, velocity, as_printed);
 }
 
 // Eq 7, scaled by restitution, with Coulomb friction where the obstacle is `rough`.
-fn reflected(s: Contact, velocity: vec3<wide>, normal: vec3<wide>, as_printed: bool,
-             rough: bool) -> vec3<wide> {
-    let approach = relative(s, velocity, as_printed);
+fn reflection(contact: Contact, velocity: vec3<wide>, normal: vec3<wide>, as_printed: bool,
+              rough: bool) -> vec3<wide> {
+    let approach = relative(contact, velocity, as_printed);
     let normal_speed = wide_inner(approach, normal);
     if (normal_speed >= wide(0.0) && !as_printed) { return velocity; }
-    let impulse = wide_product(wide(1.0) + s.restitution, normal_speed);
-    let result = velocity - wide_scaled(impulse, normal);
+    let impulse = wide_product(wide(1.0) + contact.restitution, normal_speed);
+    let result = velocity - wide_multiple(impulse, normal);
     if (!rough) { return result; }
-    let tangential = approach - wide_scaled(normal_speed, normal);
+    let tangential = approach - wide_multiple(normal_speed, normal);
     let speed = sqrt(wide_inner(tangential, tangential));
-    let most = wide_product(s.friction, abs(impulse));
+    let most = wide_product(contact.friction, abs(impulse));
     if (speed <= most) { return result - tangential; }
-    return result - wide_scaled(most / speed, tangential);
+    return result - wide_multiple(most / speed, tangential);
 }
 
-// Method 1: reflects the velocity, and leaves the position alone.
-fn respond_reflect(body: Body, s: Contact, as_printed: bool, rough: bool) -> Body {
-    let at = spot_of(body);
-    let normal = outward_normal(s, spot_from(at, s.place));
-    return body_at(body, at, reflected(s, velocity_of(body), normal, as_printed, rough));
+// Method 1 reflects the velocity, and leaves the position alone.
+fn respond_reflect(point: PointState, contact: Contact, as_printed: bool,
+                   rough: bool) -> PointState {
+    let at = spot_of(point);
+    let normal = outward_normal(contact.surface, spot_difference(at, contact.surface.place));
+    let velocity = reflection(contact, velocity_of(point), normal, as_printed, rough);
+    return state_at_spot(point, at, velocity);
 }
 
-// Method 2 (eq 8-12): back along the ray to the surface, but by no more than the way of the step,
-// and reflected there. With a restitution below 1 or friction the point goes on for the rest of
-// the step.
-fn respond_ray(body: Body, s: Contact, as_printed: bool, rough: bool) -> Body {
+// Method 2 (eq 8-12) moves a point back along the ray to the surface, but by no more than the way
+// of the step, and reflects it there. With a restitution below 1 or friction the point goes on for
+// the rest of the step.
+fn respond_ray(point: PointState, contact: Contact, as_printed: bool, rough: bool) -> PointState {
+    let surface = contact.surface;
     let none = wide(0.0);
     let dt = wide(constants.half_h + constants.half_h);
-    let at = spot_of(body);
-    let velocity = velocity_of(body);
-    var d = spot_from(at, s.place);
-    let m = gradient(s, d);
-    let v = relative(s, velocity, as_printed);
+    let at = spot_of(point);
+    let velocity = velocity_of(point);
+    var d = spot_difference(at, surface.place);
+    let m = gradient(surface, d);
+    let v = relative(contact, velocity, as_printed);
     let speed = length_of(v);
-    let lacks = s.top - level(s, d);
-    let back = select(vec3<wide>(), -v / speed, speed > none);
-    let b = wide_inner(m, back);
-    if (b < none && !as_printed) { return body_at(body, at, velocity); }  // on its way out
-    let root = sqrt(wide_product(b, b) + wide_product(s.curvature, lacks));
+    let deficit = contact.top - level(surface, d);
+    let direction = select(vec3<wide>(), -v / speed, speed > none);
+    let b = wide_inner(m, direction);
+    if (b < none && !as_printed) { return state_at_spot(point, at, velocity); }  // on its way out
+    let root = sqrt(wide_product(b, b) + wide_product(surface.curvature, deficit));
     let w = wide_inner(m, m);
     var rest = none;  // time since the point was at the surface [s]
     if (speed > none && root > none) {
-        var way = select((root - b) / s.curvature, lacks / (b + root), b > none);
+        var way = select((root - b) / surface.curvature, deficit / (b + root), b > none);
         if (!as_printed) { way = min(way, wide_product(speed, dt)); }
-        d = d + wide_scaled(way, back);
+        d = d + wide_multiple(way, direction);
         rest = min(way / speed, dt);
     } else if (w > none) {  // a point without a ray goes along the normal
-        let square = wide_product(w, wide(1.0) + wide_product(s.curvature, s.top));
-        d = d + wide_scaled(lacks / (w + sqrt(square)), m);
+        let square = wide_product(w, wide(1.0) + wide_product(surface.curvature, contact.top));
+        d = d + wide_multiple(deficit / (w + sqrt(square)), m);
     } else {
-        d = wide_scaled(height(s, s.top), s.normal);
+        d = wide_multiple(height(surface, contact.top), surface.normal);
     }
-    let after = reflected(s, velocity, outward_normal(s, d), as_printed, rough);
-    if (!as_printed && (s.restitution < wide(1.0) || s.friction > none)) {
-        d = d + wide_scaled(rest, relative(s, after, as_printed));
+    let normal = outward_normal(surface, d);
+    let rebound = reflection(contact, velocity, normal, as_printed, rough);
+    if (!as_printed && (contact.restitution < wide(1.0) || contact.friction > none)) {
+        d = d + wide_multiple(rest, relative(contact, rebound, as_printed));
     }
-    return body_at(body, beyond(s.place, d), after);
+    return state_at_spot(point, spot_sum(surface.place, d), rebound);
 }
 
-// The body after the response to one obstacle: method 2 if `ray`, else method 1.
-fn respond(body: Body, s: Contact, member: u32, ray: bool, as_printed: bool, rough: bool) -> Body {
-    if (!is_near(s, body.position)) { return body; }  // nearly all points end here
-    if (!(level(s, spot_from(spot_of(body), s.place)) < s.top)) { return body; }
+// The point after the response to an obstacle: method 2 if `ray`, else method 1.
+fn respond(point: PointState, contact: Contact, member: u32, ray: bool, as_printed: bool,
+           rough: bool) -> PointState {
+    if (!is_near(contact, point.position)) { return point; }  // nearly all points end here
+    let d = spot_difference(spot_of(point), contact.surface.place);
+    if (!(level(contact.surface, d) < contact.top)) { return point; }
     count_response(member);
-    if (ray) { return respond_ray(body, s, as_printed, rough); }
-    return respond_reflect(body, s, as_printed, rough);
+    if (ray) { return respond_ray(point, contact, as_printed, rough); }
+    return respond_reflect(point, contact, as_printed, rough);
 }

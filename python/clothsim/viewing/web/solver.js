@@ -55,7 +55,7 @@ class Solver {
     this.bindings = device.createBindGroup({ layout: this.layout, entries: bound.map((buffer, binding) => ({ binding, resource: { buffer } })) });
     this.groups = [Math.ceil(columns / data.group), Math.ceil(rows / data.group)];
   }
-  // Compile the shader for a collision method, whose texts differ in `pushed` and `respond_all` alone, and for its features.
+  // Compile the shader for a collision method, whose texts differ in `add_contacts` and `respond_all` alone, and for its features.
   async compile(method, features) {
     const { device, data } = this, module = device.createShaderModule({ code: data.wgsl + data.methods[method].wgsl });
     const said = (await module.getCompilationInfo()).messages.filter((m) => m.type === "error");
