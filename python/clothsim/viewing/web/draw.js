@@ -9,7 +9,7 @@ const float = (number) => number.toFixed(4);
 const vec3 = (numbers) => `vec3(${numbers.map(float)})`;
 const MAP_SIZE = 512;         // texels of the light's view, along each axis
 const PLANE_REACH = 1.5;      // radius of a plane, in longer sides of the view
-const OUTLINE_REACH = 0.45;   // half the side of the outline of a plane seen from behind, likewise
+const OUTLINE_REACH = 0.4;    // half the side of the outline of a plane seen from behind, likewise
 const LEAST_FACING = 0.02;    // cosine, up to which a plane is seen from its side
 // Part of the text's colour in that of a plane, of its lines, and of its outline.
 const PLANE_INK = 0.08, LINE_INK = 0.2, OUTLINE_INK = 0.5;
