@@ -443,7 +443,8 @@ def test_free_cloth_has_the_bits_of_the_gather_kernel_with_the_coefficients_of_t
 
 
 def test_the_recording_is_a_page_of_its_own(live, opened, tmp_path):
-    page = live(draped(offset="none"))
+    scene = draped(offset="none")
+    page = live(scene.replace(spheres=[*scene.spheres, cs.Plane((0.0, -0.8, 0.0))]))
     page.tab.wait_for_function("() => window.live.live.t.length > 8")
     pause(page)
     idle(page)
@@ -463,6 +464,7 @@ def test_the_recording_is_a_page_of_its_own(live, opened, tmp_path):
     stored.ready()
     found = stored.tab.evaluate(f"() => ({script})(page.runs[0])")
     assert found["t"] == seen["t"] and np.abs(np.subtract(found["x"], seen["x"])).max() < 3e-5
+    assert stored.tab.evaluate("page.runs[0].lines(1)") == [[1, 0, 0], [0, 0, -1]]
     assert found["values"] == pytest.approx(seen["values"], rel=0.05, abs=1e-4)
     assert stored.said == page.said == [] and stored.asked == [path.as_uri()]
     assert (

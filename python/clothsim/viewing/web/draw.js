@@ -8,6 +8,7 @@
 const float = (number) => number.toFixed(4);
 const vec3 = (numbers) => `vec3(${numbers.map(float)})`;
 const MAP_SIZE = 512;         // texels of the light's view, along each axis
+const SHADOW_SPREAD = 2;      // extent of the map of a plane's shadow, in extents of the light's view
 const PLANE_REACH = 1.5;      // radius of a plane, in longer sides of the view
 const OUTLINE_REACH = 0.4;    // half the side of the outline of a plane seen from behind, likewise
 const LEAST_FACING = 0.02;    // cosine, up to which a plane is seen from its side
@@ -126,6 +127,34 @@ void main() {
   }
   color = vec4(shown, l.a > 0.0 ? alpha : 1.0);
 }`;
+// The part of the light that passes the cloth, as a picture of a plane in the view of the light. A first disc finds how high the
+// cloth is, and thereby the width of the shadow's edge.
+const SHADOW_FRAGMENT = `#version 300 es
+precision highp float;
+in vec2 at;
+uniform mat3 lightAxes;
+uniform vec3 normal, lightScale;
+uniform float lightHeight;             // of the middle of the light's view above the plane [m]
+uniform highp sampler2D light;         // depths of the cloth, from the light
+out vec4 color;
+float above(vec3 q) {
+  float depth = texture(light, 0.5 + 0.5 * q.xy * lightScale.xy).r;
+  return depth < 1.0 ? max((2.0 * depth - 1.0) / lightScale.z - q.z, 0.0) : 0.0;
+}
+vec2 seed(float part, int k) { return sqrt(part) * vec2(cos(2.39996 * float(k)), sin(2.39996 * float(k))); }
+void main() {
+  vec3 n = lightAxes * normal, q = vec3(at, -(lightHeight + dot(at, n.xy)) / (abs(n.z) < 1e-3 ? 1e-3 : n.z));
+  float least = 3.0 / (lightScale.x * ${MAP_SIZE}.0), widest = max(${float(SHADING.lightSize)} * (-1.0 / lightScale.z - q.z), least);
+  float sum = 0.0, count = 0.0, covered = 0.0;
+  for (int k = 0; k < 16; k++) {
+    float up = above(q + vec3(widest * seed((float(k) + 0.5) / 16.0, k), 0.0));
+    sum += up;
+    count += float(up > 0.0);
+  }
+  float width = max(${float(SHADING.lightSize)} * sum / max(count, 1.0), least);
+  for (int k = 0; k < 48; k++) covered += float(above(q + vec3(width * seed((float(k) + 0.5) / 48.0, k), 0.0)) > 0.0);
+  color = vec4(count > 0.0 ? 1.0 - covered / 48.0 : 1.0);
+}`;
 // A plane fades out around the scene. Its places are metres from the target of the view, seen along `eye`.
 const PLANE_VERTEX = `#version 300 es
 uniform vec3 scale;
@@ -143,7 +172,8 @@ uniform vec3 target, scale, eye, normal, lines[2], page, ink, middle, lightTarge
 uniform vec2 places;                   // of the target, across the lines of the grid [m]
 uniform float height, reach, tone, alpha, pixel, rounding;
 uniform vec4 balls[${balls || 1}];     // centre, radius; 0 without a shadow
-uniform highp sampler2D cloth, light;  // depths, from the eye and from the light
+uniform highp sampler2D cloth;         // depths from the eye
+uniform sampler2D shadow;
 out vec4 color;
 ${RED}
 float line(float place, float cell) {
@@ -151,29 +181,10 @@ float line(float place, float cell) {
   float part = clamp((max(${float(SHADING.planeLine)}, 0.25 * step) + 0.5 * step - away) / step, 0.0, 1.0);
   return part * clamp(1.5 - 5.0 * step / cell, 0.0, 1.0);  // no lines closer than a few pixels
 }
-// How far cloth is above a place of the light's view, towards the light; 0 where there is none.
-float above(vec3 q) {
-  float depth = texture(light, 0.5 + 0.5 * q.xy * lightScale.xy).r;
-  return depth < 1.0 ? max((2.0 * depth - 1.0) / lightScale.z - q.z, 0.0) : 0.0;
-}
-// Part of the light that reaches a point. A first disc finds how high the cloth is, and thereby the width of the shadow's edge.
+// Part of the light that reaches a point past the cloth and the balls.
 float lit(vec3 point) {
-  vec3 q = lightAxes * (point - lightTarget);
-  float least = 3.0 / (lightScale.x * ${MAP_SIZE}.0), widest = max(${float(SHADING.lightSize)} * (-1.0 / lightScale.z - q.z), least);
-  float turn = 6.2832 * fract(52.9829 * fract(dot(gl_FragCoord.xy, vec2(0.0671, 0.00584)))), sum = 0.0, count = 0.0, lit = 1.0;
-  if (all(lessThan(abs(q.xy), 1.0 / lightScale.xy + widest))) {
-    for (int k = 0; k < 48; k++) {
-      bool first = k < 16;
-      float part = first ? float(k) / 16.0 : float(k - 16) / 32.0, angle = float(k) * 2.39996 + turn;
-      if (k == 16) {
-        if (count == 0.0) break;
-        widest = max(${float(SHADING.lightSize)} * sum / count, least);
-      }
-      float up = above(q + vec3(sqrt(part + 0.015) * widest * vec2(cos(angle), sin(angle)), 0.0));
-      if (first) { sum += up; count += float(up > 0.0); }
-      else lit -= float(up > 0.0) / 32.0;
-    }
-  }
+  vec2 q = (lightAxes * (point - lightTarget)).xy;
+  float lit = texture(shadow, 0.5 + 0.5 * q * lightScale.xy / ${SHADOW_SPREAD}.0).r;
   for (int k = 0; k < ${balls}; k++) {
     vec3 way = balls[k].xyz - point;
     float towards = dot(way, lightAxes[2]), beside = sqrt(max(dot(way, way) - towards * towards, 0.0));
@@ -251,10 +262,13 @@ class Drawing {
     gl.bindVertexArray(null);
     this.depths = this.depthPass();
     if (run.spheres.some((_, s) => run.lines(s))) {
-      this.plane = this.program(PLANE_VERTEX, planeFragment(run.compared));
+      this.casterCount = run.compared && run.spheres.filter((_, s) => !run.lines(s)).length;
+      this.plane = this.program(PLANE_VERTEX, planeFragment(this.casterCount));
       this.outline = this.program(OUTLINE_VERTEX, OUTLINE_FRAGMENT);
+      this.shadow = this.program(PLANE_VERTEX, SHADOW_FRAGMENT);
       this.light = this.depthPass();
       this.size(this.light, MAP_SIZE, MAP_SIZE);
+      this.shadows = run.spheres.map((_, s) => run.lines(s) && this.shadowPass());
     }
     gl.enable(gl.DEPTH_TEST);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
@@ -293,12 +307,27 @@ class Drawing {
   }
   // A texture of the cloth's depths, and what draws into it.
   depthPass() { return { texture: this.gl.createTexture(), buffer: this.gl.createFramebuffer() }; }
+  // A texture of a plane's shadow, and what draws into it.
+  shadowPass() {
+    const { gl } = this, pass = this.depthPass();
+    gl.bindTexture(gl.TEXTURE_2D, pass.texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.R8, MAP_SIZE, MAP_SIZE, 0, gl.RED, gl.UNSIGNED_BYTE, null);
+    this.filter(gl.LINEAR);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, pass.buffer);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, pass.texture, 0);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    return pass;
+  }
+  filter(kind) {
+    const { gl } = this;
+    for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, kind);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+  }
   size({ texture, buffer }, width, height) {
     const { gl } = this;
     gl.bindTexture(gl.TEXTURE_2D, texture);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.DEPTH_COMPONENT24, width, height, 0, gl.DEPTH_COMPONENT, gl.UNSIGNED_INT, null);
-    for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, gl.NEAREST);
-    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+    this.filter(gl.NEAREST);
     gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, texture, 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
@@ -315,18 +344,20 @@ class Drawing {
     pointNormals(x, run.shape, this.normals);
     run.values(frame, mode, values);
     [x, this.normals, null, values].forEach((data, k) => { if (data) this.upload(this.buffers[k], data); });
-    const obstacles = run.spheres.map((_, s) => ({ center: run.center(s, frame), radius: run.radius(s, frame), lines: run.lines(s) }));
+    const obstacles = run.spheres.map((_, s) => ({
+      center: run.center(s, frame), radius: run.radius(s, frame), lines: run.lines(s), shadow: this.shadows?.[s],
+    }));
     const forms = obstacles.map(({ center, radius }) => formOf(center, radius, this.camera));
     this.sphereData = forms.slice(0, run.compared).flat();
     this.planes = obstacles.filter(({ lines }) => lines);
-    if (this.planes.length) this.lightView = lightViewOf(x);
-    this.casters = obstacles.map(({ center, radius }) => [...center, radius < this.camera.start.reach ? radius : 0]);
+    this.casters = obstacles.filter(({ lines }) => !lines).map(({ center, radius }) => [...center, radius < this.camera.start.reach ? radius : 0]);
     const balls = forms.map((form) => [...form, ...SHADING[mode.name === "depth" ? "darkSphere" : "sphere"], 1]).filter((_, s) => !obstacles[s].lines);
     const dot = (color) => (p) => balls.push([...formOf(x.subarray(3 * p, 3 * p + 3), size, this.camera), ...color, 0]);
     run.pins.forEach(dot(DARK.matches ? SHADING.pin.map((k) => 1 - k) : SHADING.pin));
     run.dots.forEach(dot(SHADING.front));
     this.count.balls = balls.length;
     this.upload(this.ballBuffer, new Float32Array(balls.flat()));
+    if (this.planes.length) this.drawShadows(lightViewOf(x));
   }
   draw(camera) {
     this.resize();
@@ -335,9 +366,6 @@ class Drawing {
     if (this.planes.length) view.scale[2] /= 3;  // planes reach further than the scene
     const { scale } = view, set = (program) => this.look(program, view);
     gl.clearColor(...rgb(css("--page").slice(1)), 1);
-    gl.disable(gl.BLEND);
-    gl.bindVertexArray(this.clothArray);
-    if (this.planes.length) this.drawDepths(this.light, this.lightView, MAP_SIZE, MAP_SIZE);
     this.drawDepths(this.depths, view, canvas.width, canvas.height);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     set(this.cloth);
@@ -369,6 +397,8 @@ class Drawing {
   }
   drawDepths({ buffer }, view, width, height) {
     const { gl } = this;
+    gl.disable(gl.BLEND);
+    gl.bindVertexArray(this.clothArray);
     gl.viewport(0, 0, width, height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
     gl.clear(gl.DEPTH_BUFFER_BIT);
@@ -376,7 +406,25 @@ class Drawing {
     gl.drawElements(gl.TRIANGLES, this.count.corners, gl.UNSIGNED_INT, 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
-  drawPlane({ center, radius, lines }, view, { alpha, rounding, pixel }) {
+  drawShadows(view) {
+    const { gl, shadow } = this;
+    this.lightView = view;
+    this.drawDepths(this.light, view, MAP_SIZE, MAP_SIZE);
+    gl.bindTexture(gl.TEXTURE_2D, this.light.texture);
+    gl.disable(gl.DEPTH_TEST);
+    for (const { center, radius, lines, shadow: { buffer } } of this.planes) {
+      gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
+      this.look(shadow, { ...view, scale: view.scale.map((k) => k / SHADOW_SPREAD) });
+      gl.uniformMatrix3fv(shadow("lightAxes"), true, view.axes.flat());
+      gl.uniform3fv(shadow("lightScale"), view.scale);
+      gl.uniform3fv(shadow("normal"), cross(...lines));
+      gl.uniform1f(shadow("lightHeight"), Math.hypot(...minus(view.target, center)) - radius);
+      gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    }
+    gl.enable(gl.DEPTH_TEST);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  }
+  drawPlane({ center, radius, lines, shadow }, view, { alpha, rounding, pixel }) {
     const { gl, canvas, lightView, camera: { start } } = this, { target } = view;
     const normal = cross(...lines), height = Math.hypot(...minus(target, center)) - radius, facing = dot(view.axes[2], normal);
     const side = Math.max(start.width, start.height), program = facing > LEAST_FACING ? this.plane : this.outline;
@@ -393,10 +441,10 @@ class Drawing {
     gl.uniformMatrix3fv(program("lightAxes"), true, lightView.axes.flat());
     gl.uniform2fv(program("places"), lines.map((line) => dot(minus(target, center), line) % (10 * SHADING.planeCell)));
     gl.uniform2f(program("half_line"), 3 / canvas.width, 3 / canvas.height);
-    if (this.run.compared) gl.uniform4fv(program("balls"), this.casters.flat());
-    gl.uniform1i(program("light"), 1);
+    if (this.casterCount) gl.uniform4fv(program("balls"), this.casters.flat());
+    gl.uniform1i(program("shadow"), 1);
     gl.activeTexture(gl.TEXTURE1);
-    gl.bindTexture(gl.TEXTURE_2D, this.light.texture);
+    gl.bindTexture(gl.TEXTURE_2D, shadow.texture);
     gl.activeTexture(gl.TEXTURE0);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, program === this.plane ? 1 : 4);
   }
