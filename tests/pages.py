@@ -6,7 +6,7 @@ import numpy as np
 
 
 def pixels(page, canvas=0):
-    """The RGB pixels of a run's canvas."""
+    """Return the RGB pixels of a run's canvas."""
     script = """(name) => {
       const from = document.getElementById(name), to = document.createElement("canvas");
       to.width = from.width; to.height = from.height;

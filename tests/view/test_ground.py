@@ -25,13 +25,13 @@ RED = np.array([1.0, -0.5, -0.5])  # against grey
 
 @pytest.fixture(scope="module", params=FLOORS)
 def runs(request):
-    """A run of a light sheet that falls on a floor, and the same frames without the floor."""
+    """Return a run of a light sheet that falls on a floor, and its frames without the floor."""
     run = cs.simulate(cs.Scene(CLOTH, FLOORS[request.param]), 0.8, dt=2e-4, fps=10)
     return run, cs.Run(run.scene.replace(spheres=()), run.t, run.x, run.v, run.report)
 
 
 def share(picture):
-    """Part of a picture that has the colours of cloth."""
+    """Return the part of a picture that has the colours of cloth."""
     colors = np.asarray(picture).astype(int)
     return (np.ptp(colors, axis=-1) > 25).mean()
 

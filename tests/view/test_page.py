@@ -14,7 +14,7 @@ FRAMES = 300
 
 @pytest.fixture(scope="module")
 def runs():
-    """Methods 1 and 2; the second with fewer frames, and shorter."""
+    """Return methods 1 and 2; the second with fewer frames, and shorter."""
     first = cs.simulate(cs.scenes.paper_static("reflect"), 1.5, dt=5e-4, every=1.5 / (FRAMES - 1))
     second = cs.simulate(cs.scenes.paper_static("ray"), 1.0, dt=5e-4, every=0.02)
     return {"method 1": first, "method 2": second}

@@ -15,7 +15,9 @@ TO_LIGHT = np.array([0.3, 1.0, 0.25])
 
 
 def lines(profile, places):
-    """Places of the lines in a profile of brightness, which are darker or lighter than the rest."""
+    """Return the places of the lines in a profile of brightness: darker or lighter than the
+    rest.
+    """
     away = np.abs(profile - np.median(profile))
     marked = away > 0.5 * away.max()
     starts = np.flatnonzero(np.diff(marked.astype(int), prepend=0) == 1)
@@ -66,8 +68,8 @@ def test_a_ground_that_no_scene_has_shows_no_grid():
 
 @pytest.fixture
 def falling(tmp_path):
-    """`falling(speed)`: a page of a small sheet high above a floor, and 1 s later near it. The
-    floor moves along x [m/s].
+    """Return `falling(speed)`: a page of a small sheet high above a floor, and 1 s later near it.
+    The floor moves along x [m/s].
     """
 
     def page(speed):
@@ -80,7 +82,7 @@ def falling(tmp_path):
 
 
 def from_above(page):
-    """Brightness of the canvas from above, and the x and z of its columns and rows [m]."""
+    """Return the brightness seen from above, and the x and z of its columns and rows [m]."""
     page.tab.evaluate("() => { page.camera.reset([0, 1, 0]); page.redraw(); }")
     shown = pixels(page).mean(axis=-1)
     rows, columns = shown.shape
@@ -143,7 +145,7 @@ def test_a_plane_is_a_surface_from_the_front_and_an_outline_from_behind(tmp_path
 
 
 def page_color(page):
-    """The background of the page."""
+    """Return the background of the page."""
     text = page.tab.evaluate("getComputedStyle(document.body).backgroundColor")
     return np.array([int(part) for part in text[4:-1].split(",")])
 

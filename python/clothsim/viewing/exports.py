@@ -36,8 +36,8 @@ VISIBLE, USELESS = 0.1, 1.0
 
 
 def checked(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType]:
-    """The file of an export of a run of `scene`, and the module that writes it; `name` names `path`
-    in messages.
+    """Return the file of an export of a run of `scene`, and the module that writes it; `name` names
+    `path` in messages.
     """
     path = file_path(name, path)
     suffix = path.suffix.lower()
@@ -60,8 +60,8 @@ def export(
     z_up: bool = False,
     progress: bool = False,
 ) -> list[Path]:
-    """`Run.export`: the files, moved to their places once all are complete. With `progress`, a bar
-    counts frames.
+    """Export a run, as `Run.export` does; its files come to their places once all are complete.
+    With `progress`, a bar counts frames.
     """
     path, module = checked(run.scene, path)
     fps = (
@@ -166,12 +166,12 @@ class Clip:
         return Frame(k, float(self.times[k]), x, v, self.centers(k))
 
     def centers(self, k: int) -> Floats:
-        """Centres of the spheres in frame `k`, shape (spheres, 3) [m]."""
+        """Return the centres of the spheres in frame `k`, shape (spheres, 3) [m]."""
         t = self.times[k] + self._run.t[0]
         return self._turned(np.array([s.center_at(t) for s in self.spheres]).reshape(-1, 3))
 
     def name(self, k: int) -> str:
-        """The name of sphere or plane `k` in files."""
+        """Return the name of sphere or plane `k` in files."""
         return f"{type(self.spheres[k]).__name__.lower()}_{k}"
 
     @cached_property
@@ -186,7 +186,7 @@ class Clip:
         return self._turned(self.spheres[k].unit_normal)
 
     def depth(self, k: int, places: Floats) -> Floats:
-        """Depth of places from the centre of sphere or plane `k` below its surface [m]."""
+        """Return the depth below sphere or plane `k` of places from its centre [m]."""
         radius = self.spheres[k].radius
         return (
             -(places @ self.normal(k))
@@ -202,8 +202,8 @@ class Clip:
         )
 
     def normals(self, positions: Floats) -> Floats:
-        """Unit normals of the mass points: the area-weighted mean of their triangles' normals, or y
-        where it is 0.
+        """Return the unit normals of the mass points: the area-weighted mean of their triangles'
+        normals, or y where it is 0.
         """
         a, b, c = (positions[self.triangles[:, k]] for k in range(3))
         weights, corners = np.repeat(np.cross(b - a, c - a), 3, axis=0), self.triangles.ravel()
@@ -215,14 +215,16 @@ class Clip:
 
 
 def _rate(steps: Floats) -> float | None:
-    """Frames per second of equal steps [s], else None."""
+    """Return the frames per second of equal steps [s], else None."""
     if not len(steps) or np.ptp(steps) > EVEN * steps.max():
         return None
     return float(f"{len(steps) / steps.sum():.12g}")
 
 
 def between(run: Any, before: int, after: int, t: float) -> tuple[Floats, Floats]:
-    """Positions and velocities at a time `t` [s] between two stored frames; see `interpolated`."""
+    """Return the positions and velocities at a time `t` [s] between two stored frames; see
+    `interpolated`.
+    """
     states = [(run.x[k], run.v[k]) for k in (before, after)]
     return interpolated(
         t, [run.scene], float(run.t[before]), float(run.t[after] - run.t[before]), *states

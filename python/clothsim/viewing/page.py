@@ -92,7 +92,7 @@ class Comparison:
         return write_bytes(path, self._page(title).encode())
 
     def show(self, height: int = 600) -> Frame:
-        """The page for a notebook cell; `height` is 300 to 4000 pixels."""
+        """Return the page for a notebook cell; `height` is 300 to 4000 pixels."""
         title, height = (
             " and ".join(self.runs),
             check.integer("height", height, minimum=300, maximum=4000),
@@ -179,7 +179,7 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
 
 
 def _differences(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
-    """The differences of the further runs to the first, at all their times."""
+    """Return the differences of the further runs to the first, at all their times."""
     (first, base), *others = runs.items()
     if not others:
         raise ValueError(
@@ -196,7 +196,7 @@ def _differences(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
 
 
 def _title_of(scene: Scene) -> str:
-    """The name of a ready scene, or what the scene has."""
+    """Return the name of a ready scene, or what the scene has."""
     responses = ", ".join(dict.fromkeys(sphere.response for sphere in scene.spheres))
     made = {
         f"{f.__name__}, {responses}": f(responses)
@@ -210,7 +210,9 @@ def _title_of(scene: Scene) -> str:
 
 
 def alone(run: Run, title: str | None = None) -> Comparison:
-    """A comparison of one run, labelled with its page's title, for `Run.to_html` and `Run.show`."""
+    """Return a comparison of one run, labelled with its page's title, for `Run.to_html` and
+    `Run.show`.
+    """
     return Comparison(
         {_title_of(run.scene) if title is None else check.instance("title", title, str): run}
     )
@@ -219,8 +221,8 @@ def alone(run: Run, title: str | None = None) -> Comparison:
 def page_body(
     title: str, runs: Mapping[str, Run], distances: Sequence[Mapping[str, Any]] = (), more: str = ""
 ) -> str:
-    """The body of a page that plays runs, with `more` below its controls; `distances` are those of
-    `_differences`.
+    """Return the body of a page that plays runs, with `more` below its controls; `distances` are
+    those of `_differences`.
     """
     cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
     meta, data = _contents(runs, cameras, distances)
@@ -250,7 +252,7 @@ def page_body(
 
 
 def page_text(title: str, body: str, after: str = "") -> str:
-    """The text of a self-contained page that makes no request; `after` follows its scripts."""
+    """Return a self-contained page that makes no request; `after` follows its scripts."""
     code = "\n".join(map(web_file, ("draw.js", "orbit.js", "charts.js", "page.js")))
     shading, style = json_text(SHADING), web_file("page.css")
     return filled(
@@ -265,12 +267,12 @@ def page_text(title: str, body: str, after: str = "") -> str:
 
 
 def web_file(name: str) -> str:
-    """The text of a file of web/."""
+    """Return the text of a file of web/."""
     return (files(__package__) / "web" / name).read_text(encoding="utf-8")
 
 
 def filled(name: str, **values: str) -> str:
-    """A file of web/ with its $names replaced."""
+    """Return a file of web/ with its $names replaced."""
     return Template(web_file(name)).substitute(values)
 
 
@@ -294,7 +296,7 @@ def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
 
 
 def _sparse(runs: Mapping[str, Run]) -> str:
-    """A sentence where a run has no frames between the first and the last."""
+    """Return a sentence where a run has no frames between the first and the last."""
     short = [label for label, run in runs.items() if len(run) <= 2]
     if not short:
         return ""
@@ -314,13 +316,13 @@ def _views() -> str:
 
 
 def _kinds(scenes: Sequence[Scene]) -> list[str]:
-    """What cloth meets in the scenes: "sphere", "plane", both or nothing."""
+    """Return what cloth meets in the scenes: "sphere", "plane", both or nothing."""
     kinds = {obstacle._kind for scene in scenes for obstacle in scene.spheres}
     return sorted(kinds, reverse=True)
 
 
 def _bodies(scenes: Sequence[Scene]) -> str:
-    """What is drawn of scenes, in words."""
+    """Return what is drawn of scenes, in words."""
     *others, last = ["Cloth", *(f"{kind}s" for kind in _kinds(scenes))]
     return f"{', '.join(others)} and {last}" if others else last
 
@@ -335,7 +337,7 @@ def _help(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
 def _contents(
     runs: Mapping[str, Run], cameras: list[Camera], distances: Sequence[Mapping[str, Any]]
 ) -> tuple[dict[str, Any], str]:
-    """Settings of the page, and its script elements with the frames."""
+    """Return the settings of the page, and its script elements with the frames."""
     values = {"stretch": [point_stretch(run.scene, run.x) for run in runs.values()]}
     values["speed"] = [
         np.array([np.linalg.norm(v, axis=-1).ravel() for v in run.v]) for run in runs.values()
@@ -392,7 +394,9 @@ def _contents(
 
 
 def common_view(views: list[Camera]) -> Camera:
-    """A view of all of `views`, except far wider ones, beside which the others would be small."""
+    """Return a view of all of `views`, except far wider ones, beside which the others would be
+    small.
+    """
     views = [view for view in views if view.width <= WIDER * min(one.width for one in views)]
     target = np.mean([view.target for view in views], axis=0)
     far = [2 * float(np.linalg.norm(view.target - target)) for view in views]
@@ -405,7 +409,7 @@ def common_view(views: list[Camera]) -> Camera:
 
 
 def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
-    """The view of the page, and a distance from its target that holds all runs."""
+    """Return the view of the page, and a distance from its target that holds all runs."""
     view = common_view(views)
     far = 1.05 * max(reach(run.scene, run.x, run.t, np.array(view.target)) for run in runs.values())
     return {
@@ -418,7 +422,7 @@ def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
 
 
 def poster(scene: Scene, x: np.ndarray, t: float, camera: Camera) -> str:
-    """A state as a picture, for readers without scripts, WebGL or WebGPU."""
+    """Return a state as a picture, for readers without scripts, WebGL or WebGPU."""
     png = picture(scene, x, t, camera=camera, width=POSTER_WIDTH)._repr_png_()
     return (
         f'<img alt="{_bodies([scene])} at t = {t:g} s" '
@@ -427,13 +431,13 @@ def poster(scene: Scene, x: np.ndarray, t: float, camera: Camera) -> str:
 
 
 def _rounded(values: Any, digits: int) -> list[float | None]:
-    """Numbers for JSON; numbers that are not finite become null."""
+    """Return numbers for JSON; numbers that are not finite become null."""
     flat = np.asarray(values, float)
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in flat]
 
 
 def json_text(meta: Mapping[str, Any]) -> str:
-    """JSON for a script element."""
+    """Return JSON for a script element."""
     # "</script>" in a label would end the element.
     return json.dumps(meta, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
@@ -452,8 +456,8 @@ class Packed(NamedTuple):
 
 
 def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
-    """Positions, shape (frames, rows, columns, 3), in 16 bits, and values, shape (frames, points),
-    in 8 bits, deflated.
+    """Pack positions, shape (frames, rows, columns, 3), in 16 bits, and values, shape (frames,
+    points), in 8 bits, deflated.
 
     Positions of a run are integers q, 0 to 65535, between its lowest and highest coordinate on each
     axis: x = low + step q. Second differences in time, q[k] - 2 q[k-1] + q[k-2], are small where a

@@ -144,7 +144,7 @@ def _row_of(plane: Plane) -> list[float]:
 def _on_screen(
     points: Floats, camera: Camera, axes: Floats, scale: float, width: int, height: int
 ) -> Floats:
-    """Samples to the right and down, and nearness; see Sheet in cpp/picture/frame.hpp."""
+    """Return samples to the right and down, and nearness; see Sheet in cpp/picture/frame.hpp."""
     seen = np.einsum("rck,ak->rca", points - camera.target, axes)
     nearness = seen[..., 2]
     if camera.distance is not None:

@@ -38,8 +38,8 @@ class Body(NamedTuple):
 
 @cache
 def unit_ball() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
-    """Vertices, which are also the normals, triangles whose normals point outwards, and longitude
-    and latitude, 0 to 1.
+    """Return the vertices, which are also the normals, triangles whose normals point outwards, and
+    longitude and latitude, 0 to 1.
     """
     v, u = np.meshgrid(
         np.linspace(0, 1, FROM_POLE_TO_POLE + 1), np.linspace(0, 1, AROUND + 1), indexing="ij"
@@ -79,7 +79,7 @@ def surface(clip: Clip, k: int) -> tuple[Floats, npt.NDArray[np.int64], Floats, 
 
 
 def bodies(clip: Clip, frame: Frame) -> list[Body]:
-    """The cloth, then the spheres at their places in that frame."""
+    """Return the cloth, then the spheres at their places in that frame."""
     found = [Body("cloth", frame.positions, clip.triangles, clip.normals(frame.positions), clip.uv)]
     for k, center in enumerate(frame.centers):
         vertices, corners, normals, uv = surface(clip, k)
@@ -88,8 +88,8 @@ def bodies(clip: Clip, frame: Frame) -> list[Body]:
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
-    """Files numbered from 1: .obj, one for each frame, with the bodies as its objects; else one for
-    each frame and body.
+    """Write files numbered from 1: .obj, one for each frame, with the bodies as its objects; else
+    one for each frame and body.
     """
     suffix = path.suffix.lower()
     if suffix == ".pc2":
@@ -123,7 +123,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
 
 
 def _write_pc2(clip: Clip, path: Path) -> list[Path]:
-    """The cache, and the mesh that it moves."""
+    """Write the cache, and the mesh that it moves."""
     if clip.fps is None and len(clip) > 1:
         raise ValueError(
             "fps must be a number for .pc2, which holds frames at equal distances: those of "
@@ -140,7 +140,7 @@ def _write_pc2(clip: Clip, path: Path) -> list[Path]:
 
 
 def _obj(meshes: Sequence[Body]) -> bytes:
-    """Positions with 9 digits, which keep all of a float32, texture coordinates and normals."""
+    """Return a text with 9 digits of a position, which keep all of a float32."""
     lines, first = ["# clothsim, metres\n"], 1
     for body in meshes:
         corners = np.repeat(body.corners.ravel() + first, 3).reshape(-1, 9)
@@ -157,7 +157,9 @@ def _obj(meshes: Sequence[Body]) -> bytes:
 
 
 def _ply(body: Body) -> bytes:
-    """Binary, little-endian, float32; texture coordinates under the names that Blender reads."""
+    """Return binary data, little-endian, float32; texture coordinates have the names that Blender
+    reads.
+    """
     vertices = np.hstack([body.positions, body.normals, body.uv]).astype("<f4")
     faces = np.empty(len(body.corners), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, body.corners
@@ -173,12 +175,12 @@ def _ply(body: Body) -> bytes:
 
 
 def _vtp(clip: Clip, frame: Frame, body: Body) -> bytes:
-    """XML PolyData; mass points have velocities, and depths below the nearest sphere's true radius
-    [m].
+    """Return PolyData as XML; mass points have velocities, and depths below the
+    nearest true surface [m].
     """
 
     def array(name: str, values: npt.NDArray[np.generic]) -> str:
-        """Binary data follow their length, both as base64."""
+        """Return values as binary data after their length, both as base64."""
         text = b64encode(struct.pack("<Q", values.nbytes) + values.tobytes()).decode()
         kind, components = (
             VTK_TYPES[values.dtype.str[1:]],
