@@ -37,7 +37,7 @@ from ..run.result import Run
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
 from ..viewing.notebook import Frame
-from ..viewing.page import filled, json_text, page_body, page_text, web_file
+from ..viewing.page import fill, json_text, page_body, page_text, web_file
 from ..viewing.picture import file_path
 from .shader import (
     CONTACT_SIZE,
@@ -143,7 +143,7 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
         f"<option{' selected' if k == data['method'] else ''}>{name}</option>"
         for k, name in enumerate(data.pop("names"))
     )
-    live = filled(
+    live = fill(
         "live.html",
         methods="".join(names),
         state=_packed(_state(scene).astype("<f8").tobytes()),

@@ -486,9 +486,9 @@ class Run:
         ...     path.name, path.stat().st_size < 500_000
         ('run.html', True)
         """
-        from ..viewing.page import alone
+        from ..viewing.page import comparison_of
 
-        return alone(self, title).to_html(path)
+        return comparison_of(self, title).to_html(path)
 
     @check.named
     def show(self, *, height: int = 760) -> Any:
@@ -504,9 +504,9 @@ class Run:
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
-        from ..viewing.page import alone
+        from ..viewing.page import comparison_of
 
-        return alone(self).show(height)
+        return comparison_of(self).show(height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """The lines of `print`, and a picture of the last frame, for a notebook."""

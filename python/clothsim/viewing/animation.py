@@ -32,15 +32,21 @@ class Film:
     def __init__(
         self, drawing: Drawing, shown: Sequence[int], fps: float, advance: Callable[[int], object]
     ) -> None:
-        self.drawing, self.shown, self.fps, self._advance = drawing, shown, fps, advance
-        self._counted, self._frame, self._pixels = 0, -1, np.empty((0, 0, 3), np.uint8)
+        self.drawing = drawing
+        self.shown = shown
+        self.fps = fps
+        self._advance = advance
+        self._counted = 0
+        self._frame = -1
+        self._pixels = np.empty((0, 0, 3), np.uint8)
 
     def __len__(self) -> int:
         return len(self.shown)
 
     def __getitem__(self, k: int) -> Pixels:
         if self.shown[k] != self._frame:
-            self._frame, self._pixels = self.shown[k], self.drawing.pixels(self.shown[k])
+            self._frame = self.shown[k]
+            self._pixels = self.drawing.pixels(self._frame)
         if k == self._counted:
             self._counted += 1
             self._advance(1)
@@ -172,8 +178,8 @@ def _ffmpeg() -> str:
     if program is not None:
         return program
     with suppress(ImportError, RuntimeError):
-        found: str = needed("imageio_ffmpeg", "an MP4 film", "film").get_ffmpeg_exe()
-        return found
+        packaged: str = needed("imageio_ffmpeg", "an MP4 film", "film").get_ffmpeg_exe()
+        return packaged
     raise RuntimeError(
         "an MP4 film needs ffmpeg, which is neither on the PATH nor in the package "
         "imageio-ffmpeg: install the program (Debian, Ubuntu: apt-get install ffmpeg) or run pip "

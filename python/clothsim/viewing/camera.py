@@ -78,17 +78,17 @@ class Camera:
         distance: float | None = None,
     ) -> None:
         lengths = {"width": width, "height": height, "distance": distance}
-        made = {
+        values = {
             name: check.vector(name, value)
             for name, value in (("direction", direction), ("target", target))
         }
-        made |= {
+        values |= {
             n: v if v is None else check.number(n, v, minimum=0, exclusive=True)
             for n, v in lengths.items()
         }
-        if not any(made["direction"]):
+        if not any(values["direction"]):
             raise ValueError(f"direction must not be the zero vector, got {direction!r}")
-        self.__dict__.update(made)
+        self.__dict__.update(values)
 
     def axes(self) -> Floats:
         """Return the right, up and towards-the-eye unit vectors as rows, shape (3, 3).

@@ -35,7 +35,7 @@ FARTHEST = 1e38  # m from the origin; files have float32
 VISIBLE, USELESS = 0.1, 1.0
 
 
-def checked(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType]:
+def file_and_format(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType]:
     """Return the file of an export of a run of `scene`, and the module that writes it; `name` names
     `path` in messages.
     """
@@ -63,7 +63,7 @@ def export(
     """Export a run, as `Run.export` does; its files come to their places once all are complete.
     With `progress`, a bar counts frames.
     """
-    path, module = checked(run.scene, path)
+    path, module = file_and_format(run.scene, path)
     fps = (
         None
         if fps is None
@@ -103,7 +103,9 @@ class Clip:
     """
 
     def __init__(self, run: Any, fps: float | None, z_up: bool) -> None:
-        self.scene, self.z_up, self._run = run.scene, z_up, run
+        self.scene = run.scene
+        self.z_up = z_up
+        self._run = run
         self.spheres, self.triangles = tuple(run.scene.spheres), triangles(run.scene.cloth.shape)
         rows, columns = run.scene.cloth.shape
         self.uv = np.stack(
@@ -249,15 +251,13 @@ def _check_interpolation(run: Any, fps: float) -> None:
     away = (
         between(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k] for k in range(1, len(run.t) - 1)
     )
-    error, spacing = (
-        max(float(np.linalg.norm(one, axis=-1).max()) for one in away),
-        min(run.scene.cloth.spacing),
-    )
-    found = (
+    error = max(float(np.linalg.norm(way, axis=-1).max()) for way in away)
+    spacing = min(run.scene.cloth.spacing)
+    reason = (
         f"a stored frame interpolated from its neighbours is wrong by {error:.3g} m, with a "
         f"grid spacing of {spacing:.3g} m"
     )
     if error > USELESS * spacing:
-        raise ValueError(f"stored frames of run are too far apart to interpolate: {found}; {cure}")
+        raise ValueError(f"stored frames of run are too far apart to interpolate: {reason}; {cure}")
     if error > VISIBLE * spacing:
-        warnings.warn(f"interpolated frames may be visibly wrong: {found}; {cure}", stacklevel=5)
+        warnings.warn(f"interpolated frames may be visibly wrong: {reason}; {cure}", stacklevel=5)

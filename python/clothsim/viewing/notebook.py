@@ -40,7 +40,7 @@ def runs_html(runs: Mapping[str, Run]) -> str:
     """Return the labels and pictures of the last frames, side by side."""
     cells = (bundle(label, run.picture(width=WIDTH))["text/html"] for label, run in runs.items())
     box = '<div style="display: inline-block; vertical-align: top"'
-    boxes = (one.replace("inline-block", "block").replace("<div", box) for one in cells)
+    boxes = (cell.replace("inline-block", "block").replace("<div", box) for cell in cells)
     return f"<div>{''.join(boxes)}</div>"
 
 
@@ -53,7 +53,9 @@ class Frame:
     """A page in a notebook: an iframe that holds all of it and may run scripts, nothing else."""
 
     def __init__(self, page: str, text: str, height: int) -> None:
-        self.page, self.text, self.height = page, text, height
+        self.page = page
+        self.text = text
+        self.height = height
 
     def _repr_html_(self) -> str:
         return (

@@ -113,14 +113,14 @@ class Comparison:
         cameras = [camera_for(None, run.scene, run.x, run.t) for run in self.runs.values()]
         style = {"camera": common_view(cameras), **style}
         times = (None if t is None else min(t, float(run.t[-1])) for run in self.runs.values())
-        shown = [run.picture(t=one, **style).pixels for run, one in zip(self.runs.values(), times)]
-        height = max(map(len, shown))  # the label of a run "as printed" has a further line
+        images = [run.picture(t=t, **style).pixels for run, t in zip(self.runs.values(), times)]
+        height = max(map(len, images))  # the label of a run "as printed" has a further line
         padded = [
-            np.pad(one, ((0, height - len(one)), (0, 0), (0, 0)), constant_values=255)
-            for one in shown
+            np.pad(image, ((0, height - len(image)), (0, 0), (0, 0)), constant_values=255)
+            for image in images
         ]
         if len(padded) > 1:
-            padded = [titled(one, label) for one, label in zip(padded, self.runs, strict=True)]
+            padded = [titled(image, label) for image, label in zip(padded, self.runs, strict=True)]
         joined = Picture(np.concatenate(padded, axis=1))
         if path is not None:
             joined.save(path)
@@ -185,31 +185,31 @@ def _differences(runs: Mapping[str, Run]) -> list[dict[str, Any]]:
         raise ValueError(
             f"difference must be False unless there are two runs at least, got {first!r} alone"
         )
-    found = [difference_of(base, run) for _, run in others]
-    for (label, run), one in zip(others, found, strict=True):
-        if len(one["t"]) < len(run):
+    distances = [difference_of(base, run) for _, run in others]
+    for (label, run), distance in zip(others, distances, strict=True):
+        if len(distance["t"]) < len(run):
             raise ValueError(
                 f"difference=True needs times of {label!r} that {first!r} has stored too, got "
-                f"{len(one['t'])} of {len(run)}: give fps= or times= to simulate"
+                f"{len(distance['t'])} of {len(run)}: give fps= or times= to simulate"
             )
-    return found
+    return distances
 
 
 def _title_of(scene: Scene) -> str:
     """Return the name of a ready scene, or what the scene has."""
     responses = ", ".join(dict.fromkeys(sphere.response for sphere in scene.spheres))
-    made = {
+    ready = {
         f"{f.__name__}, {responses}": f(responses)
         for f in (paper_static, paper_moving)
         if responses in RESPONSES
     }
-    made |= {f.__name__: f() for f in (paper_swing, hanging, oscillator)}
+    ready |= {f.__name__: f() for f in (paper_swing, hanging, oscillator)}
     rows, columns = scene.cloth.shape
     other = f"Cloth of {rows} x {columns} points" + (f", response {responses}" if responses else "")
-    return next((name for name, one in made.items() if one == scene), other)
+    return next((name for name, candidate in ready.items() if candidate == scene), other)
 
 
-def alone(run: Run, title: str | None = None) -> Comparison:
+def comparison_of(run: Run, title: str | None = None) -> Comparison:
     """Return a comparison of one run, labelled with its page's title, for `Run.to_html` and
     `Run.show`.
     """
@@ -255,7 +255,7 @@ def page_text(title: str, body: str, after: str = "") -> str:
     """Return a self-contained page that makes no request; `after` follows its scripts."""
     code = "\n".join(map(web_file, ("draw.js", "orbit.js", "charts.js", "page.js")))
     shading, style = json_text(SHADING), web_file("page.css")
-    return filled(
+    return fill(
         "frame.html",
         title=escape(title),
         style=style,
@@ -271,7 +271,7 @@ def web_file(name: str) -> str:
     return (files(__package__) / "web" / name).read_text(encoding="utf-8")
 
 
-def filled(name: str, **values: str) -> str:
+def fill(name: str, **values: str) -> str:
     """Return a file of web/ with its $names replaced."""
     return Template(web_file(name)).substitute(values)
 
@@ -292,7 +292,7 @@ def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
         for name in ("faces", "stretch", "speed", "depth", "difference")
         if name == "faces" or name in meta["tops"]
     )
-    return filled("controls.html", speeds=speeds, modes=modes)
+    return fill("controls.html", speeds=speeds, modes=modes)
 
 
 def _sparse(runs: Mapping[str, Run]) -> str:
@@ -344,21 +344,23 @@ def _contents(
     ]
     lines = [curves(run) for run in runs.values()]
     if distances:
-        away = [one["distance"].reshape(len(one["t"]), -1) for one in distances]
+        away = [d["distance"].reshape(len(d["t"]), -1) for d in distances]
         values["difference"] = [np.zeros_like(values["speed"][0]), *away]
-        for line, one in zip(lines[1:], distances, strict=True):
-            line["difference"] = one["rms"]
+        for line, distance in zip(lines[1:], distances, strict=True):
+            line["difference"] = distance["rms"]
     ends = {"max": 1.0, "top": TOP_PART}
     tops = {
         name: {
-            end: max(float(np.quantile(one, part)) for one in each) for end, part in ends.items()
+            end: max(float(np.quantile(numbers, part)) for numbers in each)
+            for end, part in ends.items()
         }
         for name, each in values.items()
     }
     if 0 < max(len(run.scene.spheres) for run in runs.values()) <= MOST_SPHERES:
         deepest = max(float(line["triangles"].max()) for line in lines if "triangles" in line)
         tops["depth"] = {"max": deepest or 1e-3}
-    entries, data = [], ""
+    entries = []
+    data = ""
     for k, (label, run) in enumerate(runs.items()):
         packed = pack(
             run.x, [each[k] for each in values.values()], [tops[name]["max"] for name in values]
@@ -397,7 +399,7 @@ def common_view(views: list[Camera]) -> Camera:
     """Return a view of all of `views`, except far wider ones, beside which the others would be
     small.
     """
-    views = [view for view in views if view.width <= WIDER * min(one.width for one in views)]
+    views = [view for view in views if view.width <= WIDER * min(view.width for view in views)]
     target = np.mean([view.target for view in views], axis=0)
     far = [2 * float(np.linalg.norm(view.target - target)) for view in views]
     width, height = (
@@ -476,10 +478,12 @@ def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
         q = np.round((points - low) / np.where(step > 0, step, 1.0)).astype(np.int64).T.reshape(-1)
         signed = (q - last - rate).astype(np.int16).astype(np.int32)  # modulo 65536, and back
         zigzag[k] = (signed << 1) ^ (signed >> 31)  # 0, -1, 1, -2, ... are 0, 1, 2, 3
-        last, rate = q, q - last if k else rate
+        if k:
+            rate = q - last
+        last = q
     deflate = zlib.compressobj(6)
-    data = [deflate.compress((one & 255).astype(np.uint8).tobytes()) for one in zigzag]
-    data += [deflate.compress((one >> 8).astype(np.uint8).tobytes()) for one in zigzag]
+    data = [deflate.compress((codes & 255).astype(np.uint8).tobytes()) for codes in zigzag]
+    data += [deflate.compress((codes >> 8).astype(np.uint8).tobytes()) for codes in zigzag]
     for values, top in zip(scalars, tops, strict=True):
         before = np.zeros(values.shape[1:], np.uint8)
         for one in values:
@@ -493,7 +497,8 @@ def as_ball(sphere: Sphere | Plane, t: Floats, x: Floats, cloth: Cloth) -> dict[
     """Return a sphere of the page: radius and centres. A plane becomes a sphere so large that it
     looks flat below the cloth's start, with the directions of its grid's lines.
     """
-    radius, centers = sphere.radius, sphere.center_at(t)
+    radius = sphere.radius
+    centers = sphere.center_at(t)
     if not isinstance(sphere, Plane):
         return {"radius": radius, "centers": [_rounded(c, 15) for c in centers]}
     radius = FLAT * max(cloth.size)

@@ -49,7 +49,9 @@ class Drawing:
     """
 
     def __init__(self, scene: Any, x: Floats, v: Floats | None, t: Floats, style: Style) -> None:
-        self.scene, self.x, self.t = scene, x, t
+        self.scene = scene
+        self.x = x
+        self.t = t
         self.width = check.integer("width", style.width, minimum=16, maximum=WIDEST)
         self.label = check.boolean("label", style.label)
         if self.label and self.width < LEAST_WIDTH:
@@ -336,10 +338,10 @@ def picture_of_run(
     return _drawn(Drawing(run.scene, run.x, run.v, run.t, style_of(style)), k, path)
 
 
-def style_of(given: Mapping[str, Any]) -> Style:
+def style_of(arguments: Mapping[str, Any]) -> Style:
     """Return the style of `Run.picture` and `Run.animate`, of the names that it has."""
-    check.arguments("picture", given, Style._fields)
-    return Style(**given)
+    check.arguments("picture", arguments, Style._fields)
+    return Style(**arguments)
 
 
 def _drawn(drawing: Drawing, k: int, path: Path | None) -> Picture:

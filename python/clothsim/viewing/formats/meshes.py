@@ -80,11 +80,13 @@ def surface(clip: Clip, k: int) -> tuple[Floats, npt.NDArray[np.int64], Floats, 
 
 def bodies(clip: Clip, frame: Frame) -> list[Body]:
     """Return the cloth, then the spheres at their places in that frame."""
-    found = [Body("cloth", frame.positions, clip.triangles, clip.normals(frame.positions), clip.uv)]
+    meshes = [
+        Body("cloth", frame.positions, clip.triangles, clip.normals(frame.positions), clip.uv)
+    ]
     for k, center in enumerate(frame.centers):
         vertices, corners, normals, uv = surface(clip, k)
-        found.append(Body(clip.name(k), center + vertices, corners, normals, uv))
-    return found
+        meshes.append(Body(clip.name(k), center + vertices, corners, normals, uv))
+    return meshes
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
@@ -94,7 +96,8 @@ def write(clip: Clip, path: Path) -> list[Path]:
     suffix = path.suffix.lower()
     if suffix == ".pc2":
         return _write_pc2(clip, path)
-    files, entries = [], []
+    files = []
+    entries = []
     for frame in clip.frames():
         meshes = bodies(clip, frame)
         for part, body in enumerate(meshes[:1] if suffix == ".obj" else meshes):
