@@ -4,6 +4,7 @@
 // A place q from an anchor is k q.q + g.q + h outside a sphere, up to second order: k = 1 / (2 radius), g is its gradient
 // at the anchor and h its value there. Float32 has room for a radius of 1e5 m, since the anchor of a sphere that is larger
 // than the view is in the view, and k, g and h are computed in double. The anchor of another is its centre, where g is 0.
+// A plane comes as a sphere so large that it is flat, with the lines of its grid, and is drawn by itself after the balls.
 // The page writes the colours and lights of raster.py into SHADING before this file.
 const float = (number) => number.toFixed(4);
 const vec3 = (numbers) => `vec3(${numbers.map(float)})`;
@@ -19,7 +20,8 @@ const minus = (a, b) => a.map((k, i) => k - b[i]);
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = (a) => a.map((k) => k / Math.hypot(...a));
 // Right, up and towards the light, as rows.
-const LIGHT_AXES = [unit(cross([0, 0, 1], SHADING.key)), unit(cross(SHADING.key, cross([0, 0, 1], SHADING.key))), unit(SHADING.key)];
+const LIGHT_RIGHT = unit(cross([0, 0, 1], SHADING.key));
+const LIGHT_AXES = [LIGHT_RIGHT, unit(cross(SHADING.key, LIGHT_RIGHT)), unit(SHADING.key)];
 const [AMBIENT, ABOVE, FROM_KEY, FROM_EYE] = SHADING.light.map(float);
 
 const SHADE = `
@@ -144,7 +146,8 @@ float above(vec3 q) {
 vec2 seed(float part, int k) { return sqrt(part) * vec2(cos(2.39996 * float(k)), sin(2.39996 * float(k))); }
 void main() {
   vec3 n = lightAxes * normal, q = vec3(at, -(lightHeight + dot(at, n.xy)) / (abs(n.z) < 1e-3 ? 1e-3 : n.z));
-  float least = 3.0 / (lightScale.x * ${MAP_SIZE}.0), widest = max(${float(SHADING.lightSize)} * (-1.0 / lightScale.z - q.z), least);
+  float least = 3.0 / (lightScale.x * ${MAP_SIZE}.0);
+  float widest = max(${float(SHADING.lightSize)} * (-1.0 / lightScale.z - q.z), least);
   float sum = 0.0, count = 0.0, covered = 0.0;
   for (int k = 0; k < 16; k++) {
     float up = above(q + vec3(widest * seed((float(k) + 0.5) / 16.0, k), 0.0));
@@ -188,7 +191,8 @@ float lit(vec3 point) {
   for (int k = 0; k < ${balls}; k++) {
     vec3 way = balls[k].xyz - point;
     float towards = dot(way, lightAxes[2]), beside = sqrt(max(dot(way, way) - towards * towards, 0.0));
-    if (balls[k].w > 0.0 && towards > 0.0) lit = min(lit, smoothstep(0.0, 1.0, 0.5 + 0.5 * (beside - balls[k].w) / (${float(SHADING.lightSize)} * towards)));
+    float edge = ${float(SHADING.lightSize)} * towards;
+    if (balls[k].w > 0.0 && towards > 0.0) lit = min(lit, smoothstep(-edge, edge, beside - balls[k].w));
   }
   return lit;
 }
@@ -350,8 +354,10 @@ class Drawing {
     const forms = obstacles.map(({ center, radius }) => formOf(center, radius, this.camera));
     this.sphereData = forms.slice(0, run.compared).flat();
     this.planes = obstacles.filter(({ lines }) => lines);
-    this.casters = obstacles.filter(({ lines }) => !lines).map(({ center, radius }) => [...center, radius < this.camera.start.reach ? radius : 0]);
-    const balls = forms.map((form) => [...form, ...SHADING[mode.name === "depth" ? "darkSphere" : "sphere"], 1]).filter((_, s) => !obstacles[s].lines);
+    this.casters = obstacles.filter(({ lines }) => !lines)
+      .map(({ center, radius }) => [...center, radius < this.camera.start.reach ? radius : 0]);
+    const color = SHADING[mode.name === "depth" ? "darkSphere" : "sphere"];
+    const balls = forms.filter((_, s) => !obstacles[s].lines).map((form) => [...form, ...color, 1]);
     const dot = (color) => (p) => balls.push([...formOf(x.subarray(3 * p, 3 * p + 3), size, this.camera), ...color, 0]);
     run.pins.forEach(dot(DARK.matches ? SHADING.pin.map((k) => 1 - k) : SHADING.pin));
     run.dots.forEach(dot(SHADING.front));
@@ -395,6 +401,7 @@ class Drawing {
     gl.uniformMatrix3fv(program("axes"), true, axes.flat());  // right, up and towards the eye: rows; GLSL wants columns
     for (const [name, value] of Object.entries({ target, scale, eye: axes[2] })) gl.uniform3fv(program(name), value);
   }
+  // Store the depths of the cloth in a view.
   drawDepths({ buffer }, view, width, height) {
     const { gl } = this;
     gl.disable(gl.BLEND);
@@ -406,6 +413,7 @@ class Drawing {
     gl.drawElements(gl.TRIANGLES, this.count.corners, gl.UNSIGNED_INT, 0);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
+  // Store the shadow that the cloth casts on each plane; `view` is that of the light.
   drawShadows(view) {
     const { gl, shadow } = this;
     this.lightView = view;
@@ -424,15 +432,18 @@ class Drawing {
     gl.enable(gl.DEPTH_TEST);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
+  // Draw a plane that faces the eye as a surface, another as an outline.
   drawPlane({ center, radius, lines, shadow }, view, { alpha, rounding, pixel }) {
     const { gl, canvas, lightView, camera: { start } } = this, { target } = view;
-    const normal = cross(...lines), height = Math.hypot(...minus(target, center)) - radius, facing = dot(view.axes[2], normal);
-    const side = Math.max(start.width, start.height), program = facing > LEAST_FACING ? this.plane : this.outline;
-    const far = Math.hypot(...minus(start.target, center)) - radius, foot = start.target.map((k, i) => k - far * normal[i]);
-    const corners = [[1, 1], [1, -1], [-1, -1], [-1, 1]].flatMap(([a, b]) => foot.map((k, i) => k + OUTLINE_REACH * side * (a * lines[0][i] + b * lines[1][i])));
+    const normal = cross(...lines);
+    const heightOf = (place) => Math.hypot(...minus(place, center)) - radius;
+    const program = dot(view.axes[2], normal) > LEAST_FACING ? this.plane : this.outline;
+    const side = Math.max(start.width, start.height), height = heightOf(target);
+    const foot = start.target.map((k, i) => k - heightOf(start.target) * normal[i]);
+    const corner = ([a, b]) => foot.map((k, i) => k + OUTLINE_REACH * side * (a * lines[0][i] + b * lines[1][i]));
     const vectors = {
-      normal, lines: lines.flat(), page: rgb(css("--page").slice(1)), ink: rgb(css("--ink").slice(1)), middle: minus(start.target, target),
-      lightTarget: lightView.target, lightScale: lightView.scale, corners,
+      normal, lines: lines.flat(), corners: [[1, 1], [1, -1], [-1, -1], [-1, 1]].flatMap(corner), middle: minus(start.target, target),
+      page: rgb(css("--page").slice(1)), ink: rgb(css("--ink").slice(1)), lightTarget: lightView.target, lightScale: lightView.scale,
     };
     const numbers = { alpha: (1 + alpha) / 2, rounding, pixel, height, reach: PLANE_REACH * side, tone: toneOf(normal) };
     this.look(program, view);
@@ -458,7 +469,8 @@ function lightViewOf(x) {
     high[k] = Math.max(high[k], place);
   });
   const middle = low.map((k, i) => (k + high[i]) / 2), half = low.map((k, i) => 0.51 * (high[i] - k) + 1e-6);
-  const across = Math.max(half[0], half[1]), target = [0, 1, 2].map((i) => LIGHT_AXES.reduce((sum, axis, k) => sum + middle[k] * axis[i], 0));
+  const across = Math.max(half[0], half[1]);
+  const target = [0, 1, 2].map((i) => LIGHT_AXES.reduce((sum, axis, k) => sum + middle[k] * axis[i], 0));
   return { axes: LIGHT_AXES, target, scale: [1 / across, 1 / across, -1 / half[2]] };
 }
 // Brightness of a plane over that of a level one, as in pictures.
