@@ -54,7 +54,7 @@ from .simulation import middles, planes_of, split
 UNLIMITED_DT = 1e-3  # s, the time step of a scene that nothing limits
 STORED = 2.0  # s of the run that a browser without WebGPU plays
 STORED_STEPS = 2e7  # of single mass points that it may take: about half a second
-STORED_POINTS = 28_000  # in all of its frames, which keeps the page below 400 kB
+STORED_POINTS = 21_000  # in all of its frames, which keeps the page below 400 kB
 METHODS = (
     ("penalty", "penalty", False),
     ("1 (reflect)", "reflect", False),
