@@ -33,6 +33,12 @@ struct Ray {
 };
 
 inline constexpr int samples = 2;  // of a pixel, along each axis
+// Tangent of the angle at which a point sees the light's radius: at half, shadows have hard edges.
+inline constexpr double light_size = 0.15;
+inline constexpr double plane_in_shadow = 0.7;  // factor of a plane's colour in full shadow
+// Part of the light on a cloth that planes take, so that the walls of a room differ; at 0 none do,
+// at 1 walls are darker than cloth in front of them.
+inline constexpr double plane_tone = 0.35;
 
 // Axes of the view are (right, up, towards the eye), its origin is the target.
 struct View {
@@ -102,6 +108,9 @@ struct Plane {
     double radius = 0;  // m around `point`, where it has faded
     Triple color{};
     bool solid = false;  // cloth below is shown
+    // A grid has lines along these two unit vectors, and a crossing at `node` [m]; zero vectors: none.
+    std::array<Triple, 2> lines{};
+    Triple node{};
 };
 
 struct Shading {
@@ -111,6 +120,8 @@ struct Shading {
     double ambient = 0, above = 0, key_light = 0, eye_light = 0;
     // Half width of a line in cells, and its factor of the colour.
     double grid_line = 0, grid_shade = 1;
+    // The grid of a plane: a cell and half the width of a line [m], and its factor of the colour.
+    double plane_cell = 1, plane_line = 0, plane_shade = 1;
     bool shadow = false;
     // At equal steps of depth, of a cloth coloured by depth; else empty.
     std::vector<Triple> depth_colors;

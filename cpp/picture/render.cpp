@@ -16,7 +16,6 @@ constexpr int tile_width = 32, tile_height = 16;
 // Part of the ambient light that a full shadow takes. At 0.25 contact hardly shows, at 1 grid lines
 // vanish.
 constexpr double ambient_in_shadow = 0.5;
-constexpr double plane_in_shadow = 0.7;  // factor of a plane's colour in full shadow
 // Cosine; at 0 the slack along the line of sight has no bound.
 constexpr double least_facing = 0.05;
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
@@ -65,8 +64,6 @@ Triple blend(const Triple& w, const double* values, const Facet& facet) {
 
 // Samples of the shadow map along an edge; at half, contact shadows are jagged.
 constexpr int map_size = 512;
-// Tangent of the angle at which a point sees the light's radius: at half, shadows have hard edges.
-constexpr double light_size = 0.15;
 // Samples of the map within which heights count as equal: at half, a sheet shades itself in
 // stripes.
 constexpr double map_slack = 2.5;
@@ -343,6 +340,33 @@ private:
         });
     }
 
+    // Brightness of a plane over that of a level one.
+    double tone_of(const Triple& normal) const {
+        const double level = light_on(shading_, {0.0, 1.0, 0.0}, 0.0, 1.0);
+        return 1 - plane_tone * (1 - light_on(shading_, normal, 0.0, 1.0) / level);
+    }
+
+    // Part of a pixel that lines of a plane's grid cover. A line has at least half a pixel; where
+    // cells have few pixels, lines fade. Every tenth line stays to ten times as far.
+    double line_part(const Plane& plane, const Triple& point, const Triple& to_right,
+                     const Triple& to_up) const {
+        double most = 0;
+        for (const Triple& across : plane.lines) {
+            const double pixel = std::abs(dot(to_right, across)) + std::abs(dot(to_up, across));
+            const double place = dot(point - plane.node, across);
+            const double half_line = std::max(shading_.plane_line, 0.25 * pixel);
+            for (const double cell : {shading_.plane_cell, 10 * shading_.plane_cell}) {
+                const double away = std::abs(place - cell * std::round(place / cell));
+                const double part = (half_line + 0.5 * pixel - away) / pixel;
+                const double fade = 1.5 - 5 * pixel / cell;
+                // A NaN, of a pixel on the horizon, becomes 0.
+                most = std::max(
+                    most, std::min(std::max(0.0, part), 1.0) * std::min(std::max(0.0, fade), 1.0));
+            }
+        }
+        return most;
+    }
+
     void paint_plane(const Plane& plane) {
         // Nearness is linear in the picture. The plane is lower by the slack, as balls are.
         const Triple n{dot(view_.axes[0], plane.normal), dot(view_.axes[1], plane.normal),
@@ -354,8 +378,18 @@ private:
         const double length = view_.perspective() ? view_.distance : 1.0;
         const double middle = view_.perspective() ? n[2] / above : height / above;
         const double by_x = -n[0] / (length * above), by_y = -n[1] / (length * above);
-        const double metre = 1 / view_.scale, left = 0.5 * view_.columns(),
-                     top = 0.5 * view_.rows();
+        const double metre = 1 / view_.scale, pixel = metre * samples;
+        const double left = 0.5 * view_.columns(), top = 0.5 * view_.rows();
+        // The place that is seen, by metres to the right and up in the plane through the target.
+        const auto place_at = [&](double right, double up) {
+            const double nearness = middle + by_x * right + by_y * up;
+            const double away = view_.perspective() ? 1 / nearness : length;
+            return view_.target +
+                view_.to_world({away / length * right, away / length * up,
+                                view_.perspective() ? length - away : nearness});
+        };
+        const double tone = tone_of(plane.normal);
+        const bool grid = dot(plane.lines[0], plane.lines[0]) > 0;
         each_pixel(box_, [&](int x, int y) {
             double lit = unknown;
             Triple color = shading_.background;
@@ -365,15 +399,17 @@ private:
                 if (!(nearness > nearest_.nearness[i])) return;
                 if (view_.perspective() && nearness <= 0) return;
                 if (std::isnan(lit)) {
-                    const double away = view_.perspective() ? 1 / nearness : length;
-                    const Triple point = view_.target +
-                        view_.to_world({away / length * right, away / length * up,
-                                        view_.perspective() ? length - away : nearness});
+                    const Triple point = place_at(right, up);
                     const Triple way = point - plane.point;
                     const double drawn = smooth(2 * (1 - std::sqrt(dot(way, way)) / plane.radius));
                     lit = drawn > 0 ? shadow_.lit(point) : 1.0;
-                    color = ((1 - (1 - plane_in_shadow) * (1 - lit)) * drawn) * plane.color +
-                        (1 - drawn) * shading_.background;
+                    double shade = tone * (1 - (1 - plane_in_shadow) * (1 - lit));
+                    if (grid && drawn > 0)
+                        shade *= 1 -
+                            (1 - shading_.plane_shade) *
+                                line_part(plane, point, place_at(right + pixel, up) - point,
+                                          place_at(right, up + pixel) - point);
+                    color = (shade * drawn) * plane.color + (1 - drawn) * shading_.background;
                 }
                 color_[i] = rounded(with_cloth_below(color, plane, i, column, row));
                 nearest_.nearness[i] = nearness;

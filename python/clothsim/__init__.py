@@ -184,7 +184,7 @@ _services.register(
         "clothsim.viewing.animation": ("animate",),
         "clothsim.viewing.exports": ("export",),
         "clothsim.viewing.notebook": ("run_bundle", "scene_bundle"),
-        "clothsim.viewing.page": ("alone",),
+        "clothsim.viewing.page": ("comparison_of",),
         "clothsim.viewing.picture": ("picture_of_run",),
         "clothsim.viewing.plots": ("plot",),
         "clothsim.viewing.plots.convergence": ("draw_convergence",),

@@ -35,6 +35,9 @@ class Sphere:
     def velocity_at(self, t: float) -> Floats: ...
 
 SAMPLES: int
+LIGHT_SIZE: float
+PLANE_IN_SHADOW: float
+PLANE_TONE: float
 
 class View:
     def __init__(self, **values: Any) -> None: ...

@@ -25,7 +25,7 @@ def _missing(reason):
 
 @pytest.fixture(scope="session")
 def browser():
-    """Chromium, driven by playwright. `make test-view` installs both."""
+    """Return Chromium, driven by playwright. `make test-view` installs both."""
     program = next(filter(None, map(which, NAMES)), None)
     if program is None:
         _missing(
@@ -57,14 +57,14 @@ class Opened:
         self.tab.goto(path.as_uri())
 
     def ready(self):
-        """Milliseconds from the start of loading to the first picture."""
+        """Return the milliseconds from the start of loading to the first picture."""
         self.tab.wait_for_selector("body[data-ready]")
         return int(self.tab.evaluate("document.body.dataset.ready"))
 
 
 @pytest.fixture
 def opened(browser):
-    """`opened(path)`: the page of that file, in a fresh context."""
+    """Return `opened(path)`: the page of that file, in a fresh context."""
     pages = []
 
     def open_page(path, **options):

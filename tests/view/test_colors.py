@@ -25,7 +25,7 @@ def test_the_palette_is_that_of_every_figure_and_page():
 
 
 def made_up_work():
-    """All methods in both precisions, and two adaptive ones."""
+    """Return rows of all methods in both precisions, and two adaptive ones."""
     names = [*cs.integrators(), "dopri5 adaptive", "dop853 adaptive"]
     solvers = [(name, precision) for name in names for precision in ("double", "single")]
     cost = np.outer(1 + np.arange(len(solvers)), [1e-3, 1e-2])

@@ -40,7 +40,7 @@ def points(run, k, z_up=False):
 
 
 def normals(x):
-    """Sum over triangles of the cross products at each corner, one by one."""
+    """Return the sum over triangles of the cross products at each corner, one by one."""
     total = np.zeros_like(x)
     for a, b, c in TRIANGLES:
         total[[a, b, c]] += np.cross(x[b] - x[a], x[c] - x[a])
@@ -307,7 +307,9 @@ def test_pvd_with_vtp_by_vtk(run, tmp_path):
 
 
 def moving(path, velocity, t, shape=(3, 4)):
-    """A run in which every mass point follows `path` along y from its place on the flat sheet."""
+    """Return a run in which every mass point follows `path` along y from its place on the flat
+    sheet.
+    """
     scene = cs.Scene(cs.Cloth(shape=shape))
     t = np.asarray(t, dtype=float)
     x = np.repeat(scene.initial_position[None], len(t), 0)
@@ -397,7 +399,7 @@ def test_a_run_of_one_frame_is_exported(run, tmp_path, suffix, fps):
 
 
 def times_of(path):
-    """Times [s] of the frames in a file."""
+    """Return the times [s] of the frames in a file."""
     if path.suffix == ".pvd":
         entries = ElementTree.parse(path).getroot().findall("Collection/DataSet")
         return sorted({float(entry.get("timestep")) for entry in entries})

@@ -25,13 +25,13 @@ RED = np.array([1.0, -0.5, -0.5])  # against grey
 
 @pytest.fixture(scope="module", params=FLOORS)
 def runs(request):
-    """A run of a light sheet that falls on a floor, and the same frames without the floor."""
+    """Return a run of a light sheet that falls on a floor, and its frames without the floor."""
     run = cs.simulate(cs.Scene(CLOTH, FLOORS[request.param]), 0.8, dt=2e-4, fps=10)
     return run, cs.Run(run.scene.replace(spheres=()), run.t, run.x, run.v, run.report)
 
 
 def share(picture):
-    """Part of a picture that has the colours of cloth."""
+    """Return the part of a picture that has the colours of cloth."""
     colors = np.asarray(picture).astype(int)
     return (np.ptp(colors, axis=-1) > 25).mean()
 
@@ -102,7 +102,7 @@ def test_cloth_below_a_plane_is_red():
 
 
 @pytest.mark.parametrize("z_up", [False, True])
-def test_a_plane_is_touched_and_exported_as_a_square_on_it_below_the_cloth(z_up):
+def test_a_plane_is_touched_and_exported_as_a_square_three_times_as_wide_as_the_scene(z_up):
     run = cs.simulate(cs.Scene(LOOSE, WALL), 1.0, dt=4e-5, fps=10)
     contacts = curves(run)["contacts"]
     assert contacts[0] == 0 and contacts[-1] == LOOSE.shape[0] * LOOSE.shape[1]
@@ -115,7 +115,13 @@ def test_a_plane_is_touched_and_exported_as_a_square_on_it_below_the_cloth(z_up)
         a, b, c = places[square.corners[0]]
         outward = np.cross(b - a, c - a)
         assert outward @ WALL.unit_normal == pytest.approx(np.linalg.norm(outward))
-        assert np.ptp(square.positions, axis=0).max() > 3 * max(LOOSE.size)
+        longest = np.ptp(run.x, axis=(0, 1, 2)).max()
+        assert np.linalg.norm(b - a) == pytest.approx(3 * longest)
+        middle = (run.x.min(axis=(0, 1, 2)) + run.x.max(axis=(0, 1, 2))) / 2
+        foot = middle - WALL.height(middle, run.t[k]) * WALL.unit_normal
+        moved = WALL.center_at(run.t[k]) - WALL.center_at(0.0)
+        along = moved - moved @ WALL.unit_normal * WALL.unit_normal
+        assert places.mean(axis=0) == pytest.approx(foot + along, abs=1e-9)
 
 
 def test_a_plane_stands_where_a_sphere_stands():

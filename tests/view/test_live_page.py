@@ -51,7 +51,7 @@ def draped(**changes):
 
 @pytest.fixture
 def live(opened, tmp_path):
-    """`live(scene, **options)`: the page of that scene, ready."""
+    """Return `live(scene, **options)`: the page of that scene, ready."""
 
     def open_live(scene, dt=DT, **options):
         page = opened(scene.to_live_html(tmp_path / "live.html", dt=dt), **options)
@@ -67,13 +67,13 @@ def pause(page):
 
 
 def after(page, steps):
-    """Planes of high and low parts after `steps` steps from the start, and the whole answer."""
+    """Return planes of high and low parts after `steps` steps, and the whole answer."""
     out = page.tab.evaluate(STEPS, steps)
     return [np.array(out[name], np.float32).reshape(6, -1) for name in ("planes", "low")], out
 
 
 def parts(stepper):
-    """The same planes of a stepper."""
+    """Return the same planes of a stepper."""
     core = stepper.snapshot().core
     names = (("positions", "velocities"), ("positions_low", "velocities_low"))
     return [
@@ -305,7 +305,7 @@ def test_controls_change_the_scene_and_the_file_has_it(live):
 
 
 def saved(page):
-    """The scene that the page saves."""
+    """Return the scene that the page saves."""
     with page.tab.expect_download() as download:
         page.tab.evaluate("document.getElementById('save-scene').click()")
     return cs.load_scene(download.value.path())
@@ -439,7 +439,8 @@ def test_free_cloth_has_the_bits_of_the_gather_kernel_with_the_coefficients_of_t
 
 
 def test_the_recording_is_a_page_of_its_own(live, opened, tmp_path):
-    page = live(draped(offset="none"))
+    scene = draped(offset="none")
+    page = live(scene.replace(spheres=[*scene.spheres, cs.Plane((0.0, -0.8, 0.0))]))
     page.tab.wait_for_function("() => window.live.live.t.length > 8")
     pause(page)
     idle(page)
@@ -459,6 +460,7 @@ def test_the_recording_is_a_page_of_its_own(live, opened, tmp_path):
     stored.ready()
     found = stored.tab.evaluate(f"() => ({script})(page.runs[0])")
     assert found["t"] == seen["t"] and np.abs(np.subtract(found["x"], seen["x"])).max() < 3e-5
+    assert stored.tab.evaluate("page.runs[0].lines(1)") == [[1, 0, 0], [0, 0, -1]]
     assert found["values"] == pytest.approx(seen["values"], rel=0.05, abs=1e-4)
     assert stored.said == page.said == [] and stored.asked == [path.as_uri()]
     assert (
@@ -589,7 +591,7 @@ def test_the_parameters_of_a_layer_have_sliders_and_are_saved(live):
 
 
 def place(page, point):
-    """Pixel of the tab where a point [m] is seen."""
+    """Return the pixel of the tab where a point [m] is seen."""
     script = """(p) => {
       const { camera } = window.live, canvas = document.getElementById("canvas-0");
       const box = canvas.getBoundingClientRect();
@@ -686,14 +688,14 @@ def test_one_finger_scrolls_the_page_and_controls_stay_at_hand(live):
 
 
 def seen(page):
-    """The pixels of the stage, shape (height, width, 3)."""
+    """Return the pixels of the stage, shape (height, width, 3)."""
     return np.asarray(
         Image.open(BytesIO(page.tab.locator("#canvas-0").screenshot())).convert("RGB")
     ).astype(int)
 
 
 def red_pixels(page, draw):
-    """Red pixels of five views, each drawn by `draw` of the camera."""
+    """Return the red pixels of five views, each drawn by `draw` of the camera."""
     red = 0
     for direction in ((1, 0.6, 1.3), (0, -1, 0.01), (1, -0.3, 0), (-1, 0.2, -1), (0, 1, 0.01)):
         script = (

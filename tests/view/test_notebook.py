@@ -16,13 +16,13 @@ def run():
 
 
 def shown(value):
-    """The MIME types that IPython sends to a notebook."""
+    """Return the MIME types that IPython sends to a notebook."""
     data, _ = formatters.DisplayFormatter().format(value)
     return data
 
 
 def lines_of(data):
-    """The lines that stand beside a picture."""
+    """Return the lines that stand beside a picture."""
     return re.search(r"<pre[^>]*>(.*?)</pre>", data["text/html"], re.DOTALL)[1].splitlines()
 
 

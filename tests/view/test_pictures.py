@@ -25,13 +25,13 @@ def run():
 
 
 def red(pixels):
-    """Pixels that are at least half red; neither the cloth's front nor the sphere has r > g."""
+    """Mark pixels that are at least half red; neither cloth nor sphere has r > g."""
     r, g, _ = np.moveaxis(np.asarray(pixels).astype(int), -1, 0)
     return r > g
 
 
 def hue(pixel):
-    """A colour without its brightness, since the light on the cloth changes that alone."""
+    """Return a colour without its brightness, since the light on the cloth changes that alone."""
     pixel = np.asarray(pixel, float)
     return pixel / pixel.sum(axis=-1, keepdims=True)
 
@@ -192,7 +192,7 @@ def test_a_label_is_a_strip_below_the_same_picture(run):
 
 
 def drawn(sheet, balls, view, width, planes):
-    """Red of a picture without and with shadows."""
+    """Return the red of a picture without and with shadows."""
     both = (
         raster.render(sheet, balls, view, width, planes=planes, shadow=one) for one in (False, True)
     )

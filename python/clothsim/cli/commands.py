@@ -18,7 +18,7 @@ from ..model import fields
 from ..viewing.animation import FORMATS as FILMS
 from ..viewing.animation import animate, film_path
 from ..viewing.exports import FORMATS as EXPORTS
-from ..viewing.exports import checked, export
+from ..viewing.exports import export, file_and_format
 from ..viewing.picture import file_path
 
 FPS = 60  # frames a second that a run stores for pages, films and exports without --every or --fps
@@ -134,7 +134,7 @@ def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
     if args.film:
         film_path("--film", args.film)
     if args.export:
-        checked(scene, args.export, "--export")
+        file_and_format(scene, args.export, "--export")
 
 
 def _add_scene(command: argparse.ArgumentParser) -> None:

@@ -37,7 +37,7 @@ from ..run.result import Run
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
 from ..viewing.notebook import Frame
-from ..viewing.page import filled, json_text, page_body, page_text, web_file
+from ..viewing.page import fill, json_text, page_body, page_text, web_file
 from ..viewing.picture import file_path
 from .shader import (
     CONTACT_SIZE,
@@ -54,7 +54,7 @@ from .simulation import middles, planes_of, split
 UNLIMITED_DT = 1e-3  # s, the time step of a scene that nothing limits
 STORED = 2.0  # s of the run that a browser without WebGPU plays
 STORED_STEPS = 2e7  # of single mass points that it may take: about half a second
-STORED_POINTS = 28_000  # in all of its frames, which keeps the page below 400 kB
+STORED_POINTS = 21_000  # in all of its frames, which keeps the page below 400 kB
 METHODS = (
     ("penalty", "penalty", False),
     ("1 (reflect)", "reflect", False),
@@ -137,7 +137,7 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
         f"<option{' selected' if k == data['method'] else ''}>{name}</option>"
         for k, name in enumerate(data.pop("names"))
     )
-    live = filled(
+    live = fill(
         "live.html",
         methods="".join(names),
         state=_packed(_state(scene).astype("<f8").tobytes()),

@@ -111,13 +111,15 @@ def _run(
     }
 
 
-GALLERY: dict[str, tuple[str, cs.Scene]] = {
-    "live_static.html": ("Experiment 1: a static sphere", cs.scenes.paper_static()),
-    "live_moving.html": ("Experiment 2: a moving sphere", cs.scenes.paper_moving()),
-    "live_swing.html": ("The cloth alone", cs.scenes.paper_swing()),
+# File -> title, scene, and the moment of its picture [s].
+GALLERY: dict[str, tuple[str, cs.Scene, float]] = {
+    "live_static.html": ("Experiment 1: a static sphere", cs.scenes.paper_static(), 0.4),
+    "live_moving.html": ("Experiment 2: a moving sphere", cs.scenes.paper_moving(), 0.4),
+    "live_swing.html": ("The cloth alone", cs.scenes.paper_swing(), 0.4),
     "live_penalty.html": (
         "Beyond the paper: contact as a force",
         cs.scenes.paper_moving("penalty", offset="cell"),
+        0.4,
     ),
 }
 
@@ -133,13 +135,13 @@ def write_gallery(folder: str | Path) -> Path:
     )
     told += "Drag the sphere and the pinned points, and choose the method in the list."
     parts = [f"# {title}", told]
-    for name, (what, scene) in GALLERY.items():
+    for name, (what, scene, moment) in GALLERY.items():
         scene.to_live_html(folder / name, title=what)
         picture = folder / name.replace(".html", ".png")
-        cs.picture(scene, width=480).save(picture)
+        cs.simulate(scene, moment, dt=2.5e-4).picture(width=480, path=picture)
         parts += [
             f"## {what}",
-            f"![The scene at its start]({picture.name})",
+            f"![The scene at t = {moment:g} s]({picture.name})",
             f"[Open the page]({name})",
         ]
     return pages.write_page(folder / "live.html", f"clothsim: {title}", parts)

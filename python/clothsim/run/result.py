@@ -490,7 +490,7 @@ class Run:
         ...     path.name, path.stat().st_size < 500_000
         ('run.html', True)
         """
-        page: Path = service("alone")(self, title).to_html(path)
+        page: Path = service("comparison_of")(self, title).to_html(path)
         return page
 
     @check.named
@@ -507,7 +507,7 @@ class Run:
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
-        return service("alone")(self).show(height)
+        return service("comparison_of")(self).show(height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """The lines of `print`, and a picture of the last frame, for a notebook."""

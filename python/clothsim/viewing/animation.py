@@ -32,22 +32,28 @@ class Film:
     def __init__(
         self, drawing: Drawing, shown: Sequence[int], fps: float, advance: Callable[[], object]
     ) -> None:
-        self.drawing, self.shown, self.fps, self._advance = drawing, shown, fps, advance
-        self._counted, self._frame, self._pixels = 0, -1, np.empty((0, 0, 3), np.uint8)
+        self.drawing = drawing
+        self.shown = shown
+        self.fps = fps
+        self._advance = advance
+        self._counted = 0
+        self._frame = -1
+        self._pixels = np.empty((0, 0, 3), np.uint8)
 
     def __len__(self) -> int:
         return len(self.shown)
 
     def __getitem__(self, k: int) -> Pixels:
         if self.shown[k] != self._frame:
-            self._frame, self._pixels = self.shown[k], self.drawing.pixels(self.shown[k])
+            self._frame = self.shown[k]
+            self._pixels = self.drawing.pixels(self._frame)
         if k == self._counted:
             self._counted += 1
             self._advance()
         return self._pixels
 
     def durations(self, tick: int) -> list[int]:
-        """Milliseconds of each picture, multiples of `tick` whose rounding errors do not add up."""
+        """Return milliseconds of each picture: multiples of `tick` whose errors do not add up."""
         ends = np.round(np.arange(len(self) + 1) * 1000 / self.fps / tick).astype(int) * tick
         return [int(d) for d in np.diff(ends)]
 
@@ -60,7 +66,7 @@ def animate(
     progress: bool = False,
     **style: Any,
 ) -> Path:
-    """`Run.animate`."""
+    """Write a film, as `Run.animate` does; with `progress`, a bar counts pictures."""
     path = film_path("path", path)
     suffix = path.suffix.lower()
     fps = check.number(
@@ -93,7 +99,7 @@ def film_path(name: str, value: Any) -> Path:
 
 
 def shown_frames(t: Floats, fps: float, speed: float) -> list[int]:
-    """The nearest stored frame for each picture of a film."""
+    """Return the nearest stored frame for each picture of a film."""
     count = max(2, round((t[-1] - t[0]) / speed * fps) + 1)
     times = np.minimum(t[0] + np.arange(count) * speed / fps, t[-1])
     after = np.searchsorted(t, times).clip(1, len(t) - 1)
@@ -129,8 +135,8 @@ def _write_webp(path: Path, film: Film) -> None:
 
 
 def _write_gif(part: Path, film: Film) -> None:
-    """One palette for all pictures, since palettes of their own flicker. Of a picture, the changed
-    rectangle is written.
+    """Write a GIF with one palette for all pictures, since palettes of their own flicker. Of a
+    picture, the changed rectangle is written.
     """
     image, gif, chops = (
         needed(f"PIL.{name}", "a film", "plot")
@@ -156,7 +162,7 @@ def _write_gif(part: Path, film: Film) -> None:
 
 
 def _common_palette(image: Any, film: Film) -> Any:
-    """A palette of 255 colours for the whole film, from eight of its pictures."""
+    """Return a palette of 255 colours for the whole film, from eight of its pictures."""
     chosen = sorted({film.shown[k] for k in np.linspace(0, len(film) - 1, 8).astype(int)})
     # Of wide pictures a part of the pixels: all of them hold Ctrl-C back for half a second.
     every = 1 + film.drawing.width // (PALETTE_WIDTH + 1)
@@ -165,13 +171,13 @@ def _common_palette(image: Any, film: Film) -> Any:
 
 
 def _ffmpeg() -> str:
-    """The program on the PATH, or that of the package imageio-ffmpeg."""
+    """Return the program on the PATH, or that of the package imageio-ffmpeg."""
     program = which("ffmpeg")
     if program is not None:
         return program
     with suppress(ImportError, RuntimeError):
-        found: str = needed("imageio_ffmpeg", "an MP4 film", "film").get_ffmpeg_exe()
-        return found
+        packaged: str = needed("imageio_ffmpeg", "an MP4 film", "film").get_ffmpeg_exe()
+        return packaged
     raise RuntimeError(
         "an MP4 film needs ffmpeg, which is neither on the PATH nor in the package "
         "imageio-ffmpeg: install the program (Debian, Ubuntu: apt-get install ffmpeg) or run pip "

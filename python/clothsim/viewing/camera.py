@@ -78,20 +78,20 @@ class Camera:
         distance: float | None = None,
     ) -> None:
         lengths = {"width": width, "height": height, "distance": distance}
-        made = {
+        values = {
             name: check.vector(name, value)
             for name, value in (("direction", direction), ("target", target))
         }
-        made |= {
+        values |= {
             n: v if v is None else check.number(n, v, minimum=0, exclusive=True)
             for n, v in lengths.items()
         }
-        if not any(made["direction"]):
+        if not any(values["direction"]):
             raise ValueError(f"direction must not be the zero vector, got {direction!r}")
-        self.__dict__.update(made)
+        self.__dict__.update(values)
 
     def axes(self) -> Floats:
-        """Right, up and towards-the-eye unit vectors as rows, shape (3, 3).
+        """Return the right, up and towards-the-eye unit vectors as rows, shape (3, 3).
 
         Examples
         --------
@@ -107,7 +107,8 @@ class Camera:
 
     @classmethod
     def around(cls, direction: Any, points: npt.ArrayLike, margin: float = 0.03) -> Camera:
-        """The orthographic view along `direction` that holds all points, no taller than wide.
+        """Return the orthographic view along `direction` that holds all points, no taller than
+        wide.
 
         Parameters
         ----------
@@ -134,7 +135,7 @@ class Camera:
 
 
 def direction_of(value: Any) -> tuple[float, float, float]:
-    """The direction for a name or a vector."""
+    """Return the direction for a name or a vector."""
     if isinstance(value, str):
         return DIRECTIONS[check.choice("camera", value, DIRECTIONS)]
     if isinstance(value, (Iterable, np.ndarray)):
@@ -149,18 +150,18 @@ def direction_of(value: Any) -> tuple[float, float, float]:
 
 
 def is_wide(sphere: Any, scene: Any) -> bool:
-    """Whether a sphere is ground or wall to the cloth."""
+    """Return whether a sphere is ground or wall to the cloth."""
     return bool(2 * sphere.radius >= max(scene.cloth.size))
 
 
 def nearest(plane: Any, place: npt.ArrayLike, t: float = 0.0) -> Floats:
-    """The place of a `Plane` that is nearest to another [m]."""
+    """Return the place of a `Plane` that is nearest to another [m]."""
     return np.asarray(np.asarray(place, float) - plane.height(place, t) * plane.unit_normal)
 
 
 def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[Floats]:
-    """What a picture frames, along `axes`, shape (3, n): the mass points, and the outline of each
-    sphere near them.
+    """Yield what a picture frames, along `axes`, shape (3, n): the mass points, and the outline of
+    each sphere near them.
 
     A wide sphere has no outline: where the cloth touches it, the mass points are framed.
     """
@@ -186,25 +187,25 @@ def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[F
 
 
 def extremes(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> tuple[Floats, Floats]:
-    """Lowest and highest coordinates along `axes` of cloth and spheres near it at all times."""
+    """Return the ends along `axes` of cloth and spheres near it at all times."""
     low, high = zip(*((part.min(axis=1), part.max(axis=1)) for part in _points(scene, x, t, axes)))
     return np.min(low, axis=0), np.max(high, axis=0)
 
 
 def eye_of(camera: Camera, scene: Any) -> Floats:
-    """Position of the eye [m]; for an orthographic view, that of a perspective view."""
+    """Return the position of the eye [m]; for an orthographic view, that of a perspective view."""
     usual = DISTANCE * max(camera.width, camera.height, *scene.cloth.size)
     return np.asarray(camera.target + (camera.distance or usual) * camera.axes()[2])
 
 
 def reach(scene: Any, x: Floats, t: npt.ArrayLike, target: Floats) -> float:
-    """A distance from `target` that holds all of `extremes` [m]."""
+    """Return a distance from `target` that holds all of `extremes` [m]."""
     low, high = extremes(scene, x, t, np.eye(3))
     return float(np.linalg.norm(np.maximum(high - target, target - low)))
 
 
 def camera_for(value: Any, scene: Any, x: Floats, t: npt.ArrayLike) -> Camera:
-    """The camera for the argument `camera` and states x, shape (frames, rows, columns, 3).
+    """Return the camera for the argument `camera` and states x, shape (frames, rows, columns, 3).
 
     A direction gives a perspective view of the cloth and the spheres near it at all times `t`.
     """

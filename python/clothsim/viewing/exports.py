@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Iterator
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +18,7 @@ from ..base.extras import needed
 from ..base.progress import ProgressBar
 from ..model.mesh import triangles
 from ..run.trajectory import interpolated
+from .camera import extremes
 from .picture import file_path
 
 # Suffix -> module of `formats`.
@@ -33,9 +35,9 @@ FARTHEST = 1e38  # m from the origin; files have float32
 VISIBLE, USELESS = 0.1, 1.0
 
 
-def checked(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType]:
-    """The file of an export of a run of `scene`, and the module that writes it; `name` names `path`
-    in messages.
+def file_and_format(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType]:
+    """Return the file of an export of a run of `scene`, and the module that writes it; `name` names
+    `path` in messages.
     """
     path = file_path(name, path)
     suffix = path.suffix.lower()
@@ -58,10 +60,10 @@ def export(
     z_up: bool = False,
     progress: bool = False,
 ) -> list[Path]:
-    """`Run.export`: the files, moved to their places once all are complete. With `progress`, a bar
-    counts frames.
+    """Export a run, as `Run.export` does; its files come to their places once all are complete.
+    With `progress`, a bar counts frames.
     """
-    path, module = checked(run.scene, path)
+    path, module = file_and_format(run.scene, path)
     fps = (
         None
         if fps is None
@@ -101,7 +103,9 @@ class Clip:
     """
 
     def __init__(self, run: Any, fps: float | None, z_up: bool) -> None:
-        self.scene, self.z_up, self._run = run.scene, z_up, run
+        self.scene = run.scene
+        self.z_up = z_up
+        self._run = run
         self.spheres, self.triangles = tuple(run.scene.spheres), triangles(run.scene.cloth.shape)
         rows, columns = run.scene.cloth.shape
         self.uv = np.stack(
@@ -164,20 +168,27 @@ class Clip:
         return Frame(k, float(self.times[k]), x, v, self.centers(k))
 
     def centers(self, k: int) -> Floats:
-        """Centres of the spheres in frame `k`, shape (spheres, 3) [m]."""
+        """Return the centres of the spheres in frame `k`, shape (spheres, 3) [m]."""
         t = self.times[k] + self._run.t[0]
         return self._turned(np.array([s.center_at(t) for s in self.spheres]).reshape(-1, 3))
 
     def name(self, k: int) -> str:
-        """The name of sphere or plane `k` in files."""
+        """Return the name of sphere or plane `k` in files."""
         return f"{type(self.spheres[k]).__name__.lower()}_{k}"
 
+    @cached_property
+    def box(self) -> tuple[Floats, Floats]:
+        """Lowest and highest place of the cloth and of spheres near it in the whole run."""
+        ends = extremes(self.scene, self._run.x, self._run.t, np.eye(3))
+        low, high = np.sort([self._turned(end) for end in ends], axis=0)
+        return low, high
+
     def normal(self, k: int) -> Floats:
-        """The unit normal of a plane."""
+        """Return the unit normal of a plane."""
         return self._turned(self.spheres[k].unit_normal)
 
     def depth(self, k: int, places: Floats) -> Floats:
-        """Depth of places from the centre of sphere or plane `k` below its surface [m]."""
+        """Return the depth below sphere or plane `k` of places from its centre [m]."""
         radius = self.spheres[k].radius
         return (
             -(places @ self.normal(k))
@@ -193,8 +204,8 @@ class Clip:
         )
 
     def normals(self, positions: Floats) -> Floats:
-        """Unit normals of the mass points: the area-weighted mean of their triangles' normals, or y
-        where it is 0.
+        """Return the unit normals of the mass points: the area-weighted mean of their triangles'
+        normals, or y where it is 0.
         """
         a, b, c = (positions[self.triangles[:, k]] for k in range(3))
         weights, corners = np.repeat(np.cross(b - a, c - a), 3, axis=0), self.triangles.ravel()
@@ -206,14 +217,16 @@ class Clip:
 
 
 def _rate(steps: Floats) -> float | None:
-    """Frames per second of equal steps [s], else None."""
+    """Return the frames per second of equal steps [s], else None."""
     if not len(steps) or np.ptp(steps) > EVEN * steps.max():
         return None
     return float(f"{len(steps) / steps.sum():.12g}")
 
 
 def between(run: Any, before: int, after: int, t: float) -> tuple[Floats, Floats]:
-    """Positions and velocities at a time `t` [s] between two stored frames; see `interpolated`."""
+    """Return the positions and velocities at a time `t` [s] between two stored frames; see
+    `interpolated`.
+    """
     states = [(run.x[k], run.v[k]) for k in (before, after)]
     return interpolated(
         t, [run.scene], float(run.t[before]), float(run.t[after] - run.t[before]), *states
@@ -238,15 +251,13 @@ def _check_interpolation(run: Any, fps: float) -> None:
     away = (
         between(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k] for k in range(1, len(run.t) - 1)
     )
-    error, spacing = (
-        max(float(np.linalg.norm(one, axis=-1).max()) for one in away),
-        min(run.scene.cloth.spacing),
-    )
-    found = (
+    error = max(float(np.linalg.norm(way, axis=-1).max()) for way in away)
+    spacing = min(run.scene.cloth.spacing)
+    reason = (
         f"a stored frame interpolated from its neighbours is wrong by {error:.3g} m, with a "
         f"grid spacing of {spacing:.3g} m"
     )
     if error > USELESS * spacing:
-        raise ValueError(f"stored frames of run are too far apart to interpolate: {found}; {cure}")
+        raise ValueError(f"stored frames of run are too far apart to interpolate: {reason}; {cure}")
     if error > VISIBLE * spacing:
-        warnings.warn(f"interpolated frames may be visibly wrong: {found}; {cure}", stacklevel=5)
+        warnings.warn(f"interpolated frames may be visibly wrong: {reason}; {cure}", stacklevel=5)

@@ -19,7 +19,7 @@ WIDTH = 400  # pixels; beside the lines of a run in a notebook
 
 
 def bundle(text: str, picture: Picture) -> dict[str, Any]:
-    """MIME types -> data: HTML of text and picture, and the picture (for nbconvert to PDF)."""
+    """Return data by MIME type: HTML of text and picture, and the picture (for nbconvert)."""
     png = b64encode(picture._repr_png_()).decode("ascii")
     html = (
         '<div><pre style="display: inline-block; vertical-align: top; margin-right: '
@@ -32,20 +32,20 @@ def bundle(text: str, picture: Picture) -> dict[str, Any]:
 
 
 def run_bundle(run: Run) -> dict[str, Any]:
-    """The `bundle` of a run: its text and a picture of its last frame."""
+    """Return the `bundle` of a run: its text and a picture of its last frame."""
     return bundle(str(run), run.picture(width=WIDTH))
 
 
 def runs_html(runs: Mapping[str, Run]) -> str:
-    """Labels and pictures of the last frames, side by side."""
+    """Return the labels and pictures of the last frames, side by side."""
     cells = (bundle(label, run.picture(width=WIDTH))["text/html"] for label, run in runs.items())
     box = '<div style="display: inline-block; vertical-align: top"'
-    boxes = (one.replace("inline-block", "block").replace("<div", box) for one in cells)
+    boxes = (cell.replace("inline-block", "block").replace("<div", box) for cell in cells)
     return f"<div>{''.join(boxes)}</div>"
 
 
 def scene_bundle(scene: Scene) -> dict[str, Any]:
-    """`bundle` with the account of a scene's work and a picture of its initial state."""
+    """Return the `bundle` with the account of a scene's work and a picture of its initial state."""
     return bundle(str(scene.explain()), picture(scene, width=WIDTH))
 
 
@@ -53,7 +53,9 @@ class Frame:
     """A page in a notebook: an iframe that holds all of it and may run scripts, nothing else."""
 
     def __init__(self, page: str, text: str, height: int) -> None:
-        self.page, self.text, self.height = page, text, height
+        self.page = page
+        self.text = text
+        self.height = height
 
     def _repr_html_(self) -> str:
         return (

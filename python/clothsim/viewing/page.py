@@ -29,7 +29,7 @@ from ..run.difference import Difference
 from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
-from .camera import DIRECTIONS, Camera, camera_for, nearest, reach
+from .camera import DIRECTIONS, Camera, camera_for, reach
 from .label import titled
 from .notebook import Frame, runs_html
 from .picture import PIN_SIZE, Picture, file_path, picture
@@ -67,6 +67,11 @@ SHADING = {
     "viridis": VIRIDIS,
     "heat": HEAT,
     "darkSphere": raster.DARK_SPHERE.tolist(),
+    "planeCell": raster.PLANE_CELL,
+    "planeLine": raster.PLANE_LINE,
+    "toneOfPlanes": raster.PLANE_TONE,
+    "planeInShadow": raster.PLANE_IN_SHADOW,
+    "lightSize": raster.LIGHT_SIZE,
 }
 """Colours and lights of pictures, which the page draws with."""
 
@@ -90,7 +95,7 @@ class Comparison:
         return write_bytes(path, self._page(title).encode())
 
     def show(self, height: int = 600) -> Frame:
-        """The page for a notebook cell; `height` is 300 to 4000 pixels."""
+        """Return the page for a notebook cell; `height` is 300 to 4000 pixels."""
         title, height = (
             " and ".join(self.runs),
             check.integer("height", height, minimum=300, maximum=4000),
@@ -111,14 +116,14 @@ class Comparison:
         cameras = [camera_for(None, run.scene, run.x, run.t) for run in self.runs.values()]
         style = {"camera": common_view(cameras), **style}
         times = (None if t is None else min(t, float(run.t[-1])) for run in self.runs.values())
-        shown = [run.picture(t=one, **style).pixels for run, one in zip(self.runs.values(), times)]
-        height = max(map(len, shown))  # the label of a run "as printed" has a further line
+        images = [run.picture(t=t, **style).pixels for run, t in zip(self.runs.values(), times)]
+        height = max(map(len, images))  # the label of a run "as printed" has a further line
         padded = [
-            np.pad(one, ((0, height - len(one)), (0, 0), (0, 0)), constant_values=255)
-            for one in shown
+            np.pad(image, ((0, height - len(image)), (0, 0), (0, 0)), constant_values=255)
+            for image in images
         ]
         if len(padded) > 1:
-            padded = [titled(one, label) for one, label in zip(padded, self.runs, strict=True)]
+            padded = [titled(image, label) for image, label in zip(padded, self.runs, strict=True)]
         joined = Picture(np.concatenate(padded, axis=1))
         if path is not None:
             joined.save(path)
@@ -177,38 +182,40 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
 
 
 def _differences(runs: Mapping[str, Run]) -> list[Difference]:
-    """The differences of the further runs to the first, at all their times."""
+    """Return the differences of the further runs to the first, at all their times."""
     (first, base), *others = runs.items()
     if not others:
         raise ValueError(
             f"difference must be False unless there are two runs at least, got {first!r} alone"
         )
-    found = [difference_of(base, run) for _, run in others]
-    for (label, run), one in zip(others, found, strict=True):
-        if len(one["t"]) < len(run):
+    distances = [difference_of(base, run) for _, run in others]
+    for (label, run), distance in zip(others, distances, strict=True):
+        if len(distance["t"]) < len(run):
             raise ValueError(
                 f"difference=True needs times of {label!r} that {first!r} has stored too, got "
-                f"{len(one['t'])} of {len(run)}: give fps= or times= to simulate"
+                f"{len(distance['t'])} of {len(run)}: give fps= or times= to simulate"
             )
-    return found
+    return distances
 
 
 def _title_of(scene: Scene) -> str:
-    """The name of a ready scene, or what the scene has."""
+    """Return the name of a ready scene, or what the scene has."""
     responses = ", ".join(dict.fromkeys(sphere.response for sphere in scene.spheres))
-    made = {
+    ready = {
         f"{f.__name__}, {responses}": f(responses)
         for f in (paper_static, paper_moving)
         if responses in RESPONSES
     }
-    made |= {f.__name__: f() for f in (paper_swing, hanging, oscillator)}
+    ready |= {f.__name__: f() for f in (paper_swing, hanging, oscillator)}
     rows, columns = scene.cloth.shape
     other = f"Cloth of {rows} x {columns} points" + (f", response {responses}" if responses else "")
-    return next((name for name, one in made.items() if one == scene), other)
+    return next((name for name, candidate in ready.items() if candidate == scene), other)
 
 
-def alone(run: Run, title: str | None = None) -> Comparison:
-    """A comparison of one run, labelled with its page's title, for `Run.to_html` and `Run.show`."""
+def comparison_of(run: Run, title: str | None = None) -> Comparison:
+    """Return a comparison of one run, labelled with its page's title, for `Run.to_html` and
+    `Run.show`.
+    """
     return Comparison(
         {_title_of(run.scene) if title is None else check.instance("title", title, str): run}
     )
@@ -217,8 +224,8 @@ def alone(run: Run, title: str | None = None) -> Comparison:
 def page_body(
     title: str, runs: Mapping[str, Run], distances: Sequence[Mapping[str, Any]] = (), more: str = ""
 ) -> str:
-    """The body of a page that plays runs, with `more` below its controls; `distances` are those of
-    `_differences`.
+    """Return the body of a page that plays runs, with `more` below its controls; `distances` are
+    those of `_differences`.
     """
     cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
     meta, data = _contents(runs, cameras, distances)
@@ -248,10 +255,10 @@ def page_body(
 
 
 def page_text(title: str, body: str, after: str = "") -> str:
-    """The text of a self-contained page that makes no request; `after` follows its scripts."""
+    """Return a self-contained page that makes no request; `after` follows its scripts."""
     code = "\n".join(map(web_file, ("draw.js", "orbit.js", "charts.js", "page.js")))
     shading, style = json_text(SHADING), web_file("page.css")
-    return filled(
+    return fill(
         "frame.html",
         title=escape(title),
         style=style,
@@ -263,12 +270,12 @@ def page_text(title: str, body: str, after: str = "") -> str:
 
 
 def web_file(name: str) -> str:
-    """The text of a file of web/."""
+    """Return the text of a file of web/."""
     return (files(__package__) / "web" / name).read_text(encoding="utf-8")
 
 
-def filled(name: str, **values: str) -> str:
-    """A file of web/ with its $names replaced."""
+def fill(name: str, **values: str) -> str:
+    """Return a file of web/ with its $names replaced."""
     return Template(web_file(name)).substitute(values)
 
 
@@ -288,11 +295,11 @@ def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
         for name in ("faces", "stretch", "speed", "depth", "difference")
         if name == "faces" or name in meta["tops"]
     )
-    return filled("controls.html", speeds=speeds, modes=modes)
+    return fill("controls.html", speeds=speeds, modes=modes)
 
 
 def _sparse(runs: Mapping[str, Run]) -> str:
-    """A sentence where a run has no frames between the first and the last."""
+    """Return a sentence where a run has no frames between the first and the last."""
     short = [label for label, run in runs.items() if len(run) <= 2]
     if not short:
         return ""
@@ -312,13 +319,13 @@ def _views() -> str:
 
 
 def _kinds(scenes: Sequence[Scene]) -> list[str]:
-    """What cloth meets in the scenes: "sphere", "plane", both or nothing."""
+    """Return what cloth meets in the scenes: "sphere", "plane", both or nothing."""
     kinds = {obstacle._kind for scene in scenes for obstacle in scene.spheres}
     return sorted(kinds, reverse=True)
 
 
 def _bodies(scenes: Sequence[Scene]) -> str:
-    """What is drawn of scenes, in words."""
+    """Return what is drawn of scenes, in words."""
     *others, last = ["Cloth", *(f"{kind}s" for kind in _kinds(scenes))]
     return f"{', '.join(others)} and {last}" if others else last
 
@@ -333,28 +340,30 @@ def _help(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
 def _contents(
     runs: Mapping[str, Run], cameras: list[Camera], distances: Sequence[Mapping[str, Any]]
 ) -> tuple[dict[str, Any], str]:
-    """Settings of the page, and its script elements with the frames."""
+    """Return the settings of the page, and its script elements with the frames."""
     values = {"stretch": [point_stretch(run.scene, run.x) for run in runs.values()]}
     values["speed"] = [
         np.array([np.linalg.norm(v, axis=-1).ravel() for v in run.v]) for run in runs.values()
     ]
     lines = [curves(run) for run in runs.values()]
     if distances:
-        away = [one["distance"].reshape(len(one["t"]), -1) for one in distances]
+        away = [d["distance"].reshape(len(d["t"]), -1) for d in distances]
         values["difference"] = [np.zeros_like(values["speed"][0]), *away]
-        for line, one in zip(lines[1:], distances, strict=True):
-            line["difference"] = one["rms"]
+        for line, distance in zip(lines[1:], distances, strict=True):
+            line["difference"] = distance["rms"]
     ends = {"max": 1.0, "top": TOP_PART}
     tops = {
         name: {
-            end: max(float(np.quantile(one, part)) for one in each) for end, part in ends.items()
+            end: max(float(np.quantile(numbers, part)) for numbers in each)
+            for end, part in ends.items()
         }
         for name, each in values.items()
     }
     if 0 < max(len(run.scene.spheres) for run in runs.values()) <= MOST_SPHERES:
         deepest = max(float(line["triangles"].max()) for line in lines if "triangles" in line)
         tops["depth"] = {"max": deepest or 1e-3}
-    entries, data = [], ""
+    entries = []
+    data = ""
     for k, (label, run) in enumerate(runs.items()):
         packed = pack(
             run.x, [each[k] for each in values.values()], [tops[name]["max"] for name in values]
@@ -390,8 +399,10 @@ def _contents(
 
 
 def common_view(views: list[Camera]) -> Camera:
-    """A view of all of `views`, except far wider ones, beside which the others would be small."""
-    views = [view for view in views if view.width <= WIDER * min(one.width for one in views)]
+    """Return a view of all of `views`, except far wider ones, beside which the others would be
+    small.
+    """
+    views = [view for view in views if view.width <= WIDER * min(view.width for view in views)]
     target = np.mean([view.target for view in views], axis=0)
     far = [2 * float(np.linalg.norm(view.target - target)) for view in views]
     width, height = (
@@ -403,7 +414,7 @@ def common_view(views: list[Camera]) -> Camera:
 
 
 def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
-    """The view of the page, and a distance from its target that holds all runs."""
+    """Return the view of the page, and a distance from its target that holds all runs."""
     view = common_view(views)
     far = 1.05 * max(reach(run.scene, run.x, run.t, np.array(view.target)) for run in runs.values())
     return {
@@ -416,7 +427,7 @@ def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
 
 
 def poster(scene: Scene, x: np.ndarray, t: float, camera: Camera) -> str:
-    """A state as a picture, for readers without scripts, WebGL or WebGPU."""
+    """Return a state as a picture, for readers without scripts, WebGL or WebGPU."""
     png = picture(scene, x, t, camera=camera, width=POSTER_WIDTH)._repr_png_()
     return (
         f'<img alt="{_bodies([scene])} at t = {t:g} s" '
@@ -425,13 +436,13 @@ def poster(scene: Scene, x: np.ndarray, t: float, camera: Camera) -> str:
 
 
 def _rounded(values: Any, digits: int) -> list[float | None]:
-    """Numbers for JSON; numbers that are not finite become null."""
+    """Return numbers for JSON; numbers that are not finite become null."""
     flat = np.asarray(values, float)
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in flat]
 
 
 def json_text(meta: Mapping[str, Any]) -> str:
-    """JSON for a script element."""
+    """Return JSON for a script element."""
     # "</script>" in a label would end the element.
     return json.dumps(meta, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
@@ -450,8 +461,8 @@ class Packed(NamedTuple):
 
 
 def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
-    """Positions, shape (frames, rows, columns, 3), in 16 bits, and values, shape (frames, points),
-    in 8 bits, deflated.
+    """Pack positions, shape (frames, rows, columns, 3), in 16 bits, and values, shape (frames,
+    points), in 8 bits, deflated.
 
     Positions of a run are integers q, 0 to 65535, between its lowest and highest coordinate on each
     axis: x = low + step q. Second differences in time, q[k] - 2 q[k-1] + q[k-2], are small where a
@@ -470,10 +481,12 @@ def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
         q = np.round((points - low) / np.where(step > 0, step, 1.0)).astype(np.int64).T.reshape(-1)
         signed = (q - last - rate).astype(np.int16).astype(np.int32)  # modulo 65536, and back
         zigzag[k] = (signed << 1) ^ (signed >> 31)  # 0, -1, 1, -2, ... are 0, 1, 2, 3
-        last, rate = q, q - last if k else rate
+        if k:
+            rate = q - last
+        last = q
     deflate = zlib.compressobj(6)
-    data = [deflate.compress((one & 255).astype(np.uint8).tobytes()) for one in zigzag]
-    data += [deflate.compress((one >> 8).astype(np.uint8).tobytes()) for one in zigzag]
+    data = [deflate.compress((codes & 255).astype(np.uint8).tobytes()) for codes in zigzag]
+    data += [deflate.compress((codes >> 8).astype(np.uint8).tobytes()) for codes in zigzag]
     for values, top in zip(scalars, tops, strict=True):
         before = np.zeros(values.shape[1:], np.uint8)
         for one in values:
@@ -484,16 +497,21 @@ def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
 
 
 def as_ball(sphere: Sphere | Plane, t: Floats, x: Floats, cloth: Cloth) -> dict[str, Any]:
-    """A sphere of the page: radius and centres. A plane becomes a sphere so large that it looks
-    flat below the cloth's start.
+    """Return a sphere of the page: radius and centres. A plane becomes a sphere so large that it
+    looks flat below the cloth's start, with the directions of its grid's lines.
     """
-    radius, centers = sphere.radius, sphere.center_at(t)
-    if isinstance(sphere, Plane):
-        radius = FLAT * max(cloth.size)
-        centers = (
-            centers
-            + nearest(sphere, x.mean(axis=(0, 1)))
-            - sphere.center_at(0.0)
-            - radius * sphere.unit_normal
-        )
-    return {"radius": radius, "centers": [_rounded(c, 15) for c in centers]}
+    radius = sphere.radius
+    centers = sphere.center_at(t)
+    if not isinstance(sphere, Plane):
+        return {"radius": radius, "centers": [_rounded(c, 15) for c in centers]}
+    radius = FLAT * max(cloth.size)
+    lines = raster.lines_of(sphere.unit_normal)
+    # By whole steps to the cloth's start, so that lines of the grid stay where they are.
+    step = 10 * raster.PLANE_CELL
+    away = lines @ (x.mean(axis=(0, 1)) - sphere.center_at(0.0))
+    centers = centers + step * np.round(away / step) @ lines - radius * sphere.unit_normal
+    return {
+        "radius": radius,
+        "centers": [_rounded(c, 15) for c in centers],
+        "lines": [_rounded(line, 15) for line in lines],
+    }

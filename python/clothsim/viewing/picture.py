@@ -50,7 +50,9 @@ class Drawing:
     """
 
     def __init__(self, scene: Any, x: Floats, v: Floats | None, t: Floats, style: Style) -> None:
-        self.scene, self.x, self.t = scene, x, t
+        self.scene = scene
+        self.x = x
+        self.t = t
         self.width = check.integer("width", style.width, minimum=16, maximum=WIDEST)
         self.label = check.boolean("label", style.label)
         if self.label and self.width < LEAST_WIDTH:
@@ -77,7 +79,7 @@ class Drawing:
         self.scale = None if shown is None else scale_of(style.color, shown, style.limits)
 
     def pixels(self, k: int) -> Pixels:
-        """The picture of frame `k`, shape (height, width, 3)."""
+        """Return the picture of frame `k`, shape (height, width, 3)."""
         x, t, cloth = self.x[k], float(self.t[k]), self.scene.cloth
         size = PIN_SIZE * max(cloth.size)
         centers, eye = [s.center_at(t) for s in self.scene.spheres], eye_of(self.camera, self.scene)
@@ -95,8 +97,9 @@ class Drawing:
                 s.unit_normal,
                 shade,
                 solid=True,
+                node=center,
             )
-            for s in self.scene.spheres
+            for s, center in zip(self.scene.spheres, centers, strict=True)
             if np.isinf(s.radius)
         ]
         colors = (
@@ -126,7 +129,7 @@ class Drawing:
 
 
 def _ground(scene: Any, x: Floats, t: Floats) -> list[Plane]:
-    """The ground below all that is framed; none where a wide sphere is the ground or a wall."""
+    """Return a ground below all that is framed; none where a wide sphere is ground or wall."""
     if any(is_wide(sphere, scene) for sphere in scene.spheres):
         return []
     low, high = extremes(scene, x, t, np.eye(3))
@@ -187,7 +190,7 @@ class Picture:
         return path
 
     def _repr_png_(self) -> bytes:
-        """The PNG file (ISO/IEC 15948)."""
+        """Return the PNG file (ISO/IEC 15948)."""
         height, width, _ = self.pixels.shape
         chunks = (
             (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
@@ -210,8 +213,8 @@ class Picture:
 
 
 def _compressed(rows: Pixels) -> Iterator[bytes]:
-    """The stream of rows by the filter Sub, which packs pictures of a cloth 3 % better than a
-    choice for each row.
+    """Return the stream of rows by the filter Sub, which packs pictures of a cloth 3 % better than
+    a choice for each row.
     """
     packer = zlib.compressobj(6)
     band = max(1, BAND // rows.shape[1])
@@ -223,7 +226,7 @@ def _compressed(rows: Pixels) -> Iterator[bytes]:
 
 
 def file_path(name: str, value: Any) -> Path:
-    """`value` as the path of a file in a folder that is there."""
+    """Return `value` as the path of a file in a folder that is there."""
     path = check.path(name, value, "the path of a file")
     if not path.parent.is_dir():
         raise ValueError(f"{name} must be in an existing folder, got {str(path)!r}")
@@ -318,8 +321,8 @@ def picture(
 def picture_of_run(
     run: Any, frame: int | None, t: float | None, path: str | Path | None, **style: Any
 ) -> Picture:
-    """`Run.picture`. One camera and one colour scale hold all frames, so that pictures of a run can
-    be compared.
+    """Draw a frame, as `Run.picture` does. One camera and one colour scale hold all frames, so that
+    pictures of a run can be compared.
     """
     count = len(run.t)
     if t is not None:
@@ -336,10 +339,10 @@ def picture_of_run(
     return _drawn(Drawing(run.scene, run.x, run.v, run.t, style_of(style)), k, path)
 
 
-def style_of(given: Mapping[str, Any]) -> Style:
-    """The style of `Run.picture` and `Run.animate`, of the names that it has."""
-    check.arguments("picture", given, Style._fields)
-    return Style(**given)
+def style_of(arguments: Mapping[str, Any]) -> Style:
+    """Return the style of `Run.picture` and `Run.animate`, of the names that it has."""
+    check.arguments("picture", arguments, Style._fields)
+    return Style(**arguments)
 
 
 def _drawn(drawing: Drawing, k: int, path: Path | None) -> Picture:

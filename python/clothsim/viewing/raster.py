@@ -29,6 +29,12 @@ LIGHT = (0.46, 0.10, 0.32, 0.28)  # ambient, from above, from `KEY`, from the ey
 GRID_LINE = 0.05  # half width of a drawn grid line, in cells
 GRID_SHADE = 0.72  # factor of the colour on a grid line
 GROUND = np.array([0.93, 0.93, 0.92])
+PLANE_CELL = 0.1  # m between the lines of a plane's grid
+PLANE_LINE = 0.0015  # m, half the width of such a line
+PLANE_SHADE = 0.8  # factor of the colour on such a line
+PLANE_TONE = _core.PLANE_TONE  # part of the light on a cloth that planes take
+PLANE_IN_SHADOW = _core.PLANE_IN_SHADOW  # factor of a plane's colour in full shadow
+LIGHT_SIZE = _core.LIGHT_SIZE  # tangent of the angle at which a point sees the light's radius
 SAMPLES = _core.SAMPLES  # of a pixel, along each axis
 
 
@@ -43,7 +49,7 @@ class Ball(NamedTuple):
 
 class Plane(NamedTuple):
     """A plane through `point`, seen from the side of its `normal`; it fades out up to `radius` [m]
-    from the point.
+    from the point. With `node`, a place on it [m], it has a grid, two of whose lines cross there.
     """
 
     point: npt.ArrayLike
@@ -51,6 +57,17 @@ class Plane(NamedTuple):
     normal: npt.ArrayLike = (0.0, 1.0, 0.0)
     color: Floats = GROUND
     solid: bool = False
+    node: npt.ArrayLike | None = None
+
+
+def lines_of(normal: npt.ArrayLike) -> Floats:
+    """Return unit vectors along the lines of a plane's grid, as rows: level, and up the slope."""
+    n = np.asarray(normal, float)
+    level = np.cross((0.0, 1.0, 0.0), n)
+    if np.linalg.norm(level) < 1e-6:
+        level = np.array([1.0, 0.0, 0.0])
+    level /= np.linalg.norm(level)
+    return np.stack([level, np.cross(n, level)])
 
 
 def render(
@@ -97,6 +114,7 @@ def render(
         light=LIGHT,
         grid_line=GRID_LINE,
         grid_shade=GRID_SHADE,
+        plane_grid=(PLANE_CELL, PLANE_LINE, PLANE_SHADE),
         shadow=shadow,
         depth_colors=[] if depth is None else depth.rgb(),
         depth_range=(0.0, 1.0) if depth is None else (depth.low, depth.high),
@@ -109,18 +127,24 @@ def render(
         normals=_normals(points),
         colors=None if colors is None else np.ascontiguousarray(colors, float),
         balls=[[*np.asarray(b.center), b.radius, *b.color, b.solid] for b in balls],
-        planes=[
-            [*np.asarray(p.point), *np.asarray(p.normal), p.radius, *p.color, p.solid]
-            for p in planes
-        ],
+        planes=[_row_of(plane) for plane in planes],
         threads=threads,
     )
+
+
+def _row_of(plane: Plane) -> list[float]:
+    """Return a plane as the core reads it (cpp/bindings/bind_picture.cpp)."""
+    grid = np.zeros((3, 3))
+    if plane.node is not None:
+        grid = np.vstack([lines_of(plane.normal), plane.node])
+    values = (plane.point, plane.normal, plane.radius, plane.color, plane.solid, grid)
+    return [float(value) for part in values for value in np.ravel(part)]
 
 
 def _on_screen(
     points: Floats, camera: Camera, axes: Floats, scale: float, width: int, height: int
 ) -> Floats:
-    """Samples to the right and down, and nearness; see Sheet in cpp/picture/picture.hpp."""
+    """Return samples to the right and down, and nearness; see Sheet in cpp/picture/picture.hpp."""
     seen = np.einsum("rck,ak->rca", points - camera.target, axes)
     nearness = seen[..., 2]
     if camera.distance is not None:

@@ -29,7 +29,7 @@ TILT = 2e-3
 
 
 def linear(color: npt.NDArray[np.float64]) -> tuple[float, float, float]:
-    """An sRGB colour in linear light, as materials have it."""
+    """Return an sRGB colour in linear light, as materials have it."""
     red, green, blue = np.where(
         color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4
     ).tolist()
@@ -154,7 +154,7 @@ class _File:
 
 
 def _cloth(file: _File, clip: Clip, times: int) -> int:
-    """The mesh of the first frame. Other frames are added as differences, one at a time."""
+    """Return the mesh of the first frame. Other frames are added as differences, one at a time."""
     targets: list[dict[str, int]] = []
     for frame in clip.frames():
         positions, normals = frame.positions, clip.normals(frame.positions)

@@ -22,7 +22,7 @@ AROUND, FROM_POLE_TO_POLE = (
     48,
     24,
 )  # cells of a sphere; off the true one by at most 0.5 % of the radius
-PLANE_REACH = 3.0  # half the side of a plane's square, in longer sides of the cloth
+PLANE_WIDTH = 3.0  # side of a plane's square, in longest sides of the box around the scene
 VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64"}
 
 
@@ -38,8 +38,8 @@ class Body(NamedTuple):
 
 @cache
 def unit_ball() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
-    """Vertices, which are also the normals, triangles whose normals point outwards, and longitude
-    and latitude, 0 to 1.
+    """Return the vertices, which are also the normals, triangles whose normals point outwards, and
+    longitude and latitude, 0 to 1.
     """
     v, u = np.meshgrid(
         np.linspace(0, 1, FROM_POLE_TO_POLE + 1), np.linspace(0, 1, AROUND + 1), indexing="ij"
@@ -61,39 +61,43 @@ def unit_ball() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
 
 
 def surface(clip: Clip, k: int) -> tuple[Floats, npt.NDArray[np.int64], Floats, Floats]:
-    """Vertices from its centre, triangles, normals and texture coordinates of a sphere, or of a
-    square of a plane.
+    """Return vertices from its centre, triangles, normals and texture coordinates of a sphere, or
+    of a square of a plane.
     """
     if not np.isinf(clip.spheres[k].radius):
         vertices, corners, uv = unit_ball()
         return clip.spheres[k].radius * vertices, corners, vertices, uv
-    normal, start = clip.normal(k), clip[0].positions.mean(axis=0) - clip.centers(0)[k]
+    low, high = clip.box
+    normal = clip.normal(k)
+    middle = (low + high) / 2 - clip.centers(0)[k]
     along = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    along *= PLANE_REACH * max(clip.scene.cloth.size) / np.linalg.norm(along)
+    along *= PLANE_WIDTH / 2 * (high - low).max() / np.linalg.norm(along)
     sides = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    vertices = (
-        start - (start @ normal) * normal + sides @ np.stack([along, np.cross(normal, along)])
-    )
+    square = sides @ np.stack([along, np.cross(normal, along)])
+    vertices = middle - (middle @ normal) * normal + square
     return vertices, np.array([[0, 1, 2], [0, 2, 3]]), np.tile(normal, (4, 1)), (sides + 1) / 2
 
 
 def bodies(clip: Clip, frame: Frame) -> list[Body]:
-    """The cloth, then the spheres at their places in that frame."""
-    found = [Body("cloth", frame.positions, clip.triangles, clip.normals(frame.positions), clip.uv)]
+    """Return the cloth, then the spheres at their places in that frame."""
+    meshes = [
+        Body("cloth", frame.positions, clip.triangles, clip.normals(frame.positions), clip.uv)
+    ]
     for k, center in enumerate(frame.centers):
         vertices, corners, normals, uv = surface(clip, k)
-        found.append(Body(clip.name(k), center + vertices, corners, normals, uv))
-    return found
+        meshes.append(Body(clip.name(k), center + vertices, corners, normals, uv))
+    return meshes
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
-    """Files numbered from 1: .obj, one for each frame, with the bodies as its objects; else one for
-    each frame and body.
+    """Write files numbered from 1: .obj, one for each frame, with the bodies as its objects; else
+    one for each frame and body.
     """
     suffix = path.suffix.lower()
     if suffix == ".pc2":
         return _write_pc2(clip, path)
-    files, entries = [], []
+    files = []
+    entries = []
     for frame in clip.frames():
         meshes = bodies(clip, frame)
         for part, body in enumerate(meshes[:1] if suffix == ".obj" else meshes):
@@ -122,7 +126,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
 
 
 def _write_pc2(clip: Clip, path: Path) -> list[Path]:
-    """The cache, and the mesh that it moves."""
+    """Write the cache, and the mesh that it moves."""
     if clip.fps is None and len(clip) > 1:
         raise ValueError(
             "fps must be a number for .pc2, which holds frames at equal distances: those of "
@@ -139,7 +143,7 @@ def _write_pc2(clip: Clip, path: Path) -> list[Path]:
 
 
 def _obj(meshes: Sequence[Body]) -> bytes:
-    """Positions with 9 digits, which keep all of a float32, texture coordinates and normals."""
+    """Return a text with 9 digits of a position, which keep all of a float32."""
     lines, first = ["# clothsim, metres\n"], 1
     for body in meshes:
         corners = np.repeat(body.corners.ravel() + first, 3).reshape(-1, 9)
@@ -156,7 +160,9 @@ def _obj(meshes: Sequence[Body]) -> bytes:
 
 
 def _ply(body: Body) -> bytes:
-    """Binary, little-endian, float32; texture coordinates under the names that Blender reads."""
+    """Return binary data, little-endian, float32; texture coordinates have the names that Blender
+    reads.
+    """
     vertices = np.hstack([body.positions, body.normals, body.uv]).astype("<f4")
     faces = np.empty(len(body.corners), [("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, body.corners
@@ -172,12 +178,12 @@ def _ply(body: Body) -> bytes:
 
 
 def _vtp(clip: Clip, frame: Frame, body: Body) -> bytes:
-    """XML PolyData; mass points have velocities, and depths below the nearest sphere's true radius
-    [m].
+    """Return PolyData as XML; mass points have velocities, and depths below the
+    nearest true surface [m].
     """
 
     def array(name: str, values: npt.NDArray[np.generic]) -> str:
-        """Binary data follow their length, both as base64."""
+        """Return values as binary data after their length, both as base64."""
         text = b64encode(struct.pack("<Q", values.nbytes) + values.tobytes()).decode()
         kind, components = (
             VTK_TYPES[values.dtype.str[1:]],

@@ -55,7 +55,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
 
 
 def _mesh(stage: Any, name: str, corners: Any, material: str) -> Any:
-    """A mesh of triangles with a normal at each vertex, so that it appears smooth."""
+    """Return a mesh of triangles with a normal at each vertex, so that it appears smooth."""
     from pxr import UsdGeom, Vt
 
     mesh = UsdGeom.Mesh.Define(stage, f"/run/{name}")
@@ -81,8 +81,8 @@ def _cloth(stage: Any, clip: Clip) -> Any:
 
 
 def _sphere(stage: Any, clip: Clip, k: int) -> Any:
-    """The translation of a sphere's mesh, at the sphere's place in the first frame. Importers
-    tessellate UsdGeom.Sphere coarsely, each in its own way.
+    """Return the translation of a sphere's mesh, at the sphere's place in the first frame.
+    Importers tessellate UsdGeom.Sphere coarsely, each in its own way.
     """
     from pxr import Gf, Vt
 
@@ -99,7 +99,7 @@ def _sphere(stage: Any, clip: Clip, k: int) -> Any:
 
 
 def _paint(stage: Any, prim: Any, name: str) -> None:
-    """A material for renderers, and the colour for viewers that read no materials."""
+    """Give a prim a material for renderers, and a colour for viewers that read no materials."""
     from pxr import Gf, Sdf, UsdShade, Vt
 
     color, roughness = MATERIALS[name]

@@ -154,6 +154,7 @@ class Live extends PageRun {
   }
   center(s, frame) { return this.frames[frame].spheres[s].center; }
   radius(s, frame) { return this.frames[frame].spheres[s].radius; }
+  lines(s) { return this.baked.spheres[s].lines; }
   value(name, frame, p) {
     const { planes: v } = this.frames[frame], n = this.points, [rows, columns] = this.shape, row = Math.floor(p / columns);
     if (name === "speed") return Math.hypot(v[3 * n + p], v[4 * n + p], v[5 * n + p]);
@@ -265,7 +266,9 @@ async function packed(live) {
     parts.push(levels.map((level, k) => (k < points ? level : level - levels[k - points])));
   }
   const spheres = live.spheres.map((_, s) => frames.map((frame) => frame.spheres[s]))
-    .map((seen) => ({ radius: seen[0].radius, radii: seen.map(({ radius }) => radius), centers: seen.map(({ center }) => center) }));
+    .map((seen, s) => ({
+      radius: seen[0].radius, radii: seen.map(({ radius }) => radius), centers: seen.map(({ center }) => center), lines: live.lines(s),
+    }));
   const run = { label, data: "data-0", shape, t, low, step, precision: Math.max(...step) / 2, spheres, pins, dots, dotSize, curves };
   const blob = await new Response(new Blob(parts).stream().pipeThrough(new CompressionStream("deflate"))).blob();
   const reader = new FileReader(), read = new Promise((known) => { reader.onload = known; });

@@ -45,6 +45,8 @@ class PageRun {
     return x;
   }
   center(sphere, frame) { return this.spheres[sphere].centers[frame] ?? this.spheres[sphere].centers.at(-1); }
+  // Directions of the lines on a plane's grid; undefined for a sphere.
+  lines(sphere) { return this.spheres[sphere].lines; }
   radius(sphere, frame) { return this.spheres[sphere].radii?.[frame] ?? this.spheres[sphere].radius; }
   // A value of a point, whose levels are finer near 0: they are those of its square root.
   value(name, frame, point) { return this.highest[name] * (this.scalars[name][frame * this.points + point] / 255) ** 2; }
