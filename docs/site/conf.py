@@ -6,7 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import clothsim
+from docutils.nodes import Text
 from latex2mathml.converter import convert
+from numpy.typing import ArrayLike
+from sphinx.addnodes import desc_annotation, desc_returns, desc_sig_name, desc_signature
+from sphinx.util.typing import stringify_annotation
 
 sys.path.insert(0, str(Path(__file__).parent))
 from pictures import PictureFiles
@@ -29,6 +33,8 @@ html_title = f"clothsim {version}"
 html_show_copyright = False
 html_logo = html_favicon = "../images/logo.svg"
 html_math_renderer = "mathml"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 
 # Docstrings write names and code between single backticks.
 default_role = "code"
@@ -36,7 +42,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_type_aliases = {
-    name: name for name in ("ArrayLike", "NDArray", *vars(clothsim.typing)) if name[0].isupper()
+    name: name for name in vars(clothsim.typing) if name[0].isupper() and name != "Any"
 }
 python_use_unqualified_type_names = True
 autosummary_generate = False
@@ -107,17 +113,40 @@ def as_mathml(display: str) -> Any:
         from docutils.nodes import SkipNode
 
         tag = "div" if display == "block" else "span"
-        translator.body.append(
-            f'<{tag} style="overflow-x: auto; padding: 0.4em '
-            f'0">{convert(node.astext(), display=display)}</{tag}>'
-        )
+        formula = convert(node.astext(), display=display)
+        translator.body.append(f'<{tag} class="formula">{formula}</{tag}>')
         raise SkipNode
 
     return visit
 
 
+# What autodoc spells out of a type, and its name in the source.
+TYPE_NAMES = {
+    re.escape(re.sub(r"~[\w.]+\.", "", stringify_annotation(ArrayLike, "smart"))): "ArrayLike",
+    r"ndarray\[tuple\[Any, \.\.\.\], dtype\[(\w+)\]\]": r"NDArray[\1]",
+    r"TypeAliasForwardRef\('(\w+)'\)": r"\1",
+    r"\bnpt?\.": "",
+}
+
+
+def name_types(app: Any, document: Any, page: str) -> None:
+    """Write the types of signatures as the source does."""
+    for signature in document.findall(desc_signature):
+        for part in list(signature.findall(is_type)):
+            text = spelled_out = "".join(child.astext() for child in part.children)
+            for spelled, name in TYPE_NAMES.items():
+                text = re.sub(spelled, name, text)
+            if text != spelled_out:
+                part.children = [Text(text)]
+
+
+def is_type(node: Any) -> bool:
+    return isinstance(node, (desc_sig_name, desc_returns, desc_annotation))
+
+
 def setup(app: Any) -> None:
-    """Change docstrings before napoleon, whose priority is 500."""
+    """Change docstrings before napoleon, whose priority is 500, and types in signatures."""
+    app.connect("doctree-resolved", name_types)
     app.connect("autodoc-process-docstring", one_attribute_each, priority=400)
     app.connect("autodoc-process-signature", without_private)
     app.add_html_math_renderer("mathml", (as_mathml("inline"), None), (as_mathml("block"), None))

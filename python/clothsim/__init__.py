@@ -4,7 +4,8 @@ A `Scene` of one `Cloth` and any number of `Sphere` goes in, arrays come out:
 
 >>> import clothsim as cs
 >>> scene = cs.scenes.paper_static()
->>> x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, dt=5e-6, steps=100)
+>>> x, v = scene.initial_position, scene.initial_velocity
+>>> x, v = cs.step(scene, x, v, dt=5e-6, steps=100)
 >>> x.shape
 (32, 32, 3)
 

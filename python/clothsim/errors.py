@@ -94,7 +94,7 @@ class RunInterrupted(KeyboardInterrupt):
     ...     if t >= 0.02:
     ...         raise KeyboardInterrupt
     >>> try:
-    ...     run = cs.simulate(cs.scenes.paper_swing(), 60.0, dt=1e-3, fps=100, callback=interrupt)
+    ...     run = cs.simulate(cs.scenes.paper_swing(), 60.0, 1e-3, fps=100, callback=interrupt)
     ... except cs.RunInterrupted as interrupted:
     ...     run = interrupted.run
     >>> float(run.t[-1])
@@ -151,7 +151,8 @@ class ContactError(_StepError):
 
     Examples
     --------
-    >>> print(cs.ContactError(step=3, time=0.5, point=(1, 2), obstacle=0, remedy="take rtol"))
+    >>> error = cs.ContactError(step=3, time=0.5, point=(1, 2), obstacle=0, remedy="take rtol")
+    >>> print(error)
     mass point (1, 2) has gone through the layer of spheres[0] at step 3 (t = 0.5 s); take rtol
     """
 
@@ -205,7 +206,8 @@ class UnstableError(_StepError):
 
     Examples
     --------
-    >>> print(cs.UnstableError(step=12, time=0.13, point=(3, 4), dt=0.01, max_stable_dt=0.0016))
+    >>> error = cs.UnstableError(step=12, time=0.13, point=(3, 4), dt=0.01, max_stable_dt=1e-3)
+    >>> print(error)
     unstable at step 12 (t = 0.13 s), first at mass point (3, 4): the time step dt = 0.01 s is \
 above the stability limit, about 0.0016 s; take a dt below it, or less stiffness or damping, or \
 more mass

@@ -167,7 +167,7 @@ def fit(
     >>> tracked = cs.simulate(scene, 0.5, rtol=1e-8, times=times).x[1:, -1:, -1]
     >>> noise = np.random.default_rng(0).normal(0, 1e-4, tracked.shape)
     >>> guess = cs.scenes.hanging(shape=(4, 4), stiffness=300.0)
-    >>> result = cs.fit(guess, times, tracked + noise, over=["stiffness"], points=[(-1, -1)])
+    >>> result = cs.fit(guess, times, tracked + noise, ["stiffness"], points=[(-1, -1)])
     >>> abs(result.values["stiffness"] - 1000) < 3 * result.errors["stiffness"]
     True
     """

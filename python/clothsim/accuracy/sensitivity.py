@@ -206,8 +206,10 @@ def sensitivity(
     The exact derivative by the stiffness is -0.1 sin(w t) t / (2 w), with w = 10 / s:
 
     >>> import math
-    >>> data = cs.sensitivity(cs.scenes.oscillator(stiffness=100.0), [0.5, 1.0], of=["stiffness"])
-    >>> slope = data.dx.sel(parameter="stiffness", time=1.0, row=0, column=1, component="x").item()
+    >>> scene = cs.scenes.oscillator(stiffness=100.0)
+    >>> data = cs.sensitivity(scene, [0.5, 1.0], of=["stiffness"])
+    >>> at = {"parameter": "stiffness", "time": 1.0, "row": 0, "column": 1, "component": "x"}
+    >>> slope = data.dx.sel(at).item()
     >>> abs(slope + 0.1 * math.sin(10.0) * 1.0 / 20.0) < 1e-12
     True
     """

@@ -167,7 +167,8 @@ def reference(
     Examples
     --------
     >>> import math
-    >>> solution = cs.reference(cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1), 2.0)
+    >>> scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
+    >>> solution = cs.reference(scene, 2.0)
     >>> abs(float(solution.x[-1, 0, 1, 0]) - (1.0 + 0.1 * math.cos(10.0 * 2.0))) < 3e-16
     True
     """

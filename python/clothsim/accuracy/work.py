@@ -78,7 +78,8 @@ class Method:
     >>> import time
     >>> from clothsim.accuracy import Method
     >>> def leapfrog(scene, duration, dt):
-    ...     x, v, steps = scene.initial_position, scene.initial_velocity, round(duration / dt)
+    ...     x, v = scene.initial_position, scene.initial_velocity
+    ...     steps = round(duration / dt)
     ...     start = time.perf_counter()
     ...     for _ in range(steps):
     ...         x = x + dt / 2 * v

@@ -194,7 +194,8 @@ def step(
     >>> import math
     >>> scene = cs.scenes.oscillator(stiffness=100.0, mass=1.0, amplitude=0.1)
     >>> period = 2 * math.pi / 10
-    >>> x, v = cs.step(scene, scene.initial_position, scene.initial_velocity, period / 1000, 1000)
+    >>> x, v = scene.initial_position, scene.initial_velocity
+    >>> x, v = cs.step(scene, x, v, period / 1000, 1000)
     >>> float(abs(x - scene.initial_position).max()) < 1e-10
     True
     """

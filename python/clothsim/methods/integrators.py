@@ -196,7 +196,7 @@ def integrators() -> Mapping[str, Integrator]:
     Examples
     --------
     >>> for one in cs.integrators().values():
-    ...     print(one.name, one.order, one.stages, one.explicit, round(one.imaginary_limit, 4))
+    ...     print(method.name, method.order, method.stages, method.explicit)
     rk4 4 4 True 2.8284
     explicit_euler 1 1 True 0.0
     semi_implicit_euler 1 1 True 2.0

@@ -135,7 +135,7 @@ def sweepable() -> dict[str, str]:
     Examples
     --------
     >>> names = cs.sweepable()
-    >>> names["stiffness_shear"], names["gravity_y"], names["integrator"], "stifness" in names
+    >>> names["stiffness_shear"], names["gravity_y"], names["integrator"]
     ('N/m', 'm/s^2', '', False)
     """
     return {name: units(name) for name in NAMES}

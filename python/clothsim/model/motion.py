@@ -357,7 +357,8 @@ class Keyframes(BaseMotion):
     >>> motion = cs.Keyframes([0.0, 1.0, 3.0], [(0, 0, 0), (1, 0, 0), (1, 4, 0)])
     >>> motion.center_at([-1.0, 0.5, 2.0, 9.0], (0, 0, 0)).tolist()
     [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 4.0, 0.0]]
-    >>> curve = cs.Keyframes([0.0, 1.0, 2.0], [(0, 0, 0), (0, 1, 0), (0, 0, 0)], smooth=True)
+    >>> path = [(0, 0, 0), (0, 1, 0), (0, 0, 0)]
+    >>> curve = cs.Keyframes([0.0, 1.0, 2.0], path, smooth=True)
     >>> curve.center_at(0.5, (0, 0, 0)).tolist(), curve.velocity_at([0.0, 1.0])[:, 1].tolist()
     ([0.0, 0.5, 0.0], [0.0, 0.0])
     """

@@ -77,7 +77,8 @@ def paper_moving(
 
     Examples
     --------
-    >>> cs.scenes.paper_moving(period=2.0, phase=0.0).spheres[0].center_at([0.0, 1.0]).tolist()
+    >>> sphere = cs.scenes.paper_moving(period=2.0, phase=0.0).spheres[0]
+    >>> sphere.center_at([0.0, 1.0]).tolist()
     [[-0.5, -0.5, 0.5], [0.5, -0.5, 0.5]]
     """
     motion = Reciprocate((1.0, 0.0, 0.0), 1.0, period, deceleration, phase)

@@ -82,7 +82,7 @@ class Scene(Record):
 
     Examples
     --------
-    >>> scene = cs.Scene(cs.Cloth(shape=(8, 12)), spheres=cs.Sphere(center=(0.5, -0.5, 0.5)))
+    >>> scene = cs.Scene(cs.Cloth(shape=(8, 12)), cs.Sphere(center=(0.5, -0.5, 0.5)))
     >>> scene.initial_position.shape
     (8, 12, 3)
     >>> cs.Scene.from_dict(scene.to_dict()) == scene

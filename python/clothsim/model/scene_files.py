@@ -99,7 +99,8 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     text = cs.save_scene(cs.scenes.paper_static(), folder + "/static.toml").read_text()
+    ...     path = cs.save_scene(cs.scenes.paper_static(), folder + "/static.toml")
+    ...     text = path.read_text()
     >>> print(text.splitlines()[6])
     mass = 512.0  # kg in all, or per mass point
     """

@@ -147,7 +147,8 @@ class Obstacle(Record):
 
         Examples
         --------
-        >>> cs.Sphere(radius=1.5, offset="edge").offset_length(cs.Cloth(shape=(2, 2), size=(4, 4)))
+        >>> cloth = cs.Cloth(shape=(2, 2), size=(4, 4))
+        >>> cs.Sphere(radius=1.5, offset="edge").offset_length(cloth)
         1.0
         """
         check.instance("cloth", cloth, Cloth)

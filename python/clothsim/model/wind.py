@@ -52,7 +52,7 @@ class Wind(Record):
     >>> gusts = cs.Sinusoid(amplitude=(2 / (2 * 3.14159), 0, 0), frequency=1.0)
     >>> wind = cs.Wind((6.0, 0.0, 0.5), motion=gusts)
     >>> pins = [(row, 0) for row in range(8)]
-    >>> flag = cs.Cloth((8, 12), (0.6, 0.9), mass=0.1, stiffness=50.0, damping=0.01, pins=pins)
+    >>> flag = cs.Cloth((8, 12), (0.6, 0.9), 0.1, stiffness=50.0, damping=0.01, pins=pins)
     >>> run = cs.simulate(cs.Scene(flag, wind=wind), 0.5, rtol=1e-4)
     >>> run.report["error_estimate"]["rms"] < 1e-4
     True

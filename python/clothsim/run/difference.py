@@ -69,7 +69,8 @@ def difference(a: Run, b: Run) -> Difference:
 
     Examples
     --------
-    >>> a, b = (cs.simulate(cs.scenes.paper_swing(), 0.1, dt=dt, fps=50) for dt in (1e-3, 1e-4))
+    >>> a = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
+    >>> b = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-4, fps=50)
     >>> apart = cs.difference(a, b)
     >>> apart["distance"].shape, bool(0 < apart["rms"][-1] < 1e-5)
     ((6, 32, 32), True)

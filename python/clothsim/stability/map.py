@@ -106,7 +106,8 @@ def stability_map(
 
     Examples
     --------
-    >>> found = cs.stability_map(cs.scenes.oscillator(), [100.0, 10_000.0], [0.02, 0.2, 0.3])
+    >>> scene = cs.scenes.oscillator()
+    >>> found = cs.stability_map(scene, [100.0, 10_000.0], [0.02, 0.2, 0.3])
     >>> found.stable.values.astype(int).tolist()
     [[1, 1, 0], [1, 0, 0]]
     >>> found.limit.values.round(4).tolist()

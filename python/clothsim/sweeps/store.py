@@ -348,7 +348,8 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     done = cs.sweep(cs.scenes.oscillator(), {"stiffness": [1.0, 2.0]}, duration=0.1,
-    ...                     dt=0.01, metrics="stable", store=folder + "/s.zarr", progress=False)
+    ...                     dt=0.01, metrics="stable", progress=False,
+    ...                     store=folder + "/s.zarr")
     ...     again = cs.open_sweep(folder + "/s.zarr")
     >>> bool(again.stable.all())
     True

@@ -306,7 +306,8 @@ def picture(
     Examples
     --------
     >>> scene = cs.scenes.paper_static()
-    >>> cs.picture(scene, scene.initial_position, camera="front", width=320).pixels.shape[1:]
+    >>> front = cs.picture(scene, scene.initial_position, camera="front", width=320)
+    >>> front.pixels.shape[1:]
     (320, 3)
     """
     check.instance("scene", scene, Scene)
