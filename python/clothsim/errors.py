@@ -206,10 +206,10 @@ class UnstableError(_StepError):
 
     Examples
     --------
-    >>> error = cs.UnstableError(step=12, time=0.13, point=(3, 4), dt=0.01, max_stable_dt=1e-3)
+    >>> error = cs.UnstableError(step=12, time=0.13, point=(3, 4), dt=0.01, max_stable_dt=2e-3)
     >>> print(error)
     unstable at step 12 (t = 0.13 s), first at mass point (3, 4): the time step dt = 0.01 s is \
-above the stability limit, about 0.0016 s; take a dt below it, or less stiffness or damping, or \
+above the stability limit, about 0.002 s; take a dt below it, or less stiffness or damping, or \
 more mass
     """
 

@@ -10,7 +10,6 @@ import math
 
 import clothsim as cs
 import numpy as np
-import pytest
 from clothsim.model.cloth import FAMILIES
 from tables import each
 from variants import cases
@@ -118,20 +117,6 @@ def test_pins(variant, crumpled, relative, pins):
     assert (result[1][mask] == 0).all()
     if pins != "all":
         assert relative(result, expected, x) < BOUND[variant.precision]
-
-
-def test_strict_is_refused_and_gather_named(crumpled):
-    scene, x, v, dt = crumpled()
-    for call in (
-        lambda: cs.step(scene, x, v, dt, strict=True),
-        lambda: cs.acceleration(scene, x, v, strict=True),
-        lambda: cs.Stepper(scene, strict=True),
-        lambda: cs.simulate(scene, dt, dt, strict=True),
-        lambda: cs.sweep(scene, {"dt": [dt]}, strict=True),
-        lambda: scene.explain(strict=True),
-    ):
-        with pytest.raises(TypeError, match="kernel='gather'"):
-            call()
 
 
 def test_auto_is_the_edge_kernel(crumpled, same_bits, precision):

@@ -44,6 +44,6 @@ def test_every_example_has_a_title(source):
 
 def test_links_to_examples_lead_to_the_gallery(source):
     links = re.findall(
-        r"\]\((/gallery/[^)]+)\.rst\)", (source / "index.md").read_text(encoding="utf8")
+        r"\]\((/gallery/[^)]+)\.rst\)", (source / "docs" / "runs.md").read_text(encoding="utf8")
     )
     assert "/gallery/0/flag" in links

@@ -136,7 +136,7 @@ def sweepable() -> dict[str, str]:
     --------
     >>> names = cs.sweepable()
     >>> names["stiffness_shear"], names["gravity_y"], names["integrator"]
-    ('N/m', 'm/s^2', '', False)
+    ('N/m', 'm/s^2', '')
     """
     return {name: units(name) for name in NAMES}
 
