@@ -290,7 +290,7 @@ def test_files_and_copies_keep_a_wind(motion, tmp_path):
         (
             lambda: check_scenes([random_scene()]),
             ValueError,
-            "wind must be None with backend 'gpu'",
+            "wind must be left out with backend 'gpu'",
         ),
     ],
 )

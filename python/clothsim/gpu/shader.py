@@ -246,14 +246,16 @@ def check_scenes(scenes: Sequence[Scene]) -> None:
                 f"pins[{pin}] must be None with backend 'gpu', got a motion; backend='cpu' "
                 "drives pins"
             )
-        if scene.wind is not None:
-            raise ValueError(
-                "wind must be None with backend 'gpu', got a Wind; backend='cpu' has it"
-            )
         if scene.force is not None:
             raise ValueError(
                 "force must be None with backend 'gpu', got an array; backend='cpu' has it"
             )
+        for force in scene.core_forces:
+            if force.name != "drag":
+                raise ValueError(
+                    f"{force.name} must be left out with backend 'gpu', whose shader has no such "
+                    "force; backend='cpu' has it"
+                )
         own = Features.of(scene)
         for name, got in vars(own).items():
             expected = getattr(first, name)

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from .. import _core
-from ..model.cloth import Cloth
+from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
 from .integrators import METHODS
 from .region import box_limit
@@ -156,9 +156,9 @@ class LimitingTerm:
     # The kind is "stiffness", "damping", "nothing", or "method" where the integrator has no stable
     # time step for this cloth.
     kind: str
-    # The spring families of the term, "points" for drag, and "air" for wind.
+    # The spring families of the term, and "points" for drag; or the name of another force alone.
     families: tuple[str, ...]
-    values: tuple[float, ...]  # of the term, for each family [N/m] or [N s/m]; of air [1/s]
+    values: tuple[float, ...]  # for each family [N/m] or [N s/m]; of another force [1/s]
     # Below these values the other kind limits the step, all families reduced in proportion; 0 if
     # there is none.
     below: tuple[float, ...]
@@ -170,9 +170,10 @@ class LimitingTerm:
             return "nothing limits it"
         if self.kind == "method":
             return f"{self.integrator} amplifies undamped motion at every time step"
-        if self.families == ("air",):
-            return f"the damping of the wind, {self.values[0]:.3g} 1/s at most, limits it"
-        *most, last = [f for f in self.families if f not in ("points", "air")] or [""]
+        if not {*FAMILIES, "points"}.issuperset(self.families):
+            (force,) = self.families
+            return f"the damping of the {force}, {self.values[0]:.3g} 1/s at most, limits it"
+        *most, last = [f for f in self.families if f != "points"] or [""]
         names = [f"the {self.kind} of {', '.join(most)}{' and ' * bool(most)}{last} springs"]
         names = names if last else []
         names += ["the drag of points"] * ("points" in self.families)
@@ -194,16 +195,24 @@ def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
     """Return the term that limits the step that `stable_dt` gives for a scene."""
     if METHODS[integrator].family == "stabilised":
         integrator = "rk4"
-    wind = scene.wind.core.damping_bound(scene.cloth.core) if scene.wind else 0.0
-    return _term_of(scene.cloth, wind, integrator)
+    cloth = scene.cloth
+    forces = tuple(
+        (force.name, force.damping_bound(cloth.core))
+        for force in scene.core_forces
+        if force.name != "drag"
+    )
+    return _term_of(cloth, forces, integrator)
 
 
 @lru_cache(maxsize=64)
-def _term_of(cloth: Cloth, wind: float, integrator: str) -> LimitingTerm:
+def _term_of(cloth: Cloth, forces: tuple[tuple[str, float], ...], integrator: str) -> LimitingTerm:
+    """Return the term of a cloth and of forces with their bounds of damping rates [1/s]."""
+    rates = dict(forces)
+
     def bounds(**changes: Any) -> tuple[float, float]:
         scene = Scene(cloth.replace(**changes, pins=cloth.pinned))
         omega2, delta = _core.mode_bounds(scene.cloth.core, scene.core_forces)
-        return math.sqrt(omega2), delta + wind
+        return math.sqrt(omega2), delta + sum(rates.values())
 
     k = cloth.family_stiffness
     c = cloth.family_damping
@@ -226,8 +235,8 @@ def _term_of(cloth: Cloth, wind: float, integrator: str) -> LimitingTerm:
         bound = delta
         bounds_without = {f: bounds(damping={**c, f: 0.0})[1] for f in c}
         bounds_without["points"] = bounds(drag=0.0)[1]
-        bounds_without["air"] = delta - wind
-        values = {**c, "points": cloth.drag, "air": wind}
+        bounds_without |= {name: delta - rate for name, rate in rates.items()}
+        values = {**c, "points": cloth.drag, **rates}
     else:
         kind = "stiffness"
         factor = (limit_undamped / limit_damping) ** 2
@@ -236,8 +245,8 @@ def _term_of(cloth: Cloth, wind: float, integrator: str) -> LimitingTerm:
         values = k
     fall = {f: bound - rest for f, rest in bounds_without.items()}
     families = tuple(f for f in fall if fall[f] >= _TIE * max(fall.values()))
-    if families[-1] == "air":  # the values of air have another unit
-        families = ("air",)
+    if families[-1] in rates:  # its value has another unit
+        families = families[-1:]
     terms = tuple(values[f] for f in families)
     below = tuple(factor * term for term in terms)
     return LimitingTerm(
