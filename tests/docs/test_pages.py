@@ -56,3 +56,21 @@ def test_the_index_lists_every_page():
 def test_a_page_opens_with_its_subject_and_its_readers(page):
     opening = " ".join(without_code(page).split("\n\n")[1].split())
     assert re.match(r"This .+\. It is for .+\.", opening), opening
+
+
+def squeezed(text):
+    return re.sub(r"\s+", "", text)
+
+
+@each("page", [DOCS / "howto" / f"add-{thing}.md" for thing in ("a-force", "an-integrator")])
+def test_worked_examples_are_the_code_of_the_package(page):
+    text = page.read_text(encoding="utf8")
+    files = {word for word in re.findall(r"`([^`\n]+)`", without_code(page)) if PLACE.match(word)}
+    sources = [
+        squeezed(path.read_text(encoding="utf8"))
+        for path in map(ROOT.joinpath, files)
+        if path.is_file()
+    ]
+    for block in re.findall(r"```\w+\n(.*?)```", text, flags=re.DOTALL):
+        for part in map(squeezed, block.split("\n\n")):
+            assert any(part in source for source in sources), part
