@@ -95,31 +95,12 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
         simulation->member(i).store(part(x, i), part(v, i));
 }
 
-// Values from which python/clothsim/engine/judge.py makes its errors; None where all steps were
-// done without an event: a call may be shorter than the making of a dict.
+// The events of a call for python/clothsim/engine/judge.py; None where all steps were done without
+// one: a call may be shorter than the making of a list.
 py::object reported(const Outcome& outcome) {
     if (outcome.interrupted) throw py::error_already_set();
     if (outcome.complete()) return py::none();
-    py::dict result;
-    if (const auto& inside = outcome.pinned_inside)
-        result["pinned_inside"] = py::make_tuple(inside->member, inside->point);
-    if (const auto& below = outcome.below)
-        result["below"] = py::make_tuple(below->member, below->points, below->triangles);
-    if (const auto& stiff = outcome.stiff)
-        result["stiff"] = py::make_tuple(stiff->member, stiff->obstacle, stiff->depth);
-    if (outcome.grown) {
-        result["grown"] = *outcome.grown;
-        result["steps"] = outcome.steps;
-    }
-    if (const auto& unstable = outcome.unstable) {
-        result["member"] = unstable->member;
-        result["point"] = unstable->point;
-        result["step"] = unstable->step;
-        result["time"] = unstable->time;
-        result["obstacle"] = unstable->obstacle;
-        result["depth"] = unstable->depth;
-    }
-    return result;
+    return py::cast(outcome.events);
 }
 
 py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads) {
@@ -405,6 +386,18 @@ void bind_simulation(py::module_& m) {
         .def_readonly("kinks", &AdaptiveRun::kinks)
         .def_readonly("rejected", &AdaptiveRun::rejected)
         .def_readonly("local_error", &AdaptiveRun::local_error);
+    py::class_<Event>(m, "Event")
+        .def(py::init<std::string, std::int64_t, std::int64_t, std::int64_t, double, std::int64_t,
+                      double>(),
+             py::arg("kind"), py::arg("member"), py::arg("point") = -1, py::arg("obstacle") = -1,
+             py::arg("value") = 0.0, py::arg("step"), py::arg("time"))
+        .def_readonly("kind", &Event::kind)
+        .def_readonly("member", &Event::member)
+        .def_readonly("point", &Event::point)
+        .def_readonly("obstacle", &Event::obstacle)
+        .def_readonly("value", &Event::value)
+        .def_readonly("step", &Event::step)
+        .def_readonly("time", &Event::time);
     // float64 comes first, so that what is not given keeps all its digits.
     py::class_<S>(m, "Simulation")
         .def(py::init<const std::vector<Plan>&, double, int>())

@@ -55,8 +55,8 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         h = adaptive.contact_step(t, h, run.near, false);
         if (!(h > smallest)) {
             if (left <= smallest) break;
-            outcome.unstable =
-                Outcome::Unstable{0, watches_[0].fastest_free_point(engine), outcome.steps + 1, t};
+            const std::int64_t point = watches_[0].fastest_free_point(engine);
+            outcome.events.push_back({"unstable", 0, point, -1, 0, outcome.steps + 1, t});
             return outcome;
         }
         const double error = adaptive.try_step(t, h, run.tolerance, threads);
@@ -70,9 +70,8 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
             // Steps that meet the tolerance and still end beyond the layer: the solution does.
             constexpr int most_trials = 3;
             if (++passed_in_a_row > most_trials) {
-                outcome.unstable = Outcome::Unstable{0, passed.point, outcome.steps + 1, t + h};
-                outcome.unstable->obstacle = passed.obstacle;
-                outcome.unstable->depth = passed.depth;
+                outcome.events.push_back({"passed", 0, passed.point, passed.obstacle, passed.depth,
+                                          outcome.steps + 1, t + h});
                 return outcome;
             }
             controller.h = std::min(controller.h, h / 4);
@@ -95,9 +94,9 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
                 engine.note_contacts();
                 note_pinned_inside(0, next);
             }
-            report_contacts(outcome);
             t = next;
             outcome.steps += 1;
+            report_contacts(outcome, t);
             run.ends.push_back(t);
             run.local_error += error;
             clock = {t, 0, 0};
@@ -106,7 +105,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
             if (due) {
                 const std::int64_t point = watches_[0].runaway_point(engine, t, true);
                 if (point >= 0) {
-                    outcome.unstable = Outcome::Unstable{0, point, outcome.steps, t};
+                    outcome.events.push_back({"unstable", 0, point, -1, 0, outcome.steps, t});
                     return outcome;
                 }
             }

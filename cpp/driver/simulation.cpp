@@ -306,12 +306,11 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) 
         const std::int64_t point = bad_points_[std::size_t(bad)];
         const Passed passed = passed_[std::size_t(bad)];
         back_to_start_of_block();
-        outcome.unstable = {bad, point, outcome.steps + 1, clock.at(1)};
-        if (point < 0) {
-            outcome.unstable->point = passed.point;
-            outcome.unstable->obstacle = passed.obstacle;
-            outcome.unstable->depth = passed.depth;
-        }
+        Event event{"unstable", bad, point};
+        if (point < 0) event = {"passed", bad, passed.point, passed.obstacle, passed.depth};
+        event.step = outcome.steps + 1;
+        event.time = clock.at(1);
+        outcome.events.push_back(std::move(event));
         break;
     }
     pinned_inside_.assign(members_.size(), -1);
@@ -387,28 +386,36 @@ void Simulation::note_pinned_inside(std::size_t i, double t) {
     if (pinned_inside_[i] < 0) pinned_inside_[i] = members_[i]->pinned_below(t);
 }
 
-void Simulation::note_depths(std::size_t i, Outcome& outcome) {
+void Outcome::add(Event event, double time) {
+    for (const Event& other : events)
+        if (other.kind == event.kind) return;
+    event.step = steps;
+    event.time = time;
+    events.push_back(std::move(event));
+}
+
+void Simulation::report_depths(std::size_t i, Outcome& outcome, double t) {
     if (!members_[i]->has_penalty()) return;
+    const std::int64_t member = std::int64_t(i);
     const Watched& watched = members_[i]->watched;
-    if (!outcome.below && !told_below_[i] &&
-        std::max(watched.point_depth, watched.triangle_depth) > heuristics::negligible_depth) {
+    const double below = std::max(watched.point_depth, watched.triangle_depth);
+    if (!told_below_[i] && below > heuristics::negligible_depth) {
         told_below_[i] = 1;
-        outcome.below = {std::int64_t(i), watched.point_depth, watched.triangle_depth};
+        outcome.add({"below", member, -1, -1, below}, t);
     }
     for (std::size_t s = 0; s < stable_depths_[i].size() && !told_stiff_[i]; ++s) {
         const double deepest = members_[i]->contacts.of(s).deepest;
-        if (outcome.stiff || !(deepest > stable_depths_[i][s])) continue;
+        if (!(deepest > stable_depths_[i][s])) continue;
         told_stiff_[i] = 1;
-        outcome.stiff = {std::int64_t(i), std::int64_t(s), deepest};
+        outcome.add({"stiff", member, -1, std::int64_t(s), deepest}, t);
     }
 }
 
-void Simulation::report_contacts(Outcome& outcome) {
+void Simulation::report_contacts(Outcome& outcome, double t) {
     for (std::size_t i = 0; i < members_.size(); ++i) {
         const std::int64_t pinned = std::exchange(pinned_inside_[i], -1);
-        if (pinned >= 0 && !outcome.pinned_inside)
-            outcome.pinned_inside = {std::int64_t(i), pinned};
-        note_depths(i, outcome);
+        if (pinned >= 0) outcome.add({"pinned_inside", std::int64_t(i), pinned}, t);
+        report_depths(i, outcome, t);
     }
 }
 
@@ -438,7 +445,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
         chunk_ = std::clamp(std::int64_t(heuristics::seconds_between_polls * double(n) / seconds),
                             std::int64_t(1), heuristics::steps_of_block);
         start = end;
-        report_contacts(outcome);
+        report_contacts(outcome, clock.now());
         outcome.interrupted = poll.stopped(end);
         std::exception_ptr failure = take_force_failure();
         const bool ends = outcome.interrupted || failure;
@@ -455,12 +462,16 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
             end_block();
             std::rethrow_exception(failure);
         }
-        for (std::size_t i = 0; i < members_.size(); ++i)
-            if (watches_[i].take_growth() && !outcome.grown) outcome.grown = std::int64_t(i);
+        bool grown = false;
+        for (std::size_t i = 0; i < members_.size(); ++i) {
+            if (!watches_[i].take_growth()) continue;
+            grown = true;
+            outcome.add({"grown", std::int64_t(i)}, clock.now());
+        }
         // The next block begins at the state of this inspection, so that steps which are repeated
         // pass none.
         if (n == to_block || n == to_sample) end_block();
-        if (outcome.interrupted || outcome.grown) return outcome;
+        if (outcome.interrupted || grown) return outcome;
     }
     return outcome;
 }

@@ -3,6 +3,8 @@
 
 #include <functional>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "driver/energy_watch.hpp"
 #include "engines/engine.hpp"
@@ -11,41 +13,34 @@
 
 namespace clothsim {
 
+// What a user should know of a call. engine/judge.py makes an error or a warning of each kind:
+//
+//     "unstable"       the state is not finite or has run away; it is the last good one again
+//     "passed"         the point has gone through the layer of the obstacle; likewise
+//     "pinned_inside"  the pinned point is below the true surface of an obstacle
+//     "below"          a free point or a triangle is `value` below the true surface of an obstacle
+//     "stiff"          a point is so deep in the layer that the time step may be too long for it
+//     "grown"          the energy has grown out of nothing (EnergyWatch)
+struct Event {
+    std::string kind;
+    std::int64_t member = 0;
+    std::int64_t point = -1;     // mass point, or -1
+    std::int64_t obstacle = -1;  // sphere or plane, or -1
+    double value = 0;  // depth [m]
+    std::int64_t step = 0;  // of the call, counted from 1
+    double time = 0;  // at the end of that step [s]
+};
+
 // How a call of `advance` ended, at a whole step in every case.
 struct Outcome {
-    std::int64_t steps = 0;  // done
+    std::int64_t steps = 0;  // done; some are left after "unstable", "passed" and "grown"
     bool interrupted = false;
-    struct Unstable {
-        std::int64_t member, point;
-        std::int64_t step;  // of this call, the first whose result is not finite or has run away
-        double time;
-        std::int64_t obstacle = -1;  // finite, but the point has gone through the layer of this one
-        double depth = 0;  // there, or the way of the step where it went past [m]
-    };
-    std::optional<Unstable> unstable;  // state: the last good one, one step before
-    struct MemberPoint {
-        std::int64_t member, point;
-    };
-    std::optional<MemberPoint> pinned_inside;  // a pinned point is below a true surface
-    // A free point or a triangle is below the true surface of a penalty obstacle.
-    struct Below {
-        std::int64_t member;
-        double points, triangles;  // m
-    };
-    std::optional<Below> below;
-    // A point is so deep in a layer that the time step may be too long for it.
-    struct Stiff {
-        std::int64_t member, obstacle;
-        double depth;  // m
-    };
-    std::optional<Stiff> stiff;
-    // A member whose energy has grown out of nothing (EnergyWatch); steps may be left to do.
-    std::optional<std::int64_t> grown;
+    std::vector<Event> events;  // at most one of each kind
 
     // All steps were done, and no event has to be reported.
-    bool complete() const {
-        return !interrupted && !unstable && !pinned_inside && !grown && !below && !stiff;
-    }
+    bool complete() const { return !interrupted && events.empty(); }
+    // Add an event after the steps so far, unless there is one of its kind.
+    void add(Event event, double time);
 };
 
 // Steps are taken first and judged afterwards, which costs less than an inspection before each. A
@@ -174,10 +169,10 @@ private:
     void note_forces();
     void run_member(std::size_t i, const Steps& steps, bool copy, int threads);
     void set_step(double dt);
-    void report_contacts(Outcome& outcome);
+    // Add what the steps so far, up to the time t, found of contacts.
+    void report_contacts(Outcome& outcome, double t);
     void note_pinned_inside(std::size_t i, double t);
-    // Of penalty obstacles, see Outcome::below and Outcome::stiff.
-    void note_depths(std::size_t i, Outcome& outcome);
+    void report_depths(std::size_t i, Outcome& outcome, double t);
     // Steps of a member, one by one and by their paths where a point may pass an obstacle in one.
     void advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads);
     bool may_pass(std::size_t i, double dt) const;

@@ -92,6 +92,26 @@ class AdaptiveRun:
         controller: tuple[float, float, bool],
     ) -> None: ...
 
+class Event:
+    kind: str
+    member: int
+    point: int
+    obstacle: int
+    value: float
+    step: int
+    time: float
+    def __init__(
+        self,
+        *,
+        kind: str,
+        member: int,
+        point: int = -1,
+        obstacle: int = -1,
+        value: float = 0.0,
+        step: int,
+        time: float,
+    ) -> None: ...
+
 class Simulation:
     def __init__(self, plans: list[Plan], time: float, threads: int) -> None: ...
     def load(self, x: State, v: State, time: float | None = None) -> None: ...
@@ -109,9 +129,9 @@ class Simulation:
         x_out: State,
         v_out: State,
         /,
-    ) -> dict[str, Any] | Literal[False] | None: ...
+    ) -> list[Event] | Literal[False] | None: ...
     def store(self, x: State | None, v: State | None) -> None: ...
-    def advance(self, steps: int, dt: float, threads: int) -> dict[str, Any] | None: ...
+    def advance(self, steps: int, dt: float, threads: int) -> list[Event] | None: ...
     @overload
     def accelerations(
         self, time: float, x: State, v: State, a: Floats, threads: int, /
@@ -127,7 +147,7 @@ class Simulation:
     def frozen(self) -> list[bool]: ...
     def advance_adaptive(
         self, run: AdaptiveRun, until: float, steps: int, threads: int
-    ) -> dict[str, Any] | None: ...
+    ) -> list[Event] | None: ...
     def dense(self, t: float, x: Floats, v: Floats, threads: int) -> None: ...
     @property
     def evaluations(self) -> list[int]: ...

@@ -1,11 +1,11 @@
-"""Warnings and errors of steps: what an outcome of the core means to a user."""
+"""Warnings and errors of steps: what events of the core mean to a user."""
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Sequence
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -18,13 +18,17 @@ from ..model.sphere import kind_name
 from ..typing import Force
 from .options import Options, kept_plan
 
+# The warnings of a time step. Who chooses the step himself, as error control does, gives none.
+TIME_STEP = frozenset({"time_step", "grown", "stiff"})
+
 
 class Judge:
     """Gives each warning of a simulation once, and raises the error of a failed step, with the
     state of `core`.
 
     `scenes` and the guaranteed time steps `max_stable_dt` [s] have one entry for each member, which
-    messages name where the state is `batched`.
+    messages name where the state is `batched`. `quiet` has the kinds of warnings that are not
+    given. `warned` has those that were given.
     """
 
     def __init__(
@@ -35,28 +39,42 @@ class Judge:
         integrator: str,
         max_stable_dt: Sequence[float],
         forces: Sequence[Force | None],
+        quiet: Collection[str] = (),
     ) -> None:
-        self._core, self._scenes, self._batched = core, scenes, batched
-        self._integrator, self._max_stable_dt = integrator, max_stable_dt
+        self._core = core
+        self._scenes = scenes
+        self._batched = batched
+        self._integrator = integrator
+        self._max_stable_dt = max_stable_dt
         self._forces = forces
+        self._quiet = quiet
+        self.warned: set[str] = set()
         self.least_stable_dt = min(*max_stable_dt, sys.float_info.max)  # inf without springs
-        self._fixed = True  # the steps are the caller's, not those of error control
         self.steps_before = 0  # earlier calls of the run; errors count steps from its start
-        self.given: set[str] = set()  # warnings that are given, or kept from the user
+        self._warnings: dict[str, tuple[type[Warning], Callable[[_core.Event, float], str]]] = {
+            "pinned_inside": (ContactWarning, self._pins_text),
+            "below": (ContactWarning, self._below_text),
+            "stiff": (StabilityWarning, self._stiff_text),
+            "grown": (StabilityWarning, self._growth_text),
+        }
 
-    def own_steps(self) -> None:
-        """Keep warnings of the time step from the user: error control chooses the steps."""
-        self._fixed = False
-        self.given |= {"dt", "grown", "stiff"}
+    def begin_call(self) -> None:
+        """Give all warnings anew, as each call of `step` does."""
+        self.warned.clear()
+
+    def _is_quiet(self, kind: str) -> bool:
+        # What grows has been warned of: its time step is too long.
+        grown = kind in TIME_STEP and "grown" in self.warned
+        return kind in self._quiet or kind in self.warned or grown
 
     def time_step(self, dt: float) -> None:
         """Warn once of a time step above the guarantee of a member that moves."""
-        if "dt" in self.given or dt <= self.least_stable_dt:
+        if dt <= self.least_stable_dt or self._is_quiet("time_step"):
             return
         active = [k for k, frozen in enumerate(self._core.frozen) if not frozen]
         limit, member = min(((self._max_stable_dt[k], k) for k in active), default=(dt, 0))
         if dt > limit:
-            self.given.add("dt")
+            self.warned.add("time_step")
             which = f"batch member {member}" if self._batched else "this scene"
             stable = f"guaranteed to be stable for {which}"
             text = f"no dt is {stable} with {self._integrator}"
@@ -69,26 +87,19 @@ class Judge:
                 f"{text}; {limiting_term(self._scenes[member], self._integrator)}", StabilityWarning
             )
 
-    def outcome(self, outcome: dict[str, Any], dt: float) -> None:
-        """Give a warning for each finding of the core, and raise an error for a failed step."""
-        contacts: dict[str, Callable[[Any], str]] = {
-            "pinned_inside": self._pins_text,
-            "below": self._below_text,
-        }
-        for name, text in contacts.items():
-            if name in outcome and name not in self.given:
-                self.given.add(name)
-                warn_caller(text(outcome[name]), ContactWarning)
-        if "stiff" in outcome and "stiff" not in self.given:
-            self.given.add("stiff")
-            warn_caller(self._stiff_text(outcome["stiff"], dt), StabilityWarning)
-        if "grown" in outcome and "grown" not in self.given:
-            self._warn_of_growth(outcome["grown"], dt)
-        if "point" in outcome:
-            self._raise_error(outcome, dt)
+    def report(self, events: Sequence[_core.Event], dt: float, steps_before: int = 0) -> None:
+        """Give the warnings of a call of the core, and raise the error of a failed step.
 
-    def _named(self, member: int) -> int | None:
-        return member if self._batched else None
+        `steps_before`: steps of this call of a user before that of the core.
+        """
+        for event in events:
+            if event.kind not in self._warnings:
+                self._raise_error(event, dt, steps_before)
+            if self._is_quiet(event.kind):
+                continue
+            self.warned.add(event.kind)
+            category, text = self._warnings[event.kind]
+            warn_caller(text(event, dt), category)
 
     def _of(self, member: int) -> str:
         return f" of batch member {member}" if self._batched else ""
@@ -99,34 +110,31 @@ class Judge:
         self._core.store(*((x, v) if self._batched else (x[0], v[0])))
         return x[member], v[member]
 
-    def _pins_text(self, found: tuple[int, int]) -> str:
-        member, point = found
+    def _pins_text(self, event: _core.Event, dt: float) -> str:
+        scene = self._scenes[event.member]
+        pin = divmod(event.point, scene.cloth.columns)
         return (
-            "the pinned mass point "
-            f"{divmod(point, self._scenes[member].cloth.columns)}{self._of(member)} is inside a "
-            f"{kind_name(self._scenes[member].spheres)}; no contact moves it, so it, and triangles "
-            "at it, are inside while it is there"
+            f"the pinned mass point {pin}{self._of(event.member)} is inside a "
+            f"{kind_name(scene.spheres)}; no contact moves it, so it, and triangles at it, are "
+            "inside while it is there"
         )
 
-    def _below_text(self, found: tuple[int, float, float]) -> str:
-        member, points, triangles = found
-        what, depth = ("a mass point", points) if points >= triangles else ("a triangle", triangles)
+    def _below_text(self, event: _core.Event, dt: float) -> str:
         return (
-            f"{what}{self._of(member)} is {depth:.3g} m below the true surface of an obstacle at "
-            f"t = {self._core.time:g} s; a larger stiffness or thickness of its layer, or a larger "
-            "offset, keeps the cloth out"
+            f"the cloth{self._of(event.member)} is {event.value:.3g} m below the true surface of "
+            f"an obstacle at t = {event.time:g} s; a larger stiffness or thickness of its layer, "
+            "or a larger offset, keeps the cloth out"
         )
 
-    def _stiff_text(self, found: tuple[int, int, float], dt: float) -> str:
-        member, k, depth = found
-        part = (
-            depth / self._scenes[member].spheres[k].layer(self._scenes[member].cloth)["thickness"]
-        )
-        limit = limit_in_layer(self._scenes[member], self._integrator, k, depth)
+    def _stiff_text(self, event: _core.Event, dt: float) -> str:
+        scene = self._scenes[event.member]
+        k = event.obstacle
+        part = event.value / scene.spheres[k].layer(scene.cloth)["thickness"]
+        limit = limit_in_layer(scene, self._integrator, k, event.value)
         return (
             f"dt = {dt:g} s is above {limit:.3g} s, up to which {self._integrator} is guaranteed "
             f"to be stable with mass points {part:.2g} of its thickness deep in the layer of "
-            f"spheres[{k}]{self._of(member)}, as they are at t = {self._core.time:g} s"
+            f"spheres[{k}]{self._of(event.member)}, as they are at t = {event.time:g} s"
         )
 
     def _limit_at(self, member: int) -> float:
@@ -140,40 +148,40 @@ class Judge:
         except ValueError:  # points too near for a direction; no reason to end the run
             return self._max_stable_dt[member]
 
-    def _warn_of_growth(self, member: int, dt: float) -> None:
-        self.given |= {"dt", "grown", "stiff"}
-        limit = self._limit_at(member)
-        advice = (
-            "take a dt below it" if limit < dt else "states before it bear less; take a smaller dt"
-        )
-        reach = (
-            f"is stable at that state up to {limit:.3g} s: {advice}"
-            if limit
-            else "is stable there at no time step"
-        )
-        warn_caller(
-            f"energy{self._of(member)} grows out of nothing: at t = {self._core.time:g} s "
-            "more than half of the kinetic and "
-            f"elastic energy was made by the time step dt = {dt:g} s; {self._integrator} {reach}",
-            StabilityWarning,
+    def _growth_text(self, event: _core.Event, dt: float) -> str:
+        limit = self._limit_at(event.member)
+        if not limit:
+            reach = "is stable there at no time step"
+        elif limit < dt:
+            reach = f"is stable at that state up to {limit:.3g} s: take a dt below it"
+        else:
+            reach = (
+                f"is stable at that state up to {limit:.3g} s: states before it bear less; take "
+                "a smaller dt"
+            )
+        return (
+            f"energy{self._of(event.member)} grows out of nothing: at t = {event.time:g} s more "
+            "than half of the kinetic and elastic energy was made by the time step "
+            f"dt = {dt:g} s; {self._integrator} {reach}"
         )
 
-    def _holding(self, member: int, k: int, point: int, found: dict[str, Any], dt: float) -> str:
-        """What would hold a point that has gone through the layer of an obstacle."""
-        scene = self._scenes[member]
-        obstacle = scene.spheres[k]
+    def _remedy(self, event: _core.Event, v: Any, dt: float) -> str:
+        """Return what would hold a point that has gone through the layer of an obstacle."""
+        scene = self._scenes[event.member]
+        obstacle = scene.spheres[event.obstacle]
         layer = obstacle.layer(scene.cloth)
-        mass = float(scene.cloth.mass_per_point.flat[point])
-        velocity = found["v"].reshape(-1, 3)[point] - obstacle.velocity_at(found["time"])
+        mass = float(scene.cloth.mass_per_point.flat[event.point])
+        velocity = v.reshape(-1, 3)[event.point] - obstacle.velocity_at(event.time)
         speed = float(np.linalg.norm(velocity))
-        thickness, stiffness = layer["thickness"], layer["stiffness"]
-        held = thickness * math.sqrt(stiffness / (2 * mass))
-        if speed <= held and self._fixed:
+        thickness = layer["thickness"]
+        stiffness = layer["stiffness"]
+        largest = thickness * math.sqrt(stiffness / (2 * mass))  # speed that the layer takes [m/s]
+        if speed <= largest and "time_step" not in self._quiet:
             return (
-                f"the layer takes up to {held:.3g} m/s, and the point closes at {speed:.3g} m/s: "
-                f"take a dt of at most {min(dt / 2, thickness / (2 * speed)):.3g} s, or rtol"
+                f"the layer takes up to {largest:.3g} m/s, and the point closes at {speed:.3g} m/s:"
+                f" take a dt of at most {min(dt / 2, thickness / (2 * speed)):.3g} s, or rtol"
             )
-        if speed <= held:
+        if speed <= largest:
             return (
                 f"forces press the point through: take a stiffness above {stiffness:.3g} N/m, or a "
                 f"thickness above {thickness:.3g} m"
@@ -184,26 +192,24 @@ class Judge:
             f"thickness of {speed * math.sqrt(2 * mass / stiffness):.3g} m, here {thickness:.3g} m"
         )
 
-    def _raise_error(self, outcome: dict[str, Any], dt: float) -> None:
-        member, point = outcome["member"], outcome["point"]
-        scene = self._scenes[member]
-        x, v = self._state(member)
-        found: dict[str, Any] = {
-            "step": self.steps_before + outcome["step"],
-            "time": outcome["time"],
-            "point": None if scene.cloth.pinned.flat[point] else divmod(point, scene.cloth.columns),
+    def _raise_error(self, event: _core.Event, dt: float, steps_before: int) -> NoReturn:
+        cloth = self._scenes[event.member].cloth
+        x, v = self._state(event.member)
+        pinned = cloth.pinned.flat[event.point]
+        values: dict[str, Any] = {
+            "step": self.steps_before + steps_before + event.step,
+            "time": event.time,
+            "point": None if pinned else divmod(event.point, cloth.columns),
             "x": x,
             "v": v,
-            "member": self._named(member),
+            "member": event.member if self._batched else None,
         }
-        if outcome["obstacle"] >= 0:
-            k = outcome["obstacle"]
-            raise ContactError(
-                **found, obstacle=k, remedy=self._holding(member, k, point, found, dt)
-            )
-        limit, term = self._limit_of(member, x, dt)
-        function = self._forces[member] is not None
-        raise UnstableError(**found, dt=dt, max_stable_dt=limit, term=term, function=function)
+        if event.kind == "passed":
+            remedy = self._remedy(event, v, dt)
+            raise ContactError(**values, obstacle=event.obstacle, remedy=remedy)
+        limit, term = self._limit_of(event.member, x, dt)
+        function = self._forces[event.member] is not None
+        raise UnstableError(**values, dt=dt, max_stable_dt=limit, term=term, function=function)
 
     def _limit_of(self, member: int, x: Any, dt: float) -> tuple[float, str]:
         """Return the time step that an unstable run suggests, and the term that limits it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -276,7 +276,7 @@ def own_arrays(scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArr
 
 
 class State:
-    """A simulation of the core for checked input. `judge` makes warnings and errors of outcomes."""
+    """A simulation of the core for checked input. `judge` makes warnings and errors of events."""
 
     def __init__(
         self,
@@ -287,11 +287,17 @@ class State:
         t: float,
         options: Options,
         forces: Sequence[Force | None] = (),
+        quiet: Collection[str] = (),
     ) -> None:
-        """A state without values, with one scene for each member; `batched`: its arrays have a
-        first axis of members; `forces`: of functions, one for each member.
+        """Make a state without values, with one scene for each member.
+
+        `batched`: its arrays have a first axis of members; `forces`: of functions, one for each
+        member; `quiet`: kinds of warnings that are not given (`Judge`).
         """
-        self.batched, self.options, self.integrator = batched, options, options.integrator
+        self.batched = batched
+        self.options = options
+        self.integrator = options.integrator
+        self._quiet = quiet
         self.forces = [*forces] or [None] * len(scenes)
         self.forced = self.forces.count(None) < len(scenes)
         self.shape, self.dtype = shape, np.dtype(dtype)
@@ -325,9 +331,10 @@ class State:
         t: float | None,
         options: Options,
         force: Any = None,
+        quiet: Collection[str] = (),
     ) -> State:
-        """The state of the arguments of a call. A state or time that is not given is that of the
-        scenes.
+        """Return the state of the arguments of a call. A state or time that is not given is that of
+        the scenes.
 
         Driven pins that are elsewhere are refused.
         """
@@ -344,7 +351,7 @@ class State:
             check_driven_pins(scenes, x, time)
         check_depths(scenes, x, time, start=own)
         forces = forces_of(force, scenes, batched)
-        state = cls(scenes, x.ndim == 4, x.shape, x.dtype, time, options, forces)
+        state = cls(scenes, x.ndim == 4, x.shape, x.dtype, time, options, forces, quiet)
         state.core.load(x, v)
         return state
 
@@ -356,11 +363,12 @@ class State:
         t: float,
         options: Options,
         forces: Sequence[Force | None] = (),
+        quiet: Collection[str] = (),
     ) -> State:
-        """The scenes' own states at a time [s], unchecked."""
+        """Return the scenes' own states at a time [s], unchecked."""
         x, v = own_arrays(scenes, batched)
         check_depths(scenes, x, t, start=True)
-        state = cls(scenes, batched, x.shape, x.dtype, t, options, forces)
+        state = cls(scenes, batched, x.shape, x.dtype, t, options, forces, quiet)
         state.core.load(x, v)
         return state
 
@@ -368,8 +376,7 @@ class State:
         """Replace the scenes, and keep the state. An error leaves everything as it was."""
         scenes = scenes_of(scene) * (len(self.scenes) if isinstance(scene, Scene) else 1)
         plans, limits = self._compiled(scenes)
-        x = np.empty(self.shape)
-        self.core.store(x, np.empty(self.shape))
+        x, _ = self.arrays()
         check_depths(scenes, x, self.core.time, start=True)
         with Interrupts():  # the core and its record change together
             self.core.set_scene(plans, limits)
@@ -397,7 +404,9 @@ class State:
         self.instruction_set = str(
             cast("Any", self.core).adapter if on_gpu else plans[0].instruction_set
         )
-        self.judge = Judge(self.core, scenes, self.batched, self.integrator, limits, self.forces)
+        self.judge = Judge(
+            self.core, scenes, self.batched, self.integrator, limits, self.forces, self._quiet
+        )
         self._dt_of_depths = math.nan  # the time step whose stable depths the core has
         self._has_layers = self._driven = self._moves = False
         for scene in scenes:
@@ -412,7 +421,7 @@ class State:
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any
     ) -> tuple[FloatArray, FloatArray]:
         """A call of `step`, with float arrays of the shape and type of this state."""
-        self.judge.given.clear()
+        self.judge.begin_call()
         if t is not None or self._moves:
             t = start_time(t, self.scenes)
         time = t or 0.0
@@ -424,12 +433,12 @@ class State:
             self.warn_of_order()
         if not (x.flags.c_contiguous and v.flags.c_contiguous):
             x, v = self._arrays(x, v)
-        outcome = self.core.step(time, x, v, steps, dt, self.threads, *results)
-        if outcome is False:
+        events = self.core.step(time, x, v, steps, dt, self.threads, *results)
+        if events is False:
             x, v = self._arrays(x, v)
             check_depths(self.scenes, x, time)
-        if outcome:
-            self._go_on(outcome, steps, dt)
+        if events:
+            self._go_on(events, steps, dt)
             self.core.store(*results)
         return results
 
@@ -448,6 +457,13 @@ class State:
             self.core.accelerations(result, self.threads)
         return result
 
+    def arrays(self) -> tuple[FloatArray, FloatArray]:
+        """Return the present positions [m] and velocities [m/s] in double."""
+        x = np.empty(self.shape)
+        v = np.empty(self.shape)
+        self.core.store(x, v)
+        return x, v
+
     def _arrays(self, x: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The arrays, contiguous; a ValueError for numbers that are not finite, or too large for
         the precision.
@@ -457,9 +473,9 @@ class State:
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""
         steps, dt = self._checked(steps, dt, self.core.time)
-        outcome = self.core.advance(steps, dt, self.threads)
-        if outcome:
-            self._go_on(outcome, steps, dt)
+        events = self.core.advance(steps, dt, self.threads)
+        if events:
+            self._go_on(events, steps, dt)
 
     def _checked(self, steps: Any, dt: Any, t: float) -> tuple[int, float]:
         """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long. `t`:
@@ -500,16 +516,21 @@ class State:
             self.core.set_stable_depths(k, stable_depths(scene, self.integrator, float(dt)))
         self._dt_of_depths = dt
 
-    def _go_on(self, outcome: dict[str, Any] | None, steps: int, dt: float) -> None:
+    def _go_on(
+        self, events: Sequence[_core.Event] | None, steps: int, dt: float, steps_before: int = 0
+    ) -> None:
+        """Report the events of a call, and take the steps that it left where energy has grown.
+
+        `steps_before`: steps of earlier calls, which errors count.
+        """
         done = 0
-        while outcome:
-            if "point" in outcome:
-                outcome["step"] += done
-            self.judge.outcome(outcome, dt)
-            if "grown" not in outcome:
+        while events:
+            self.judge.report(events, dt, steps_before + done)
+            grown = [event.step for event in events if event.kind == "grown"]
+            if not grown:
                 return
-            done += outcome["steps"]
-            outcome = self.core.advance(steps - done, dt, self.threads)
+            done += grown[0]
+            events = self.core.advance(steps - done, dt, self.threads)
 
     def warn_of_order(self) -> None:
         """Give an `OrderWarning` for the first scene for which the integrator loses order."""
@@ -519,8 +540,7 @@ class State:
     def replace_state(self, x: Any = None, v: Any = None, t: Any = None) -> None:
         """See `Stepper.set_state`."""
         time = None if t is None else check.number("t", t)
-        own_x, own_v = np.empty(self.shape), np.empty(self.shape)
-        self.core.store(own_x, own_v)
+        own_x, own_v = self.arrays()
         put_driven_pins(
             self.scenes, own_x, own_v, self.core.time if time is None else time, self.core.frozen
         )
@@ -585,11 +605,8 @@ class State:
         done, piece = 0, 1
         while done < steps:
             count, begin = min(piece, steps - done), time.monotonic()
-            if outcome := self.core.advance(count, dt, self.threads):
-                if "point" in outcome:
-                    outcome["step"] += done
-                self.judge.outcome(outcome, dt)
-                count = outcome.get("steps", count)
+            if events := self.core.advance(count, dt, self.threads):
+                self._go_on(events, count, dt, done)
             done += count
             if time.monotonic() - begin < _LONGEST_PIECE / 2:
                 piece *= 2

@@ -155,8 +155,10 @@ class Simulation:
     ) -> Any:
         """Take a whole call: a state in, steps, and the state out unless there is an event."""
         self.load(x, v, time)
-        # The caller stores the state after this outcome.
-        return self.advance(steps, dt, threads)
+        events = self.advance(steps, dt, threads)
+        if not events:
+            self.store(x_out, v_out)
+        return events
 
     def set_scene(self, scenes: Sequence[Scene], stable_dt: Sequence[float]) -> None:
         """Replace the scenes and stable time steps [s]; the state stays, and pinned points stop."""
@@ -274,11 +276,11 @@ class Simulation:
         with self._exclusive():
             self._look()
 
-    def _look(self) -> dict[str, Any]:
-        """Measure how deep the cloth is in the obstacles; what a user should be told of it, in the
-        core's form.
+    def _look(self, steps: int = 0) -> list[_core.Event]:
+        """Measure how deep the cloth is in the obstacles; what a user should be told of it, after
+        `steps` steps of a call.
         """
-        events: dict[str, Any] = {}
+        events: dict[str, _core.Event] = {}
         x, _ = vectors(joined(self._state(), self._origins), self._shape)
         for member, (scene, extremes) in enumerate(zip(self._scenes, self._extremes, strict=True)):
             if self.frozen[member]:
@@ -291,15 +293,17 @@ class Simulation:
                 extremes[name] = max(extremes[name], depth)
             if not self._has_penalty(scene):
                 continue
-            below = extremes["points"], extremes["triangles"]
-            if max(below) > _core.heuristics["negligible_depth"]:
-                events.setdefault("below", (member, *below))
+            state: dict[str, Any] = {"member": member, "step": steps, "time": time}
+            below = max(extremes["points"], extremes["triangles"])
+            if below > _core.heuristics["negligible_depth"]:
+                events.setdefault("below", _core.Event(kind="below", value=below, **state))
             limits = stable_depths(scene, "rk4", self._clock.dt) if self._clock.dt else []
             depths = _core.contact_depths(plan, np.ascontiguousarray(x[member]), time)
             for k, (limit, (depth, _)) in enumerate(zip(limits, depths)):
                 if depth > limit:
-                    events.setdefault("stiff", (member, k, depth))
-        return events
+                    event = _core.Event(kind="stiff", obstacle=k, value=depth, **state)
+                    events.setdefault("stiff", event)
+        return list(events.values())
 
     @staticmethod
     def _has_penalty(scene: Scene) -> bool:
@@ -330,10 +334,8 @@ class Simulation:
             )
         return members
 
-    def advance(self, steps: int, dt: float, threads: int) -> dict[str, Any]:
-        """Take steps and return the outcome in the core's form: steps done, and the bad point if
-        there is one.
-        """
+    def advance(self, steps: int, dt: float, threads: int) -> list[_core.Event]:
+        """Take steps and return what a user should know of them, that of a failed step last."""
         with self._exclusive(), Interrupts() as interrupts:
             self._downloaded = False
             if dt != self._clock.dt:
@@ -341,18 +343,18 @@ class Simulation:
             if dt != self._step_set and self._adapter_state:
                 self._adapter_state.set_step(dt, self._stable_dt)
             self._step_set = dt
-            self._events: dict[str, Any] = {}
+            self._events: list[_core.Event] = []
             try:
-                outcome = {**self._advance(steps, interrupts), **self._events}
+                failures = self._advance(steps, interrupts)
                 if any(map(self._has_penalty, self._scenes)):
-                    outcome = {**self._look(), **outcome}
-                return outcome
+                    self._events += self._look(steps)
+                return self._events + failures
             except Exception:
                 if self._adapter_state:
                     self._adapter_state.take_back()
                 raise
 
-    def _advance(self, steps: int, interrupts: Interrupts) -> dict[str, Any]:
+    def _advance(self, steps: int, interrupts: Interrupts) -> list[_core.Event]:
         total = 0
         most = MOST_STEPS_UNCHECKED
         while total < steps:
@@ -360,16 +362,24 @@ class Simulation:
             start = time.monotonic()
             if bad := self._try(count):
                 if count == 1:
-                    return {**bad, "time": self._clock.at(1), "step": total + 1, "steps": total}
+                    kind = "unstable" if bad["obstacle"] < 0 else "passed"
+                    time_of_step = self._clock.at(1)
+                    return [_core.Event(kind=kind, **bad, step=total + 1, time=time_of_step)]
                 # Repeated steps give the same bits, so single ones find the one that fails.
                 most = 1
                 continue
             total += count
+            if not self._events and self._adapter_state and self._adapter_state.pinned_inside:
+                member, point = self._adapter_state.pinned_inside
+                place: dict[str, Any] = {"member": member, "point": point}
+                now = self._clock.at(0)
+                event = _core.Event(kind="pinned_inside", **place, step=total, time=now)
+                self._events.append(event)
             seconds = max(time.monotonic() - start, 1e-9)
             quick = int(SECONDS_BETWEEN_CHECKS * count / seconds)
             self._steps_unchecked = min(max(1, quick), MOST_STEPS_UNCHECKED)
             interrupts.deliver()
-        return {"steps": total}
+        return []
 
     def _try(self, steps: int) -> dict[str, Any] | None:
         """Take `steps` steps. If a state is bad, undo them and return what `AdapterState.run`
@@ -389,7 +399,6 @@ class Simulation:
                 extremes = self._extremes[member]
                 if first != NONE and extremes["first_contact"] == math.inf:
                     extremes["first_contact"] = self._clock.at(int(first))
-            self._events = {**self._adapter_state.events, **self._events}
         self._clock = self._clock._replace(steps=self._clock.steps + steps)
         return None
 
@@ -614,7 +623,7 @@ class AdapterState:
             for name, values in findings.items()
             for k in np.flatnonzero(values != NONE)[:1]
         }
-        self.events = {k: firsts[k] for k in ("pinned_inside",) if k in firsts}
+        self.pinned_inside = firsts.get("pinned_inside")
         for name in ("bad", "passed"):
             if name in firsts:
                 member, value = firsts[name]

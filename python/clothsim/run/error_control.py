@@ -166,7 +166,7 @@ def estimate_of(job: Job, run: Trajectory) -> Controlled:
 
 def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled:
     finished = recorder = watch.recorder
-    given: set[str] = set()
+    warned: set[str] = set()  # by the runs of the search: each warning is given once
     go_on: Callable[[Any], Job] = search.send
     answer: Any = None
     try:
@@ -176,8 +176,7 @@ def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled
             except StopIteration as end:
                 best, error = end.value
                 break
-            recorder = Recorder(job, watch if job.shown else Watch())
-            recorder.state.judge.given |= given  # each warning once for all runs of the search
+            recorder = Recorder(job, watch if job.shown else Watch(), quiet=frozenset(warned))
             try:
                 done.append(recorder.run().trajectory())
                 go_on, answer, finished = search.send, done[-1], watch.recorder
@@ -187,7 +186,7 @@ def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled
                 if job.dt is None:  # steps that meet their tolerance: the solution goes through
                     raise
                 go_on, answer = search.throw, failure
-            given |= recorder.state.judge.given - {"dt", "grown"}
+            warned |= recorder.state.judge.warned
     except KeyboardInterrupt:  # the last run that came to its end is handed over
         watch.recorder = finished or watch.recorder or recorder
         raise

@@ -19,9 +19,9 @@ import numpy as np
 from ..base import Floats, check
 from ..base.progress import ProgressBar
 from ..engine.force import Held, checked_force, forces_of
+from ..engine.judge import TIME_STEP
 from ..engine.options import Options
 from ..engine.state import State, scenes_of
-from ..engine.stepper import Stepper
 from ..engine.stepping import acceleration
 from ..errors import ContactError, UnstableError
 from ..methods.bound import limit_in_layer, stable_dt
@@ -205,7 +205,7 @@ class _Relaxation:
             limits.append(limit_in_layer(damped, _INTEGRATOR, k, depth))
         stable = _STEP * min(limits)
         self._dt = stable if math.isfinite(stable) else 0.1 / self._slow
-        self._stepper = self._stepper_of(damped, self._start)
+        self._state = self._state_of(damped, self._start)
         self._steps, self._seconds = 0, 0.0
         self._best, self._residual, self._best_steps = self._start, self._unbalanced(self._start), 0
         self._mark, self._halved = (
@@ -229,23 +229,23 @@ class _Relaxation:
         }
         return self._plain.replace(cloth=cloth.replace(damping=damping, drag=2 * omega * mean))
 
-    def _stepper_of(self, scene: Scene, x: Floats) -> Stepper:
-        options: dict[str, Any] = {"integrator": _INTEGRATOR, "threads": self._options.threads}
-        stepper = Stepper(scene, x, np.zeros_like(x), t=0.0, **options, force=self._force)
-        stepper._state.judge.own_steps()
-        return stepper
+    def _state_of(self, scene: Scene, x: Floats) -> State:
+        options = Options(integrator=_INTEGRATOR, threads=self._options.threads)
+        still = np.zeros_like(x)
+        return State.checked(scene, x, still, 0.0, options, self._force, quiet=TIME_STEP)
 
     def _unbalanced(self, x: Floats) -> float:
         """Largest unbalanced force over the scale: momentum that a step from rest leaves after the
         responses.
         """
-        probe = self._stepper_of(self._plain, x)
+        probe = self._state_of(self._plain, x)
         dt = _PROBE * self._dt
         try:
             probe.advance(1, dt)
         except (UnstableError, ContactError):  # the next step of the relaxation says why
             return math.inf
-        force = self._mass * probe.velocities / dt
+        _, v = probe.arrays()
+        force = self._mass * v / dt
         return float(np.linalg.norm(force, axis=-1)[self._free].max(initial=0.0)) / self._scale
 
     def run(self, bar: Any) -> str:
@@ -267,12 +267,12 @@ class _Relaxation:
             if self._steps - self._halved > _PATIENCE:
                 return f"the unbalanced force did not halve in {_PATIENCE:,} steps"
             count = min(_BLOCK, self._most - self._steps)
-            self._stepper.advance(count, self._dt)
+            self._state.advance(count, self._dt)
             self._steps += count
             blocks += 1
             if bar is not None:
                 bar.update(count)
-            x = self._stepper.positions
+            x, _ = self._state.arrays()
             if self._left(x):
                 return "the cloth moves away: no pin and no sphere holds it"
             now = x, acceleration(self._plain, x, np.zeros_like(x), force=self._force)
@@ -299,10 +299,8 @@ class _Relaxation:
         # Negative curvature leads away from a saddle of the energy: drag would only slow the way
         # down.
         omega = math.sqrt(max(0.0, -float((change * response).sum()) / square))
-        self._stepper.set_scene(
-            self._with_drag(min(max(omega, _SLOWEST * self._slow), _FASTEST * self._slow))
-        )
-        self._stepper._state.judge.own_steps()
+        rate = min(max(omega, _SLOWEST * self._slow), _FASTEST * self._slow)
+        self._state.set_scene(self._with_drag(rate))
 
     def _left(self, x: Floats) -> bool:
         if not self._free.all():
@@ -319,16 +317,28 @@ class _Relaxation:
     def result(self, reason: str) -> Run:
         """The run that ends with the best state."""
         still = np.zeros_like(self._start)
-        x, v = np.array([self._start, self._best]), np.array([still, still])
-        options, rest = self._options, self._plain.replace(position=self._best, velocity=None)
+        x = np.array([self._start, self._best])
+        v = np.array([still, still])
         t = [self._t, self._t + max(self._best_steps, 1) * self._dt]
-        state = State.own([rest], False, self._t, options)
+        rest = self._plain.replace(position=self._best, velocity=None)
+        state = State.own([rest], False, self._t, self._options)
         state.core.set_watch(1, 0.0)
         state.core.sample()
-        cost = self._steps, 0, self._steps, self._seconds, self._dt
-        watched = state.core.watched[0]
         run = Trajectory(
-            self.scene, options, t, x, v, *cost, watched, state, None, Continuation(self._t)
+            scene=self.scene,
+            options=self._options,
+            t=t,
+            x=x,
+            v=v,
+            steps=self._steps,
+            rejected=0,
+            evaluations=self._steps,
+            wall_time=self._seconds,
+            step=self._dt,
+            watched=state.core.watched[0],
+            state=state,
+            saved=None,
+            continuation=Continuation(self._t),
         )
         found = report(run, unknown="a run to rest has no error in time")
         found["residual"] = self._residual if math.isfinite(self._residual) else math.nan

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from .. import _core
 from ..base import Floats, check
 from ..engine.force import forces_of
+from ..engine.judge import TIME_STEP
 from ..engine.options import Options
 from ..engine.snapshot import Snapshot, of_members
 from ..engine.state import State, put_driven_pins
@@ -182,7 +183,7 @@ class Job:
         return self.scenes[0]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Trajectory:
     """A run of a scene, or its part so far: frames, cost, extremes over all states, local error."""
 
@@ -313,10 +314,13 @@ class Recorder:
     and the run so far of each other member.
     """
 
-    def __init__(self, job: Job, watch: Watch) -> None:
-        self.job, self._watch = job, watch
+    def __init__(self, job: Job, watch: Watch, quiet: frozenset[str] = frozenset()) -> None:
+        self.job = job
+        self._watch = watch
         forces = forces_of(job.force, job.scenes, job.batched)
-        self.state = State.own(job.scenes, job.batched, job.start, job.options, forces)
+        if job.own_step or job.dt is None:
+            quiet |= TIME_STEP
+        self.state = State.own(job.scenes, job.batched, job.start, job.options, forces, quiet)
         self._earlier = Continuation(job.start)
         if job.resumed:
             snapshot, self._earlier = job.resumed
@@ -337,8 +341,6 @@ class Recorder:
         self._ahead = False  # the present state comes after the last frame
         self._path = self._new_path() if job.dt is None else None
         if job.dt is not None:
-            if job.own_step:
-                self.state.judge.own_steps()
             every = min(_MOST_STEPS_BETWEEN_SAMPLES, job.duration / job.dt // _SAMPLES)
             self.state.core.set_watch(int(max(1, every)), 0.0)
         self._chunk, self._pause = 1, PAUSE.get()
@@ -466,12 +468,12 @@ class Recorder:
                 self.state.judge.steps_before = self.steps
                 most = min(self._limit, count - since) if count else self._limit
                 try:
-                    outcome = core.advance_adaptive(path, until, most, self.state.threads)
+                    events = core.advance_adaptive(path, until, most, self.state.threads)
                 finally:
                     self._count(path.steps - before, begin)
                 self._passed(min(core.time, until))
-                if outcome:
-                    self.state.judge.outcome(outcome, path.controller[0])
+                if events:
+                    self.state.judge.report(events, path.controller[0])
                 if path.steps == before:
                     break  # what is left is rounding of the clock
                 since += path.steps - before
@@ -507,7 +509,6 @@ class Recorder:
         else:
             tolerance, rate, controller = before.control
         self._control_values = tolerance, rate
-        state.judge.own_steps()
         state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, job.duration / _SAMPLES)
         begin, end = self.moments[0][1], self.moments[-1][1]
         stops = {*stops_of(job.scene, begin, end), end}
@@ -544,9 +545,7 @@ class Recorder:
         self._chunk = int(min(max(1.0, wanted), 2.0 * self._chunk))
 
     def arrays(self) -> Pair:
-        x, v = np.empty(self.state.shape), np.empty(self.state.shape)
-        self.state.core.store(x, v)
-        return x, v
+        return self.state.arrays()
 
     def store(self, seconds: float, t: float) -> None:
         """Store the state at the time `t`; `seconds` counts from the start of the run."""
@@ -604,10 +603,21 @@ class Recorder:
                 control,
                 job.force is not None,
             )
-            cost = self.steps, path.rejected if path else 0, evaluations, self._wall_time, step
-            rest = watched[k], state, saved[k], settings
             found[k] = Trajectory(
-                job.scenes[k], job.options, frames.t, frames.x, frames.v, *cost, *rest
+                scene=job.scenes[k],
+                options=job.options,
+                t=frames.t,
+                x=frames.x,
+                v=frames.v,
+                steps=self.steps,
+                rejected=path.rejected if path else 0,
+                evaluations=evaluations,
+                wall_time=self._wall_time,
+                step=step,
+                watched=watched[k],
+                state=state,
+                saved=saved[k],
+                continuation=settings,
             )
         if path:
             one = found[0]

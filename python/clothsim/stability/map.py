@@ -12,8 +12,9 @@ from ..base import Floats, check
 from ..base.build import available_threads
 from ..base.extras import needed
 from ..base.progress import ProgressBar
+from ..engine.judge import TIME_STEP
 from ..engine.options import Options
-from ..engine.stepper import Stepper
+from ..engine.state import State
 from ..errors import UnstableError
 from ..measure import energy
 from ..methods.integrators import integrator_name
@@ -39,7 +40,7 @@ def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **optio
     The equations of motion add no energy to a cloth without moving spheres, so a rise comes from
     the time step. The free points get random velocities, which contain every mode and are far too
     slow to matter for the motion. Above the limit some modes grow exponentially. Spheres are left
-    out, because they can do work on the cloth. `options` are options of `Stepper`.
+    out, because they can do work on the cloth. `options` are `Options`.
     """
     cloth = scene.cloth
     scene = scene.replace(spheres=())
@@ -48,14 +49,14 @@ def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **optio
     noise = speed * np.random.default_rng(0).normal(size=x.shape) * ~cloth.pinned[..., None]
     size = (cloth.mass_per_point[..., None] * noise**2).sum() / 2
     start = energy(scene, x, v + noise)
-    stepper = Stepper(scene, x, v + noise, **{"threads": 1, **options})
-    stepper._state.judge.given.add("dt")
+    settings = Options(**{"threads": 1, **options})
+    state = State.checked(scene, x, v + noise, None, settings, quiet=TIME_STEP)
     for begin in range(0, steps, _LOOK):
         try:
-            stepper.advance(min(_LOOK, steps - begin), dt)
+            state.advance(min(_LOOK, steps - begin), dt)
         except UnstableError:
             return False
-        energies = energy(scene, stepper.positions, stepper.velocities)
+        energies = energy(scene, *state.arrays())
         allowed = _GROWTH**2 * size + _ENERGY_ERROR * (energies["kinetic"] + energies["elastic"])
         if not energies["total"] - start["total"] <= allowed:
             return False
