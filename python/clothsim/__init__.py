@@ -81,6 +81,7 @@ Errors and warnings
     StabilityWarning    the time step is above the guaranteed limit
     OrderWarning        the integrator does not keep its order for this scene
     ContactWarning      a point or a pin is below a surface, or starts deep in a layer
+    ToleranceWarning    the error asked for was not reached, or is not known
 """
 
 from typing import TYPE_CHECKING
@@ -100,6 +101,7 @@ from .errors import (
     OrderWarning,
     RunInterrupted,
     StabilityWarning,
+    ToleranceWarning,
     UnstableError,
 )
 from .model.mesh import thread_grid, triangles
@@ -158,7 +160,8 @@ __all__ += [
 __all__ += ["Fit", "fit", "open_sweep", "sensitivity", "sweep", "sweepable"]
 __all__ += ["Camera", "Picture", "compare", "picture", "view"]
 __all__ += ["build_config", "thread_grid", "triangles"]
-__all__ += ["ContactError", "ContactWarning", "OrderWarning", "StabilityWarning", "UnstableError"]
+__all__ += ["ContactError", "ContactWarning", "OrderWarning", "StabilityWarning"]
+__all__ += ["ToleranceWarning", "UnstableError"]
 
 __getattr__, __dir__ = _extras.on_demand(
     globals(),

@@ -77,6 +77,21 @@ class ContactWarning(UserWarning):
     """
 
 
+class ToleranceWarning(UserWarning):
+    """A run under error control did not reach the error that was asked for, or does not know it.
+
+    `simulate` gives it with the reason. `print(run)` tells the error.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     run = cs.simulate(cs.scenes.paper_static(), 0.5, rtol=1e-6)
+    >>> print(caught[0].message.args[0].partition(":")[0])
+    the error at the end is not known
+    """
+
+
 class RunInterrupted(KeyboardInterrupt):
     """Ctrl-C has ended a call of `simulate`; `run` has the run so far.
 

@@ -1,11 +1,14 @@
 """Measures over frames, spheres at the time of a state, and what is shown of a run."""
 
 import io
+import re
+import warnings
 from contextlib import redirect_stdout
 
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.run.reasons import Reason
 
 MOVING = cs.Sphere((0.5, -0.3, 0.5), 0.25, cs.Linear((0.0, 0.5, 0.1)), "reflect", "none")
 STILL = cs.Sphere((0.3, -0.2, 0.2), 0.1, None, "reflect", "none")
@@ -96,9 +99,9 @@ def printed(thing):
     return out.getvalue().splitlines()
 
 
-def test_a_run_is_six_short_lines(run):
+def test_a_run_is_seven_short_lines(run):
     lines = printed(run)
-    assert len(lines) == 6 and max(map(len, lines)) < 100 and repr(run) == str(run)
+    assert len(lines) == 7 and max(map(len, lines)) < 110 and repr(run) == str(run)
     text = "\n".join(lines)
     assert "array" not in text
     for part in (
@@ -111,8 +114,7 @@ def test_a_run_is_six_short_lines(run):
     ):
         assert part in text
     report = run.report
-    change = report["energy"]["end"]["total"] - report["energy"]["start"]["total"]
-    assert f"(change, by damping, contact and forces, {change:.4g} J)" in text
+    assert lines[-1] == f"error not known: {Reason.NOT_ASKED.text()}"
     assert f"points {report['penetration']['points']:.4g} m" in text
     free = SCENE.replace(spheres=())
     mean = repr(cs.simulate(free, 0.6, rtol=1e-4, integrator="dopri5")).splitlines()[2]
@@ -120,6 +122,56 @@ def test_a_run_is_six_short_lines(run):
     stopped = cs.simulate(SCENE, 0.6, dt=1e-3, callback=lambda t, x, v: True)
     assert "stopped early (callback)" in repr(stopped)
     assert stopped.t.tolist() == [0.0] and stopped.report["steps"] == 0
+
+
+CHANGES = {
+    "the method": cs.Scene(cs.Cloth((6, 7), mass=1.0, stiffness=100.0, damping=0.0)),
+    "damping and the method": cs.Scene(cs.Cloth((6, 7), mass=1.0, stiffness=100.0, damping=0.1)),
+    "driven pins and the method": cs.Scene(
+        cs.Cloth(
+            (6, 7), mass=1.0, stiffness=100.0, damping=0.0, pins={(0, 0): cs.Linear((0, 0.1, 0))}
+        )
+    ),
+}
+
+
+@pytest.mark.parametrize("cause", CHANGES)
+def test_the_change_of_energy_is_told_by_cause(cause):
+    run = cs.simulate(CHANGES[cause], 0.2, dt=1e-3)
+    change = run.report["energy"]["end"]["total"] - run.report["energy"]["start"]["total"]
+    assert printed(run)[3].endswith(f" at the end: {change:.4g} J by {cause}")
+
+
+def test_works_that_are_known_leave_the_rest_to_the_method():
+    scene = CHANGES["the method"].replace(wind=cs.Wind((3, 0, 0)))
+    run = cs.simulate(scene, 0.2, rtol=1e-8, force=lambda t, x, v: 0 * x + (0, 1e-3, 0))
+    line = printed(run)[3]
+    parts = re.findall(r"([-+.e\d]+) J by ([a-z ]+)", line)
+    assert [cause for _, cause in parts] == ["force", "wind", "the method"]
+    works = [float(work) for work, _ in parts]
+    assert works[0] == pytest.approx(run.report["force_work"], rel=1e-3)
+    assert works[1] == pytest.approx(run.report["wind_work"], rel=1e-3)
+    assert abs(works[2]) < 1e-6 * abs(works[1])
+
+
+def test_a_run_ends_with_its_error():
+    scene = CHANGES["the method"]
+    run = cs.simulate(scene, 0.2, rtol=1e-6)
+    error = run.report["error_estimate"]["rms"]
+    assert printed(run)[-1] == f"error at the end about {error:.2g} m (asked 1e-06)"
+    run = cs.simulate(scene, 0.2, dt=1e-3, estimate_error=True)
+    error = run.report["error_estimate"]["rms"]
+    assert printed(run)[-1] == f"error at the end about {error:.2g} m"
+    with pytest.warns(cs.ToleranceWarning, match="above the one that was asked for: "):
+        run = cs.simulate(scene, 0.2, rtol=1e-17)
+    assert "(asked 1e-17, not reached: " in printed(run)[-1]
+    contact = cs.scenes.paper_static()
+    with pytest.warns(cs.ToleranceWarning, match="not known: an obstacle responded"):
+        run = cs.simulate(contact, 0.5, rtol=1e-6)
+    assert printed(run)[-1] == f"error not known: {Reason.CONTACT.text()}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", cs.ToleranceWarning)
+        assert printed(cs.simulate(contact, 0.5))[-1] == f"error not known: {Reason.CONTACT.text()}"
 
 
 @pytest.mark.parametrize("as_printed", [False, True])

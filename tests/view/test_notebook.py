@@ -33,7 +33,7 @@ def png_of(html):
 
 def test_a_run_shows_its_lines_and_its_last_frame(run):
     data = shown(run)
-    assert lines_of(data) == str(run).splitlines() and len(lines_of(data)) == 6
+    assert lines_of(data) == str(run).splitlines() and len(lines_of(data)) == 7
     assert png_of(data["text/html"]) == run.picture(width=400)._repr_png_()
     assert base64.b64decode(data["image/png"]) == png_of(data["text/html"])
     assert data["text/plain"] == str(run) and len(data["text/html"]) < 200_000

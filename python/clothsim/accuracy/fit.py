@@ -15,6 +15,7 @@ from ..base.progress import ProgressBar
 from ..base.services import service
 from ..base.text import aligned
 from ..model.scene import Scene
+from ..run.reasons import Reason
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..typing import Force
@@ -216,8 +217,9 @@ def fit(
         covariance = correlated_covariance(covariance, jacobian, mask, correlation)
     scale = 2 * (problem.unit / outcome.quality["sigma"]) ** 2
     for k, other in rivals(best, outcome.minima, scale, covariance).items():
-        text = f"{problem.values(other)[k]:.4g} fits as well as {problem.values(best.x)[k]:.4g}"
-        reasons[k] = reasons[k] or f"{text}; bounds exclude one of them"
+        value = problem.values(best.x)[k]
+        rival = Reason.RIVAL.text(other=problem.values(other)[k], value=value)
+        reasons[k] = reasons[k] or rival
     rates = problem.slopes(best.x)
     values = np.where([bool(reason) for reason in reasons], np.nan, problem.values(best.x))
     covariance = covariance * np.outer(rates, rates) + 0 * np.add.outer(values, values)
@@ -256,10 +258,9 @@ def _reason(
     `reasons` are those of the parameters, `ends` why derivatives are not known at the last times.
     """
     if any(ends):
-        return f"{next(filter(None, ends))}: give only the times before", False
+        return Reason.EARLIER.text(derivatives=next(filter(None, ends))), False
     if outcome.late:
-        text = f"times seem to be off by {-outcome.late:.3g} s"
-        return f"{text}: the first ones fit far better without it", True
+        return Reason.LATE.text(late=-outcome.late), True
     parts = []
     for reason in dict.fromkeys(filter(None, reasons)):
         names = [name for name, other in zip(problem.names, reasons) if other == reason]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..base import Floats
 from ..base.extras import needed
+from ..run.reasons import Reason
 
 EDGE = 1e-3  # distance [logarithms or scales] from a bound at which a value ends at it
 # rms of the residuals over that of the motion. Larger ones are part of the motion where no sigma is
@@ -23,7 +24,6 @@ _SIGMAS = 5.0  # deviation [sigmas] of chi-square, or of a correlation, that is 
 _CORRELATED = 0.2  # least correlation of residuals at neighbouring times that is no noise
 _SIGNIFICANT = 3.0  # deviation [sigmas] of such a correlation that widens errors
 _LEAST_FREE = 3  # least excess of numbers over parameters that tells sigma
-_NO_SUCH = "no such cloth moves like this, or the noise is not independent; errors have no meaning"
 
 
 def quality_of(
@@ -55,20 +55,18 @@ def quality_of(
         quality = {"sigma": sigma, "chi_square": chi, "correlation": correlation}
         deviation = math.sqrt(2 / _effective_number(free, correlation, mask))
         if chi > 1 + _SIGMAS * deviation:
-            return quality, f"chi-square is {chi:.3g} per degree of freedom: {_NO_SUCH}"
+            return quality, Reason.LARGE_CHI_SQUARE.text(chi=chi)
         return quality, ""
     noise = unit * math.sqrt(chi)
     quality = {"sigma": max(noise, least), "chi_square": math.nan, "correlation": correlation}
     chance = max(_CORRELATED, _SIGMAS / math.sqrt(max(number, 1)))
     reason = ""
     if free < _LEAST_FREE:
-        reason = f"only {free} numbers more than parameters do not tell sigma: give it"
+        reason = Reason.FEW_NUMBERS.text(free=free)
     elif noise > 10 * least and correlation > chance:
-        text = f"residuals at neighbouring times have a correlation of {correlation:.2f}"
-        reason = f"{text}: {_NO_SUCH}"
+        reason = Reason.CORRELATED.text(correlation=correlation)
     elif noise > max(10 * least, LARGE * way):
-        text = f"residuals are {100 * noise / way:.2g} % of the motion"
-        reason = f"{text}: {_NO_SUCH}; give sigma where noise is as large"
+        reason = Reason.LARGE_RESIDUALS.text(percent=100 * noise / way)
     return quality, reason
 
 
@@ -93,10 +91,7 @@ def too_small(quality: Mapping[str, float], free: int, mask: Any) -> str:
     part = 2 / (9 * _effective_number(free, quality["correlation"], mask))
     if chi > max(1 - part - _SIGMAS * math.sqrt(part), 0.0) ** 3:
         return ""
-    return (
-        f"chi-square is {chi:.2g} per degree of freedom: sigma is larger than the noise, or the "
-        "data was smoothed"
-    )
+    return Reason.SMALL_CHI_SQUARE.text(chi=chi)
 
 
 def correlated_covariance(
@@ -171,14 +166,11 @@ def determination(
         if reasons[k]:
             continue
         if not has_effect[k]:
-            reasons[k] = "has no effect on what was measured"
+            reasons[k] = Reason.NO_EFFECT.text()
         elif vague[k]:
-            reasons[k] = (
-                "only combinations are determined: the condition of the scaled Jacobian is "
-                f"{condition:.1e}"
-            )
+            reasons[k] = Reason.COMBINED.text(condition=condition)
         elif near_bound[k]:
-            reasons[k] = "ends at its bound"
+            reasons[k] = Reason.AT_BOUND.text()
         elif error > 1:
-            reasons[k] = f"its error would be {error:.1g} times its value or scale"
+            reasons[k] = Reason.VAGUE.text(error=error)
     return Determination(covariance, condition, reasons)

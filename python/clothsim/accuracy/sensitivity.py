@@ -18,6 +18,7 @@ from ..base.extras import needed
 from ..methods.bound import limit_in_layer, stable_dt
 from ..model.fields import units
 from ..model.scene import Scene, stops_of
+from ..run.reasons import Reason
 from ..typing import Force
 from .parameters import STEP, Parameter, parameters_of, with_values
 from .solution import METHOD, ORDER, Motion, motion
@@ -148,10 +149,7 @@ def known_derivatives(
     reasons = []
     for row, late in zip(apart, bad):
         if row.any():
-            reasons.append(
-                f"differences of two orders disagree from {times[row.argmax()]:.4g} s on: "
-                "motions part there"
-            )
+            reasons.append(Reason.DISAGREE.text(time=times[row.argmax()]))
         else:
             reasons.append(result.reason if late.any() else "")
     bad |= np.logical_or.accumulate(apart, axis=1)

@@ -25,6 +25,7 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene, stops_of
 from ..model.sphere import kind_name
+from ..run.reasons import Reason
 from ..run.trajectory import PAUSE, Frames
 from ..typing import Force
 
@@ -280,7 +281,7 @@ def motion(
                     pause()
                 stepper.advance(min(_STEPS_BETWEEN_PAUSES, int(count) - done), (end - t) / count)
         except (UnstableError, ContactError) as error:
-            failure = f"a run ended after {t:.4g} s: {error}"
+            failure = Reason.FAILED.text(time=t, error=error)
             break
         x[:, k], t = stepper.positions, end
     watched = stepper._state.core.watched
@@ -290,10 +291,8 @@ def motion(
         contact = min(responses)
         k = min(int(np.searchsorted(times, contact)), len(times) - 1)
         begin = contact - (times[k] - (times[k - 1] if k else 0.0)) / counts[k]
-        met = (
-            f"a {kind_name(scenes[0].spheres)} responds after the step that begins at {begin:.4g} s"
-        )
-        return Motion(x, begin, f"{met}: motions part there", True)
+        reason = Reason.PARTED.text(kind=kind_name(scenes[0].spheres), time=begin)
+        return Motion(x, begin, reason, True)
     return Motion(x, t if failure else math.inf, failure)
 
 

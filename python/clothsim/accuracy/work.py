@@ -18,7 +18,7 @@ from ..base.build import build_config
 from ..base.extras import needed
 from ..base.progress import ProgressBar
 from ..engine.options import PRECISIONS
-from ..errors import OrderWarning, StabilityWarning
+from ..errors import OrderWarning, StabilityWarning, ToleranceWarning
 from ..measure import energy
 from ..methods.bound import stable_dt
 from ..methods.integrators import METHODS, integrator_name
@@ -294,6 +294,7 @@ def _solved(method: Method, scene: Scene, duration: float, setting: float) -> _S
             # does to the error.
             warnings.simplefilter("ignore", StabilityWarning)
             warnings.simplefilter("ignore", OrderWarning)
+            warnings.simplefilter("ignore", ToleranceWarning)
             return _Solved(*method.solve(scene, duration, setting))
     except ArithmeticError:
         nowhere = np.full_like(scene.initial_position, np.nan)

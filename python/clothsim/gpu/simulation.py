@@ -22,6 +22,7 @@ from ..measure import penetration
 from ..methods.bound import stable_depths
 from ..model.mesh import GROUP
 from ..model.scene import Scene
+from ..run.reasons import Reason
 from . import device as devices
 from .device import Device, translated
 from .shader import (
@@ -327,7 +328,7 @@ class Simulation:
                     "first_contact": nan if responded or first == math.inf else first,
                     "responded": responded,
                     "in_contact": responded or first < math.inf,
-                    "reason": "the graphics adapter does not watch the states between frames",
+                    "reason": Reason.NOT_WATCHED.text(),
                     "impulse": [[nan] * 3 for _ in scene.spheres],
                     "obstacle_work": [nan for _ in scene.spheres],
                 }

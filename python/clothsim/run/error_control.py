@@ -30,9 +30,9 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import usable_dt
 from ..methods.integrators import METHODS
 from ..model.scene import Scene, stops_of
+from .reasons import Reason
 from .trajectory import Frames, Job, Recorder, Trajectory, Watch
 
-NOT_ASKED = "no estimate was asked for"
 MANY_STEPS = 1_000_000  # a fixed-step method takes no more to reach a tolerance
 
 # Each constant is a ratio, found on the scenes of `benchmarks/error_control.py --stream tune`.
@@ -83,21 +83,6 @@ HALVINGS = 2
 # By how much errors of Verlet fall with half the step: assumed of two runs, and of three at least,
 # as otherwise they do not resolve the motion.
 ASSUMED_FALL, LEAST_FALL, MOST_FALL = 3.0, 2.0, 4.0
-
-# Why an error is unknown, or larger than what was asked for.
-CONTACT = "an obstacle responded after a step, which is no part of the equation: no error is told"
-MISSED = "this run misses a sphere that a better run meets: no error can be told"
-LEAST = (
-    f"runs with more steps come no closer to each other, or cost more than {MOST:g} runs at "
-    "the smallest tolerance"
-)
-APART = "runs with smaller errors of each step do not approach each other: they end {:.2g} m apart"
-UNSTABLE = "runs with more steps are unstable"
-NOT_REACHED = f"{RUNS} runs did not reach the error that was asked for"
-NO_FINER = (
-    f"neither the smallest tolerance of a step nor {MANY_STEPS:,} steps reach the error "
-    "that was asked for"
-)
 
 
 def size_of(scene: Scene) -> float:
@@ -281,7 +266,7 @@ def refined(job: Job, asked: float, done: list[Trajectory]) -> Search:
     tolerance = yield from _first_tolerance(job, asked)
     before = first = yield from _at_tolerance(job, tolerance)
     if first.contacts:
-        return first, Estimate(reason=CONTACT)
+        return first, Estimate(reason=Reason.CONTACT.text())
     best, error, least = first, Estimate(), math.inf
     finer = _Finer(job, first)
     most = MOST * finer.evaluations_of_finest
@@ -293,19 +278,19 @@ def refined(job: Job, asked: float, done: list[Trajectory]) -> Search:
 
     for number in range(1, RUNS):
         if _evaluations(done) + finer.evaluations > most:
-            return ended(LEAST)
+            return ended(Reason.LEAST.text(most=MOST))
         try:
             after = yield from finer.run()
         except UnstableError:
             if finer.is_finest or number == RUNS - 1:
-                return ended(UNSTABLE)
+                return ended(Reason.UNSTABLE.text())
             finer.refine(finer.fall * _FALL)
             continue
         if after.contacts:
-            return after, Estimate(reason=CONTACT)
+            return after, Estimate(reason=Reason.CONTACT.text())
         if _alike(before, after, finer.refinement):  # which says nothing about the error of either
             if finer.is_finest:
-                return ended(LEAST)
+                return ended(Reason.LEAST.text(most=MOST))
             finer.refine(finer.fall * SMALL**2)
             continue
         pair = _Pair(before, after, finer.by_grid, growth)
@@ -327,10 +312,10 @@ def refined(job: Job, asked: float, done: list[Trajectory]) -> Search:
                 error, Estimate.of(best.x[-1], after.x[-1], MARGIN), key=lambda one: one.rms
             )
         if finer.is_finest or hopeless:
-            return ended(LEAST)
+            return ended(Reason.LEAST.text(most=MOST))
         finer.choose(pair, asked, SMALL**2 if stalled else _FALL)
         before = after
-    return ended(NOT_REACHED)
+    return ended(Reason.NOT_REACHED.text(runs=RUNS))
 
 
 def _alike(before: Trajectory, after: Trajectory, refinement: float) -> bool:
@@ -363,7 +348,7 @@ class Parting:
         if distance > self._lost or any(
             d <= distance and left <= e / 2 for e, d in self._pairs[:-1]
         ):
-            return Estimate(reason=APART.format(distance))
+            return Estimate(reason=Reason.APART.text(distance=distance))
         return error
 
 
@@ -500,7 +485,7 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
             if setting <= least or number == RUNS - 1:
                 if best is None:
                     raise
-                return best, error._replace(reason=UNSTABLE)
+                return best, error._replace(reason=Reason.UNSTABLE.text())
             setting = max(setting / 2, least)
             continue
         stalls = stalls + 1 if found.rms > error.rms / 2 else 0
@@ -515,9 +500,9 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
         if found.rms <= asked:
             return run, found
         if hopeless and not known:
-            return best, error._replace(reason=LEAST)
+            return best, error._replace(reason=Reason.LEAST.text(most=MOST))
         if setting <= least:
-            return best, error._replace(reason=NO_FINER)
+            return best, error._replace(reason=Reason.NO_FINER.text(steps=MANY_STEPS))
         # The order predicts an error only where the phase of the motion is not lost.
         wanted = max((asked / (MARGIN * found.rms)) ** (1 / order), SMALL if lost else SMALL**4)
         finer = max(setting * min(wanted, 1 - SMALL), least)
@@ -526,10 +511,10 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
             and not known
             and _evaluations(done) + run.evaluations * setting / finer > better.most
         ):
-            return best, error._replace(reason=LEAST)
+            return best, error._replace(reason=Reason.LEAST.text(most=MOST))
         setting = finer
     assert best is not None
-    return best, error._replace(reason=NOT_REACHED)
+    return best, error._replace(reason=Reason.NOT_REACHED.text(runs=RUNS))
 
 
 def _estimated(job: Job, run: Trajectory) -> Search:
@@ -572,8 +557,9 @@ class _Better:
     def contact(self, run: Trajectory) -> Generator[Job, Trajectory, str]:
         """Why a sphere that responded in one of two runs leaves no estimate; "" without contact."""
         if run.contacts:
-            return CONTACT
-        return MISSED if (yield from self.run()).contacts else ""
+            return Reason.CONTACT.text()
+        better = yield from self.run()
+        return Reason.MISSED.text() if better.contacts else ""
 
     def error_of(self, run: Trajectory) -> Generator[Job, Trajectory, Estimate]:
         """The distance from a better run whose own error does not matter."""

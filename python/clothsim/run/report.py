@@ -9,12 +9,14 @@ from typing import Any
 from .. import _core
 from ..engine.options import kept_plan
 from ..model.scene import Scene
-from ..model.sphere import kind_name
-from .error_control import NOT_ASKED, Controlled, Estimate
+from .error_control import Controlled, Estimate
+from .reasons import Reason
 from .trajectory import Trajectory
 
+_NO_REST_ASKED = Reason.NO_REST_ASKED.text()
+_RESPONDED = Reason.RESPONDED.text()
+_UNTOUCHED = Reason.UNTOUCHED.text()
 _VERSION = _core.build_facts()["version"]
-RESUMED = "the error of a resumed run is not estimated"
 _SUMS = {
     *("steps", "rejected_steps", "force_evaluations", "solution_evaluations"),
     *("wall_time", "force_work", "wind_work"),
@@ -27,7 +29,7 @@ def report(
     stopped: str = "",
     controlled: Controlled | None = None,
     asked: float = math.nan,
-    unknown: str = NOT_ASKED,
+    unknown: str = Reason.NOT_ASKED.text(),
 ) -> dict[str, Any]:
     """The report of a run. `stopped`: why it ended early. `controlled`: the outcome of its error
     estimate, if any.
@@ -35,11 +37,17 @@ def report(
     `unknown`: why the error of a whole run is not known.
     """
     scene, options, state, watched = run.scene, run.options, run.state, run.watched
-    reason = f"the run ended early: {stopped}" if stopped else unknown
-    estimate = (controlled.error if controlled else Estimate(reason=reason))._asdict()
-    missing, time = watched.get("reason", ""), watched["first_contact"]
+    if controlled:
+        error = controlled.error
+    elif stopped:
+        error = Estimate(reason=Reason.ENDED_EARLY.text(stopped=stopped))
+    else:
+        error = Estimate(reason=unknown)
+    estimate = error._asdict()
+    missing = watched.get("reason", "")
+    untouched = "" if watched["in_contact"] else _UNTOUCHED
+    time = watched["first_contact"]
     works = watched.get("force_work", {})
-    untouched = "" if watched["in_contact"] else "no sphere responded"
     return {
         "steps": run.steps,
         "rejected_steps": run.rejected,
@@ -50,7 +58,7 @@ def report(
         "dt": run.step,
         "stopped": stopped,
         "residual": math.nan,
-        "reason": "not a run to rest: settle finds the rest state",
+        "reason": _NO_REST_ASKED,
         "error_estimate": estimate,
         "tolerance": {"asked": asked, "reached": bool(estimate["rms"] <= asked)},
         "energy": {**_gained(scene, watched), **_energies(run)},
@@ -87,21 +95,23 @@ def _energies(run: Trajectory) -> dict[str, Any]:
         parts = _core.energy(plan, run.x[k], run.v[k], run.t[k])
         values = [*parts, sum(parts)]
         if not math.isfinite(values[-1]):
-            values, found["reason"] = [math.nan] * 6, "an energy is too large for a finite number"
+            values, found["reason"] = [math.nan] * 6, Reason.TOO_LARGE.text()
         found[moment] = dict(zip(_PARTS, values, strict=True))
     return found
 
 
 def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
-    gained, reason = watched["energy_gained"], ""
-    if math.isnan(gained):
-        pins = "driven pins do work on the cloth" if scene.cloth.driven else ""
-        contact = (
-            f"a {kind_name(scene.spheres)} responded, and responses change the energy"
-            if watched["responded"]
-            else "no step was taken"
-        )
-        reason = watched.get("reason", "") or pins or contact
+    gained = watched["energy_gained"]
+    if not math.isnan(gained):
+        reason = ""
+    elif "reason" in watched:
+        reason = watched["reason"]
+    elif scene.cloth.driven:
+        reason = Reason.DRIVEN.text()
+    elif watched["responded"]:
+        reason = _RESPONDED
+    else:
+        reason = Reason.NO_STEP.text()
     return {"gained": gained, "reason": reason}
 
 
@@ -118,7 +128,7 @@ def joined(one: Any, two: Any) -> dict[str, Any]:
         "steps_per_second": sums["steps"] / sums["wall_time"]
         if sums["wall_time"] > 0
         else math.inf,
-        "error_estimate": {"max": math.nan, "rms": math.nan, "reason": RESUMED},
+        "error_estimate": {"max": math.nan, "rms": math.nan, "reason": Reason.RESUMED.text()},
         "tolerance": {"asked": one["tolerance"]["asked"], "reached": False},
         "energy": energies,
         "first_contact": two["first_contact"]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ from ..measure import energy, largest_stretch, penetration
 from ..model.scene import Scene, cloth_text, spheres_text
 from ..model.sphere import Plane, Sphere
 from ..typing import Force
+from .reasons import Reason
 from .report import joined
 from .trajectory import Continuation, Frames
 
@@ -34,9 +36,9 @@ if TYPE_CHECKING:
 class Run:
     """Frames, report and final state of a run; `simulate` returns it.
 
-    ``print(run)`` gives six lines, ``len(run)`` the number of frames, ``run[10:20]`` a run of these
-    frames, and ``run + run.resume(1.0)`` one run of both. Two runs are equal if their scenes, times
-    and frames are equal bit for bit.
+    ``print(run)`` gives seven lines, ``len(run)`` the number of frames, ``run[10:20]`` a run of
+    these frames, and ``run + run.resume(1.0)`` one run of both. Two runs are equal if their scenes,
+    times and frames are equal bit for bit.
 
     Attributes
     ----------
@@ -629,7 +631,7 @@ def _check_arrays(run: Run) -> None:
 
 
 def _lines(run: Run) -> list[str]:
-    """Scene, frames, steps, energy, penetration and speed; an empty report gives the first two."""
+    """Return the lines of `print`; a run without a report, of a user's own, has the first two."""
     scene, t, report = run.scene, run.t, run.report
     stopped = f", stopped early ({report['stopped']})" if report.get("stopped") else ""
     lines = [
@@ -639,19 +641,63 @@ def _lines(run: Run) -> list[str]:
     if "energy" not in report:  # frames of a user's own
         return lines
     about = "about " if run.continuation is not None and run.continuation.dt is None else ""
-    totals = [report["energy"][moment]["total"] for moment in ("start", "end")]
-    start, end, change = joules([*totals, totals[1] - totals[0]])
     return [
         *lines,
         f"{counted(report['steps'], 'step')} of {about}{quantity(report['dt'], 's')} by "
         f"{report['integrator']} in "
         f"{report['precision']}",
-        f"energy {start} at the start, {end} at the end "
-        f"(change, by damping, contact and forces, {change})",
+        _energy_line(scene, report),
         _penetration_line(scene, report["penetration"]),
         f"{report['wall_time']:.3g} s of computing on {counted(report['threads'], 'thread')}, "
         f"{report['steps_per_second']:,.0f} steps/s",
+        _error_line(report),
     ]
+
+
+def _energy_line(scene: Scene, report: Mapping[str, Any]) -> str:
+    """Return the change of energy by cause: works that are known, and the rest with its causes."""
+    start = report["energy"]["start"]["total"]
+    end = report["energy"]["end"]["total"]
+    works = {
+        "force": report["force_work"],
+        "wind": report["wind_work"],
+        "moving obstacles": sum(report["obstacle_work"]),
+    }
+    works = {cause: work for cause, work in works.items() if math.isfinite(work) and work != 0}
+    first, last, rest, *parts = joules(
+        [start, end, end - start - sum(works.values()), *works.values()]
+    )
+    text = f"energy {first} at the start, {last} at the end"
+    if report["reason"] != Reason.NO_REST_ASKED.text():  # of `settle`, which follows no motion
+        return text
+    lossy = any(
+        sphere.response != "penalty" or sphere.friction > 0 or sphere.dissipation != 0
+        for sphere in scene.spheres
+    )
+    causes = {
+        "damping": scene.cloth.damped,
+        "contact": lossy and not math.isnan(report["first_contact"]["time"]),
+        "driven pins": bool(scene.cloth.driven),
+        "wind": scene.wind is not None and math.isnan(report["wind_work"]),
+    }
+    others = [cause for cause, acts in causes.items() if acts]
+    of_rest = f"{', '.join(others)} and the method" if others else "the method"
+    changes = [f"{part} by {cause}" for part, cause in zip(parts, works)]
+    return f"{text}: {', '.join([*changes, f'{rest} by {of_rest}'])}"
+
+
+def _error_line(report: Mapping[str, Any]) -> str:
+    """Return the error at the end and the one that was asked for, or why it is not known."""
+    error = report["error_estimate"]
+    asked = report["tolerance"]["asked"]
+    if math.isnan(error["rms"]):
+        return f"error not known: {error['reason']}"
+    text = f"error at the end about {error['rms']:.2g} m"
+    if math.isnan(asked):
+        return text
+    if report["tolerance"]["reached"]:
+        return f"{text} (asked {asked:.2g})"
+    return f"{text} (asked {asked:.2g}, not reached: {error['reason']})"
 
 
 def _penetration_line(scene: Scene, depths: Any) -> str:

@@ -27,6 +27,7 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import limit_in_layer, stable_dt
 from ..model.scene import Scene
 from ..typing import Force
+from .reasons import Reason
 from .report import report
 from .result import Run
 from .simulate import interrupted
@@ -263,9 +264,9 @@ class _Relaxation:
         blocks = 0
         while self._residual > self._tolerance:
             if self._steps >= self._most:
-                return f"max_evaluations = {self._most:,} did not suffice"
+                return Reason.MOST_EVALUATIONS.text(most=self._most)
             if self._steps - self._halved > _PATIENCE:
-                return f"the unbalanced force did not halve in {_PATIENCE:,} steps"
+                return Reason.NOT_HALVED.text(steps=_PATIENCE)
             count = min(_BLOCK, self._most - self._steps)
             self._state.advance(count, self._dt)
             self._steps += count
@@ -274,7 +275,7 @@ class _Relaxation:
                 bar.update(count)
             x, _ = self._state.arrays()
             if self._left(x):
-                return "the cloth moves away: no pin and no sphere holds it"
+                return Reason.MOVES_AWAY.text()
             now = x, acceleration(self._plain, x, np.zeros_like(x), force=self._force)
             if before is not None:
                 self._damp(before, now)
@@ -340,11 +341,11 @@ class _Relaxation:
             saved=None,
             continuation=Continuation(self._t),
         )
-        found = report(run, unknown="a run to rest has no error in time")
+        found = report(run, unknown=Reason.AT_REST.text())
         found["residual"] = self._residual if math.isfinite(self._residual) else math.nan
         found["reason"] = reason
         found["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]
         found["obstacle_work"] = [math.nan] * len(self.scene.spheres)
         found["force_work"] = found["wind_work"] = math.nan
-        found["impulse_reason"] = "impulses of a relaxation have no meaning"
+        found["impulse_reason"] = Reason.RELAXED.text()
         return Run(self.scene, np.array(t), x, v, found)

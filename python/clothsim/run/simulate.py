@@ -17,13 +17,14 @@ from ..engine.force import checked_force, forces_of
 from ..engine.options import Options
 from ..engine.snapshot import take
 from ..engine.state import own_arrays, scenes_of, state_arrays
-from ..errors import ContactError, RunInterrupted, UnstableError
+from ..errors import ContactError, RunInterrupted, ToleranceWarning, UnstableError, warn_caller
 from ..methods.bound import least_rtol_of_rkc2
 from ..methods.integrators import integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Force, Integrator, Kernel, Precision
 from .error_control import estimate_of, size_of, solve
-from .report import RESUMED, report
+from .reasons import Reason
+from .report import report
 from .result import Run
 from .trajectory import Failure, Frames, Job, Recorder, StopRun, Trajectory, Watch
 
@@ -203,11 +204,25 @@ def simulate(
             return _raise_first([errors[k] for k in sorted(errors)], runs)
         if dt is None:
             found = solve(job, error, watch, auto=integrator == "auto")
-            return _run(found.trajectory, controlled=found, asked=error)
-        run = Recorder(job, watch).run().trajectory()
-        return _run(run, controlled=estimate_of(job, run) if estimate_error else None)
+            run = _run(found.trajectory, controlled=found, asked=error)
+            # After a response of the paper's, a call that asked for no error gets none.
+            if asked is not None or found.error.reason != Reason.CONTACT.text():
+                _warn_of_error(run)
+            return run
+        trajectory = Recorder(job, watch).run().trajectory()
+        controlled = estimate_of(job, trajectory) if estimate_error else None
+        return _run(trajectory, controlled=controlled)
 
     return _followed(compute, job, callback, progress)
+
+
+def _warn_of_error(run: Run) -> None:
+    """Warn where the tolerance was not reached."""
+    if run.report["tolerance"]["reached"]:
+        return
+    error = run.report["error_estimate"]
+    what = "not known" if math.isnan(error["rms"]) else "above the one that was asked for"
+    warn_caller(f"the error at the end is {what}: {error['reason']}", ToleranceWarning)
 
 
 Runs = TypeVar("Runs", bound=Run | list[Run])
@@ -352,7 +367,7 @@ def resume(
     )
 
     def compute(watch: Watch) -> Run:
-        return _run(Recorder(job, watch).run().trajectory(), unknown=RESUMED)
+        return _run(Recorder(job, watch).run().trajectory(), unknown=Reason.RESUMED.text())
 
     return _followed(compute, job, callback, progress)
 

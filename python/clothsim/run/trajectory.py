@@ -411,9 +411,10 @@ class Recorder:
                 continue
             if between is None or done <= steps:
                 advance(steps)
-                before = self.arrays()
+                before = self.state.arrays()
                 advance(steps + 1)
-                between = origin + steps * dt, dt if steps < whole else rest, before, self.arrays()
+                length_of_step = dt if steps < whole else rest
+                between = origin + steps * dt, length_of_step, before, self.state.arrays()
             self._keep(seconds, t, *interpolated(t, self.state.scenes, *between), ahead=True)
         advance(whole + last)
         if stored:
@@ -485,7 +486,8 @@ class Recorder:
             elif not core.watched[0]["responded"]:
                 self._keep(seconds, until, *self._dense(until), ahead=True)
             else:
-                step = path.begin, core.time - path.begin, self._dense(path.begin), self.arrays()
+                length = core.time - path.begin
+                step = path.begin, length, self._dense(path.begin), self.state.arrays()
                 self._keep(
                     seconds, until, *interpolated(until, self.state.scenes, *step), ahead=True
                 )
@@ -544,12 +546,9 @@ class Recorder:
         wanted = _SECONDS_BETWEEN_SHOWS * steps / max(seconds, 1e-9)
         self._chunk = int(min(max(1.0, wanted), 2.0 * self._chunk))
 
-    def arrays(self) -> Pair:
-        return self.state.arrays()
-
     def store(self, seconds: float, t: float) -> None:
         """Store the state at the time `t`; `seconds` counts from the start of the run."""
-        x, v = self.arrays()
+        x, v = self.state.arrays()
         self.state.core.sample()
         self._keep(seconds, t, x, v, ahead=False)
 
@@ -569,7 +568,7 @@ class Recorder:
         """End the run with its present state as the last frame."""
         if self._ahead:
             t = self.state.core.time
-            self._put(t - self.job.start, t, *self.arrays())
+            self._put(t - self.job.start, t, *self.state.arrays())
 
     def trajectory(self) -> Trajectory:
         return self._trajectories([0])[0]
