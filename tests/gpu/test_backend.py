@@ -230,3 +230,10 @@ except ImportError as error:
 """
     run = python(code)
     assert "pip install 'clothsim[gpu]'" in run.stdout, run.stderr
+
+
+def test_a_run_says_that_contact_and_obstacles_are_not_told_apart():
+    """The adapter tells no works of obstacles and no first contact of the paper's responses."""
+    run = cs.simulate(cs.scenes.paper_moving(), 0.5, dt=1e-3, precision="single", backend="gpu")
+    change = str(run).splitlines()[3]
+    assert change.endswith(" J by damping, contact, moving obstacles and the method")

@@ -114,7 +114,7 @@ def test_a_run_is_seven_short_lines(run):
     ):
         assert part in text
     report = run.report
-    assert lines[-1] == f"error not known: {Reason.NOT_ASKED.text()}"
+    assert lines[-1] == f"error not known: {Reason.NOT_ASKED}"
     assert f"points {report['penetration']['points']:.4g} m" in text
     free = SCENE.replace(spheres=())
     mean = repr(cs.simulate(free, 0.6, rtol=1e-4, integrator="dopri5")).splitlines()[2]
@@ -154,6 +154,19 @@ def test_works_that_are_known_leave_the_rest_to_the_method():
     assert abs(works[2]) < 1e-6 * abs(works[1])
 
 
+def test_the_work_of_a_moving_obstacle_is_told_and_leaves_nothing():
+    """A ball lifts an undamped sheet by an elastic layer: all energy is that of its motion."""
+    ball = cs.Sphere((0.5, -0.3, 0.5), 0.25, cs.Linear((0, 1.0, 0)), dissipation=0)
+    scene = CHANGES["the method"].replace(spheres=ball)
+    run = cs.simulate(scene, 0.3, rtol=1e-9)
+    line = printed(run)[3]
+    work, rest = re.findall(
+        r": ([-+.e\d]+) J by moving obstacles, ([-+.e\d]+) J by the method", line
+    )[0]
+    assert float(work) == pytest.approx(run.report["obstacle_work"][0], rel=1e-3)
+    assert float(work) > 1e-3 and abs(float(rest)) < 1e-6 * float(work)
+
+
 def test_a_run_ends_with_its_error():
     scene = CHANGES["the method"]
     run = cs.simulate(scene, 0.2, rtol=1e-6)
@@ -168,10 +181,10 @@ def test_a_run_ends_with_its_error():
     contact = cs.scenes.paper_static()
     with pytest.warns(cs.ToleranceWarning, match="not known: an obstacle responded"):
         run = cs.simulate(contact, 0.5, rtol=1e-6)
-    assert printed(run)[-1] == f"error not known: {Reason.CONTACT.text()}"
+    assert printed(run)[-1] == f"error not known: {Reason.CONTACT}"
     with warnings.catch_warnings():
         warnings.simplefilter("error", cs.ToleranceWarning)
-        assert printed(cs.simulate(contact, 0.5))[-1] == f"error not known: {Reason.CONTACT.text()}"
+        assert printed(cs.simulate(contact, 0.5))[-1] == f"error not known: {Reason.CONTACT}"
 
 
 @pytest.mark.parametrize("as_printed", [False, True])

@@ -64,7 +64,7 @@ def test_the_report():
     assert report["precision"] == "single" and report["threads"] == 2
     assert report["instruction_set"] == cs.build_config()["instruction_set"]
     assert report["version"] == cs.__version__
-    assert report["error_estimate"]["reason"] == Reason.NOT_ASKED.text()
+    assert report["error_estimate"]["reason"] == Reason.NOT_ASKED
     for moment, k in (("start", 0), ("end", -1)):
         assert report["energy"][moment] == cs.energy(SCENE, run.x[k], run.v[k])
     assert report["energy"]["gained"] >= 0 and report["energy"]["reason"] == ""

@@ -218,7 +218,7 @@ def fit(
     scale = 2 * (problem.unit / outcome.quality["sigma"]) ** 2
     for k, other in rivals(best, outcome.minima, scale, covariance).items():
         value = problem.values(best.x)[k]
-        rival = Reason.RIVAL.text(other=problem.values(other)[k], value=value)
+        rival = Reason.RIVAL.format(other=problem.values(other)[k], value=value)
         reasons[k] = reasons[k] or rival
     rates = problem.slopes(best.x)
     values = np.where([bool(reason) for reason in reasons], np.nan, problem.values(best.x))
@@ -258,9 +258,9 @@ def _reason(
     `reasons` are those of the parameters, `ends` why derivatives are not known at the last times.
     """
     if any(ends):
-        return Reason.EARLIER.text(derivatives=next(filter(None, ends))), False
+        return Reason.EARLIER.format(derivatives=next(filter(None, ends))), False
     if outcome.late:
-        return Reason.LATE.text(late=-outcome.late), True
+        return Reason.LATE.format(late=-outcome.late), True
     parts = []
     for reason in dict.fromkeys(filter(None, reasons)):
         names = [name for name, other in zip(problem.names, reasons) if other == reason]

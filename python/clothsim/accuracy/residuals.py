@@ -55,18 +55,18 @@ def quality_of(
         quality = {"sigma": sigma, "chi_square": chi, "correlation": correlation}
         deviation = math.sqrt(2 / _effective_number(free, correlation, mask))
         if chi > 1 + _SIGMAS * deviation:
-            return quality, Reason.LARGE_CHI_SQUARE.text(chi=chi)
+            return quality, Reason.LARGE_CHI_SQUARE.format(chi=chi)
         return quality, ""
     noise = unit * math.sqrt(chi)
     quality = {"sigma": max(noise, least), "chi_square": math.nan, "correlation": correlation}
     chance = max(_CORRELATED, _SIGMAS / math.sqrt(max(number, 1)))
     reason = ""
     if free < _LEAST_FREE:
-        reason = Reason.FEW_NUMBERS.text(free=free)
+        reason = Reason.FEW_NUMBERS.format(free=free)
     elif noise > 10 * least and correlation > chance:
-        reason = Reason.CORRELATED.text(correlation=correlation)
+        reason = Reason.CORRELATED.format(correlation=correlation)
     elif noise > max(10 * least, LARGE * way):
-        reason = Reason.LARGE_RESIDUALS.text(percent=100 * noise / way)
+        reason = Reason.LARGE_RESIDUALS.format(percent=100 * noise / way)
     return quality, reason
 
 
@@ -91,7 +91,7 @@ def too_small(quality: Mapping[str, float], free: int, mask: Any) -> str:
     part = 2 / (9 * _effective_number(free, quality["correlation"], mask))
     if chi > max(1 - part - _SIGMAS * math.sqrt(part), 0.0) ** 3:
         return ""
-    return Reason.SMALL_CHI_SQUARE.text(chi=chi)
+    return Reason.SMALL_CHI_SQUARE.format(chi=chi)
 
 
 def correlated_covariance(
@@ -166,11 +166,11 @@ def determination(
         if reasons[k]:
             continue
         if not has_effect[k]:
-            reasons[k] = Reason.NO_EFFECT.text()
+            reasons[k] = Reason.NO_EFFECT
         elif vague[k]:
-            reasons[k] = Reason.COMBINED.text(condition=condition)
+            reasons[k] = Reason.COMBINED.format(condition=condition)
         elif near_bound[k]:
-            reasons[k] = Reason.AT_BOUND.text()
+            reasons[k] = Reason.AT_BOUND
         elif error > 1:
-            reasons[k] = Reason.VAGUE.text(error=error)
+            reasons[k] = Reason.VAGUE.format(error=error)
     return Determination(covariance, condition, reasons)

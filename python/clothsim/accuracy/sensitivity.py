@@ -149,7 +149,7 @@ def known_derivatives(
     reasons = []
     for row, late in zip(apart, bad):
         if row.any():
-            reasons.append(Reason.DISAGREE.text(time=times[row.argmax()]))
+            reasons.append(Reason.DISAGREE.format(time=times[row.argmax()]))
         else:
             reasons.append(result.reason if late.any() else "")
     bad |= np.logical_or.accumulate(apart, axis=1)

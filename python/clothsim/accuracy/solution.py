@@ -281,7 +281,7 @@ def motion(
                     pause()
                 stepper.advance(min(_STEPS_BETWEEN_PAUSES, int(count) - done), (end - t) / count)
         except (UnstableError, ContactError) as error:
-            failure = Reason.FAILED.text(time=t, error=error)
+            failure = Reason.FAILED.format(time=t, error=error)
             break
         x[:, k], t = stepper.positions, end
     watched = stepper._state.core.watched
@@ -291,7 +291,7 @@ def motion(
         contact = min(responses)
         k = min(int(np.searchsorted(times, contact)), len(times) - 1)
         begin = contact - (times[k] - (times[k - 1] if k else 0.0)) / counts[k]
-        reason = Reason.PARTED.text(kind=kind_name(scenes[0].spheres), time=begin)
+        reason = Reason.PARTED.format(kind=kind_name(scenes[0].spheres), time=begin)
         return Motion(x, begin, reason, True)
     return Motion(x, t if failure else math.inf, failure)
 

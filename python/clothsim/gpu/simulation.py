@@ -328,7 +328,7 @@ class Simulation:
                     "first_contact": nan if responded or first == math.inf else first,
                     "responded": responded,
                     "in_contact": responded or first < math.inf,
-                    "reason": Reason.NOT_WATCHED.text(),
+                    "reason": Reason.NOT_WATCHED,
                     "impulse": [[nan] * 3 for _ in scene.spheres],
                     "obstacle_work": [nan for _ in scene.spheres],
                 }

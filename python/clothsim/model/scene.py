@@ -218,10 +218,7 @@ class Scene(Record):
         return (
             self.cloth.damped
             or bool(self.core_forces)
-            or any(
-                sphere.response == "penalty" and (sphere.friction > 0 or sphere.dissipation != 0)
-                for sphere in self.spheres
-            )
+            or any(sphere.damped for sphere in self.spheres)
         )
 
     @cached_property

@@ -91,6 +91,11 @@ class Obstacle(Record):
             **layer,
         )
 
+    @property
+    def damped(self) -> bool:
+        """Whether the force of its layer depends on velocities."""
+        return self.response == "penalty" and (self.friction > 0 or self.dissipation != 0)
+
     def _values(self) -> dict[str, Any]:
         values = super()._values()
         return values if self._has_own_restitution else {**values, "restitution": None}

@@ -266,7 +266,7 @@ def refined(job: Job, asked: float, done: list[Trajectory]) -> Search:
     tolerance = yield from _first_tolerance(job, asked)
     before = first = yield from _at_tolerance(job, tolerance)
     if first.contacts:
-        return first, Estimate(reason=Reason.CONTACT.text())
+        return first, Estimate(reason=Reason.CONTACT)
     best, error, least = first, Estimate(), math.inf
     finer = _Finer(job, first)
     most = MOST * finer.evaluations_of_finest
@@ -278,19 +278,19 @@ def refined(job: Job, asked: float, done: list[Trajectory]) -> Search:
 
     for number in range(1, RUNS):
         if _evaluations(done) + finer.evaluations > most:
-            return ended(Reason.LEAST.text(most=MOST))
+            return ended(Reason.LEAST.format(most=MOST))
         try:
             after = yield from finer.run()
         except UnstableError:
             if finer.is_finest or number == RUNS - 1:
-                return ended(Reason.UNSTABLE.text())
+                return ended(Reason.UNSTABLE)
             finer.refine(finer.fall * _FALL)
             continue
         if after.contacts:
-            return after, Estimate(reason=Reason.CONTACT.text())
+            return after, Estimate(reason=Reason.CONTACT)
         if _alike(before, after, finer.refinement):  # which says nothing about the error of either
             if finer.is_finest:
-                return ended(Reason.LEAST.text(most=MOST))
+                return ended(Reason.LEAST.format(most=MOST))
             finer.refine(finer.fall * SMALL**2)
             continue
         pair = _Pair(before, after, finer.by_grid, growth)
@@ -312,10 +312,10 @@ def refined(job: Job, asked: float, done: list[Trajectory]) -> Search:
                 error, Estimate.of(best.x[-1], after.x[-1], MARGIN), key=lambda one: one.rms
             )
         if finer.is_finest or hopeless:
-            return ended(Reason.LEAST.text(most=MOST))
+            return ended(Reason.LEAST.format(most=MOST))
         finer.choose(pair, asked, SMALL**2 if stalled else _FALL)
         before = after
-    return ended(Reason.NOT_REACHED.text(runs=RUNS))
+    return ended(Reason.NOT_REACHED.format(runs=RUNS))
 
 
 def _alike(before: Trajectory, after: Trajectory, refinement: float) -> bool:
@@ -348,7 +348,7 @@ class Parting:
         if distance > self._lost or any(
             d <= distance and left <= e / 2 for e, d in self._pairs[:-1]
         ):
-            return Estimate(reason=Reason.APART.text(distance=distance))
+            return Estimate(reason=Reason.APART.format(distance=distance))
         return error
 
 
@@ -485,7 +485,7 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
             if setting <= least or number == RUNS - 1:
                 if best is None:
                     raise
-                return best, error._replace(reason=Reason.UNSTABLE.text())
+                return best, error._replace(reason=Reason.UNSTABLE)
             setting = max(setting / 2, least)
             continue
         stalls = stalls + 1 if found.rms > error.rms / 2 else 0
@@ -500,9 +500,9 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
         if found.rms <= asked:
             return run, found
         if hopeless and not known:
-            return best, error._replace(reason=Reason.LEAST.text(most=MOST))
+            return best, error._replace(reason=Reason.LEAST.format(most=MOST))
         if setting <= least:
-            return best, error._replace(reason=Reason.NO_FINER.text(steps=MANY_STEPS))
+            return best, error._replace(reason=Reason.NO_FINER.format(steps=MANY_STEPS))
         # The order predicts an error only where the phase of the motion is not lost.
         wanted = max((asked / (MARGIN * found.rms)) ** (1 / order), SMALL if lost else SMALL**4)
         finer = max(setting * min(wanted, 1 - SMALL), least)
@@ -511,10 +511,10 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
             and not known
             and _evaluations(done) + run.evaluations * setting / finer > better.most
         ):
-            return best, error._replace(reason=Reason.LEAST.text(most=MOST))
+            return best, error._replace(reason=Reason.LEAST.format(most=MOST))
         setting = finer
     assert best is not None
-    return best, error._replace(reason=Reason.NOT_REACHED.text(runs=RUNS))
+    return best, error._replace(reason=Reason.NOT_REACHED.format(runs=RUNS))
 
 
 def _estimated(job: Job, run: Trajectory) -> Search:
@@ -557,9 +557,9 @@ class _Better:
     def contact(self, run: Trajectory) -> Generator[Job, Trajectory, str]:
         """Why a sphere that responded in one of two runs leaves no estimate; "" without contact."""
         if run.contacts:
-            return Reason.CONTACT.text()
+            return Reason.CONTACT
         better = yield from self.run()
-        return Reason.MISSED.text() if better.contacts else ""
+        return Reason.MISSED if better.contacts else ""
 
     def error_of(self, run: Trajectory) -> Generator[Job, Trajectory, Estimate]:
         """The distance from a better run whose own error does not matter."""

@@ -1,15 +1,10 @@
 """Why a number of a report is NaN, or is worse than what was asked for."""
 
-from __future__ import annotations
-
-from enum import Enum
-from typing import Any
-
 _NO_SUCH = "no such cloth moves like this, or the noise is not independent; errors have no meaning"
 
 
-class Reason(Enum):
-    """A reason that a report, a fit or a sweep gives; `text` fills in its numbers."""
+class Reason:
+    """Reasons that reports, derivatives and fits give; `format` fills in the fields of some."""
 
     # The error of a run (error_control.py).
     NOT_ASKED = "no estimate was asked for: give rtol, or estimate_error=True with dt"
@@ -75,8 +70,3 @@ class Reason(Enum):
         "residuals are {percent:.2g} % of the motion: " + _NO_SUCH + "; give sigma where noise is "
         "as large"
     )
-
-    def text(self, **numbers: Any) -> str:
-        """Return the reason with its numbers filled in."""
-        template: str = self._value_
-        return template.format(**numbers) if numbers else template

@@ -13,9 +13,6 @@ from .error_control import Controlled, Estimate
 from .reasons import Reason
 from .trajectory import Trajectory
 
-_NO_REST_ASKED = Reason.NO_REST_ASKED.text()
-_RESPONDED = Reason.RESPONDED.text()
-_UNTOUCHED = Reason.UNTOUCHED.text()
 _VERSION = _core.build_facts()["version"]
 _SUMS = {
     *("steps", "rejected_steps", "force_evaluations", "solution_evaluations"),
@@ -29,7 +26,7 @@ def report(
     stopped: str = "",
     controlled: Controlled | None = None,
     asked: float = math.nan,
-    unknown: str = Reason.NOT_ASKED.text(),
+    unknown: str = Reason.NOT_ASKED,
 ) -> dict[str, Any]:
     """The report of a run. `stopped`: why it ended early. `controlled`: the outcome of its error
     estimate, if any.
@@ -40,12 +37,12 @@ def report(
     if controlled:
         error = controlled.error
     elif stopped:
-        error = Estimate(reason=Reason.ENDED_EARLY.text(stopped=stopped))
+        error = Estimate(reason=Reason.ENDED_EARLY.format(stopped=stopped))
     else:
         error = Estimate(reason=unknown)
     estimate = error._asdict()
     missing = watched.get("reason", "")
-    untouched = "" if watched["in_contact"] else _UNTOUCHED
+    untouched = "" if watched["in_contact"] else Reason.UNTOUCHED
     time = watched["first_contact"]
     works = watched.get("force_work", {})
     return {
@@ -58,7 +55,7 @@ def report(
         "dt": run.step,
         "stopped": stopped,
         "residual": math.nan,
-        "reason": _NO_REST_ASKED,
+        "reason": Reason.NO_REST_ASKED,
         "error_estimate": estimate,
         "tolerance": {"asked": asked, "reached": bool(estimate["rms"] <= asked)},
         "energy": {**_gained(scene, watched), **_energies(run)},
@@ -95,7 +92,7 @@ def _energies(run: Trajectory) -> dict[str, Any]:
         parts = _core.energy(plan, run.x[k], run.v[k], run.t[k])
         values = [*parts, sum(parts)]
         if not math.isfinite(values[-1]):
-            values, found["reason"] = [math.nan] * 6, Reason.TOO_LARGE.text()
+            values, found["reason"] = [math.nan] * 6, Reason.TOO_LARGE
         found[moment] = dict(zip(_PARTS, values, strict=True))
     return found
 
@@ -107,11 +104,11 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     elif "reason" in watched:
         reason = watched["reason"]
     elif scene.cloth.driven:
-        reason = Reason.DRIVEN.text()
+        reason = Reason.DRIVEN
     elif watched["responded"]:
-        reason = _RESPONDED
+        reason = Reason.RESPONDED
     else:
-        reason = Reason.NO_STEP.text()
+        reason = Reason.NO_STEP
     return {"gained": gained, "reason": reason}
 
 
@@ -128,7 +125,7 @@ def joined(one: Any, two: Any) -> dict[str, Any]:
         "steps_per_second": sums["steps"] / sums["wall_time"]
         if sums["wall_time"] > 0
         else math.inf,
-        "error_estimate": {"max": math.nan, "rms": math.nan, "reason": Reason.RESUMED.text()},
+        "error_estimate": {"max": math.nan, "rms": math.nan, "reason": Reason.RESUMED},
         "tolerance": {"asked": one["tolerance"]["asked"], "reached": False},
         "energy": energies,
         "first_contact": two["first_contact"]

@@ -668,17 +668,16 @@ def _energy_line(scene: Scene, report: Mapping[str, Any]) -> str:
         [start, end, end - start - sum(works.values()), *works.values()]
     )
     text = f"energy {first} at the start, {last} at the end"
-    if report["reason"] != Reason.NO_REST_ASKED.text():  # of `settle`, which follows no motion
+    if report["reason"] != Reason.NO_REST_ASKED:  # of `settle`, which follows no motion
         return text
-    lossy = any(
-        sphere.response != "penalty" or sphere.friction > 0 or sphere.dissipation != 0
-        for sphere in scene.spheres
-    )
+    touched = report["first_contact"]["reason"] != Reason.UNTOUCHED
+    lossy = any(obstacle.damped or obstacle.response != "penalty" for obstacle in scene.spheres)
+    unwatched = any(map(math.isnan, report["obstacle_work"]))
     causes = {
         "damping": scene.cloth.damped,
-        "contact": lossy and not math.isnan(report["first_contact"]["time"]),
+        "contact": touched and lossy,
+        "moving obstacles": unwatched and any(obstacle.motion for obstacle in scene.spheres),
         "driven pins": bool(scene.cloth.driven),
-        "wind": scene.wind is not None and math.isnan(report["wind_work"]),
     }
     others = [cause for cause, acts in causes.items() if acts]
     of_rest = f"{', '.join(others)} and the method" if others else "the method"

@@ -264,9 +264,9 @@ class _Relaxation:
         blocks = 0
         while self._residual > self._tolerance:
             if self._steps >= self._most:
-                return Reason.MOST_EVALUATIONS.text(most=self._most)
+                return Reason.MOST_EVALUATIONS.format(most=self._most)
             if self._steps - self._halved > _PATIENCE:
-                return Reason.NOT_HALVED.text(steps=_PATIENCE)
+                return Reason.NOT_HALVED.format(steps=_PATIENCE)
             count = min(_BLOCK, self._most - self._steps)
             self._state.advance(count, self._dt)
             self._steps += count
@@ -275,7 +275,7 @@ class _Relaxation:
                 bar.update(count)
             x, _ = self._state.arrays()
             if self._left(x):
-                return Reason.MOVES_AWAY.text()
+                return Reason.MOVES_AWAY
             now = x, acceleration(self._plain, x, np.zeros_like(x), force=self._force)
             if before is not None:
                 self._damp(before, now)
@@ -341,11 +341,11 @@ class _Relaxation:
             saved=None,
             continuation=Continuation(self._t),
         )
-        found = report(run, unknown=Reason.AT_REST.text())
+        found = report(run, unknown=Reason.AT_REST)
         found["residual"] = self._residual if math.isfinite(self._residual) else math.nan
         found["reason"] = reason
         found["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]
         found["obstacle_work"] = [math.nan] * len(self.scene.spheres)
         found["force_work"] = found["wind_work"] = math.nan
-        found["impulse_reason"] = Reason.RELAXED.text()
+        found["impulse_reason"] = Reason.RELAXED
         return Run(self.scene, np.array(t), x, v, found)

@@ -147,6 +147,8 @@ def simulate(
     -----
     StabilityWarning, ContactWarning, OrderWarning
         As `Stepper` and `Stepper.advance`.
+    ToleranceWarning
+        If the error is above the one that was asked for, or not known.
 
     Examples
     --------
@@ -206,7 +208,7 @@ def simulate(
             found = solve(job, error, watch, auto=integrator == "auto")
             run = _run(found.trajectory, controlled=found, asked=error)
             # After a response of the paper's, a call that asked for no error gets none.
-            if asked is not None or found.error.reason != Reason.CONTACT.text():
+            if asked is not None or found.error.reason != Reason.CONTACT:
                 _warn_of_error(run)
             return run
         trajectory = Recorder(job, watch).run().trajectory()
@@ -367,7 +369,7 @@ def resume(
     )
 
     def compute(watch: Watch) -> Run:
-        return _run(Recorder(job, watch).run().trajectory(), unknown=Reason.RESUMED.text())
+        return _run(Recorder(job, watch).run().trajectory(), unknown=Reason.RESUMED)
 
     return _followed(compute, job, callback, progress)
 
