@@ -32,7 +32,7 @@ class Reason:
     # Extremes and energies of a run (report.py).
     TOO_LARGE = "an energy is too large for a finite number"
     DRIVEN = "driven pins do work on the cloth"
-    RESPONDED = "an obstacle responded, and responses change the energy"
+    RESPONDED = "a {kind} responded, and responses change the energy"
     NO_STEP = "no step was taken"
     UNTOUCHED = "no sphere responded"
     NOT_WATCHED = "the graphics adapter does not watch the states between frames"

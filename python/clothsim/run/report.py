@@ -9,6 +9,7 @@ from typing import Any
 from .. import _core
 from ..engine.options import kept_plan
 from ..model.scene import Scene
+from ..model.sphere import kind_name
 from .error_control import Controlled, Estimate
 from .reasons import Reason
 from .trajectory import Trajectory
@@ -106,7 +107,7 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     elif scene.cloth.driven:
         reason = Reason.DRIVEN
     elif watched["responded"]:
-        reason = Reason.RESPONDED
+        reason = Reason.RESPONDED.format(kind=kind_name(scene.spheres))
     else:
         reason = Reason.NO_STEP
     return {"gained": gained, "reason": reason}
