@@ -192,4 +192,4 @@ def test_without_an_adapter_tests_skip_and_commands_report_the_reason():
     assert done.returncode == 0, done.stdout + done.stderr
     assert "backend 'gpu' found no Vulkan, Metal or Direct3D 12 adapter; install" in done.stdout
     counts = {word: int(n) for n, word in re.findall(r"(\d+) (passed|skipped|failed)", done.stdout)}
-    assert counts["skipped"] == 14 and counts["passed"] >= 4 and "failed" not in counts
+    assert counts["skipped"] >= 14 and counts["passed"] >= 4 and "failed" not in counts

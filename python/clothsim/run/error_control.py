@@ -31,7 +31,7 @@ from ..methods.bound import usable_dt
 from ..methods.integrators import METHODS
 from ..model.scene import Scene, stops_of
 from .reasons import Reason
-from .trajectory import Frames, Job, Recorder, Trajectory, Watch
+from .trajectory import Frames, Job, Recording, Trajectory, Watch
 
 MANY_STEPS = 1_000_000  # a fixed-step method takes no more to reach a tolerance
 
@@ -150,7 +150,7 @@ def estimate_of(job: Job, run: Trajectory) -> Controlled:
 
 
 def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled:
-    finished = recorder = watch.recorder
+    finished = recording = watch.recording
     warned: set[str] = set()  # by the runs of the search: each warning is given once
     go_on: Callable[[Any], Job] = search.send
     answer: Any = None
@@ -161,19 +161,19 @@ def _conduct(search: Search, done: list[Trajectory], watch: Watch) -> Controlled
             except StopIteration as end:
                 best, error = end.value
                 break
-            recorder = Recorder(job, watch if job.shown else Watch(), quiet=frozenset(warned))
+            recording = Recording(job, watch if job.shown else Watch(), quiet=frozenset(warned))
             try:
-                done.append(recorder.run().trajectory())
-                go_on, answer, finished = search.send, done[-1], watch.recorder
+                done.append(recording.run().trajectory())
+                go_on, answer, finished = search.send, done[-1], watch.recording
             except UnstableError as failure:
                 go_on, answer = search.throw, failure
             except ContactError as failure:
                 if job.dt is None:  # steps that meet their tolerance: the solution goes through
                     raise
                 go_on, answer = search.throw, failure
-            warned |= recorder.state.judge.warned
+            warned |= recording.state.judge.warned
     except KeyboardInterrupt:  # the last run that came to its end is handed over
-        watch.recorder = finished or watch.recorder or recorder
+        watch.recording = finished or watch.recording or recording
         raise
     return Controlled(best, error, sum(run.evaluations for run in done if run is not best))
 
