@@ -41,7 +41,7 @@ def device():
 
 @pytest.fixture
 def narrow(device, monkeypatch):
-    """The adapter without its float64, as Metal's, for all that is made in a test."""
+    """Hide the float64 of the adapter in a test, as shaders of Metal have none."""
     from clothsim.gpu import device as devices
 
     narrow = devices.Device(device.adapter, float64=False)
@@ -58,7 +58,7 @@ def rounding():
 
 @pytest.fixture(scope="session")
 def exact(rounding):
-    """Whether every operation that the shader relies on is correctly rounded."""
+    """Tell whether every operation that the shader relies on is correctly rounded."""
     return all(
         error == 0
         for found in rounding.values()

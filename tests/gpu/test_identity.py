@@ -15,7 +15,7 @@ WGSL_BOUND = 2e-6
 
 
 def pair(scene, precision="single", x=None, v=None, steps=0):
-    """The core and the adapter, with the state of the core after some steps."""
+    """Make a stepper of the core and one of the adapter, with the core's state after some steps."""
     options = {"precision": precision, "kernel": "gather"}
     core = cs.Stepper(scene, x, v, t=0.0, threads=1, **options)
     core.advance(steps, DT)  # the adapter, which may be a CPU, need not do that too
@@ -27,7 +27,7 @@ def pair(scene, precision="single", x=None, v=None, steps=0):
 
 
 def assert_same_bits(cpu, gpu):
-    """Positions and velocities with their compensation, and the clock."""
+    """Compare positions and velocities, with their compensation, and the clock."""
     gpu, cpu = gpu.snapshot().core, cpu.snapshot().core
     assert cpu.keys() - gpu.keys() == {"impulses", "contacts"}  # which the adapter does not sum
     for name, value in gpu.items():

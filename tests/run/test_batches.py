@@ -10,7 +10,7 @@ TIMES = ("wall_time", "steps_per_second", "threads")
 
 
 def scenes(*stiffness):
-    """With no sphere, one, two, ..., the first of them in motion."""
+    """Make scenes with no sphere, one, two and so on, the first of which moves."""
     balls = [BALL.replace(center=(0.5, -0.55, 0.5), motion=cs.Linear((0.0, 0.5, 0.0))), *[BALL] * 5]
     return [
         LOOSE.replace(cloth=LOOSE.cloth.replace(stiffness=s), spheres=balls[:k])

@@ -16,7 +16,7 @@ MOVING = FREE.replace(spheres=cs.Sphere((0.5, -0.6, 0.5), 0.2, cs.Linear((0.0, 0
 
 
 def calls(function):
-    """Python functions that run within a second call, as the first may build what is kept."""
+    """List the Python functions that run in a second call: a first may build what is kept."""
     function()
     found = []
     sys.setprofile(

@@ -66,7 +66,7 @@ def test_first_contact_is_the_time_of_the_touch():
 
 
 def lifted(depth):
-    """A flat sheet so deep below the top of a plane."""
+    """Put a flat sheet at a depth [m] below the surface of a plane."""
     return cs.Scene(SMALL, cs.Plane((0.0, depth, 0.0)))
 
 

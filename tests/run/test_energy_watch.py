@@ -12,20 +12,20 @@ SHEET = cs.Cloth((8, 8), mass=32.0, stiffness=35_000.0, damping=0.0)
 
 
 def crumpled(seed, scale=1.0):
-    """Every free point anywhere in a box as large as `scale` sheets."""
+    """Put every free point anywhere in a box as large as `scale` sheets."""
     x = np.random.default_rng(seed).uniform(0.0, scale, (8, 8, 3))
     x[SHEET.pinned] = SHEET.rest_positions[SHEET.pinned]
     return cs.Scene(SHEET, position=x)
 
 
 def thrown(seed, speed):
-    """The flat sheet, every free point with a velocity of its own."""
+    """Give every free point of the flat sheet a velocity of its own."""
     v = np.random.default_rng(seed).normal(scale=speed, size=(8, 8, 3)) * ~SHEET.pinned[..., None]
     return cs.Scene(SHEET, velocity=v)
 
 
 def run(scene, integrator, steps=2000, part=1.0, **options):
-    """The report and the warnings of a run at a part of the guaranteed step, or its error."""
+    """Run at a part of the guaranteed step: return the report, or the error, and the warnings."""
     dt = part * cs.max_stable_dt(scene, integrator)
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")
@@ -126,7 +126,7 @@ def test_a_batch_is_judged_member_by_member():
 
 
 def test_a_cloth_that_falls_as_one_body_is_stable_at_any_speed(precision):
-    """Its points cross more than the sheet within a step above the guarantee, but not relative to
+    """Points cross more than the sheet within a step above the guarantee, but not relative to
     each other.
     """
     cloth = cs.Cloth((8, 8), mass=1.0, stiffness=10.0, damping=0.0, pins=())

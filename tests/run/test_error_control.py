@@ -25,7 +25,7 @@ SWING, OSCILLATOR, DAMPED = (
 
 @functools.cache
 def exact(scene, duration):
-    """x at the end by small fixed steps of dop853."""
+    """Return the positions at the end, by small fixed steps of dop853."""
     state = scene.initial_position, scene.initial_velocity
     return cs.step(scene, *state, duration / 1000, 1000, integrator="dop853")[0]
 
@@ -64,7 +64,7 @@ def test_random_scenes_against_another_model(number, tmp_path):
     ],
 )
 def test_every_named_method_runs_by_tolerance(integrator, asked):
-    """... pefrl too, which has order 1 with damping."""
+    """Run pefrl too, which has order 1 with damping."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         run = cs.simulate(DAMPED, 1.0, rtol=asked, integrator=integrator)
@@ -83,7 +83,7 @@ def test_the_estimate_of_a_given_step(precision):
 
 @functools.cache
 def endless(name):
-    """A scene whose errors grow at least 1e12 times, or one of stiff springs, and its duration."""
+    """Return a scene and a duration: errors grow at least 1e12 times, or springs are stiff."""
     rng = np.random.default_rng(5)
     cloth = cs.Cloth(shape=(5, 5), mass=1.0, stiffness=1e3, damping=0.0, pins=())
     if name == "chaotic":
@@ -98,7 +98,7 @@ def endless(name):
 
 @functools.cache
 def plain_evaluations(name):
-    """Force evaluations of a run of dop853 at the smallest tolerance of a step."""
+    """Count the force evaluations of a run of dop853 at the smallest tolerance of a step."""
     scene, duration = endless(name)
     job = Job(
         [scene],

@@ -22,9 +22,7 @@ def side(rows):
 
 
 def pulsed(smooth=False):
-    """A sheet at rest, one side of which goes out and back in 10 ms, in a run whose steps are ten
-    times as long.
-    """
+    """Move a side of a sheet at rest out and back in 10 ms, where steps are ten times as long."""
     times = (
         np.array([0, *(np.arange(95, 108) if smooth else (100, 101, 102)), 200]) / 200
     )  # in which a spline calms down
@@ -36,7 +34,7 @@ def pulsed(smooth=False):
 
 
 def jump(start=0.5, response="penalty"):
-    """A sphere that comes up and goes back in 20 ms, from out of reach of a sheet at rest."""
+    """Let a sphere out of reach of a sheet at rest come up and go back in 20 ms."""
     low, up = (0.4, -0.3, 0.4), (0.4, -0.05, 0.4)
     motion = cs.Keyframes([0, start, start + 0.01, start + 0.02, 1], [low, low, up, low, low])
     cloth = cs.Cloth(
@@ -51,7 +49,7 @@ def jump(start=0.5, response="penalty"):
 
 
 def rising():
-    """A sphere that meets a sheet at rest, whose steps before are as long as the run."""
+    """Let a sphere meet a sheet at rest, whose earlier steps are as long as the run."""
     sides = tuple((r, c) for r in (0, 8) for c in range(9))
     cloth = cs.Cloth((9, 9), mass=0.3, stiffness=500.0, damping=0.02, pins=sides)
     return cs.Scene(
@@ -60,7 +58,7 @@ def rising():
 
 
 def honest(run, right, asked):
-    """The error is at most what was asked and the estimate is true, or the report says why not."""
+    """Check that the error is as asked and the estimate true, or that the report says why not."""
     error, bound = right.error_of(run.x[-1])["rms"], right.error_bound["rms"][-1]
     told = run.report["error_estimate"]
     assert told["reason"] or error <= asked + bound
@@ -80,8 +78,9 @@ def test_a_pulse_within_a_step_is_seen(options, smooth):
 
 
 def random_scene(number):
-    """Pins with a pulse, a short reciprocation, both or smooth motions in turn; a cloth of random
-    stiffness and damping.
+    """Draw a cloth of random stiffness and damping.
+
+    Its pins move by a pulse, by a short reciprocation, by both or smoothly, in turn.
     """
     rng = np.random.default_rng([51, number])
     rows = int(rng.integers(3, 7))
@@ -157,7 +156,7 @@ def test_frames_never_change_a_run_with_contact(response):
     ("period", "smooth"), [(0.003, False), (0.05, False), (1.0, False), (0.003, True), (0.05, True)]
 )
 def test_a_sphere_that_goes_up_and_down_is_met(period, smooth):
-    """... by its way over the step: the speeds at two turning points say little of it."""
+    """Its way over the step counts: the speeds at two turning points say little of it."""
     cloth = cs.Cloth(
         (9, 9), (0.8, 0.8), mass=0.81, stiffness=10.0, damping=0.0, pins=((0, 0), (-1, -1))
     )

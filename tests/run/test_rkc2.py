@@ -27,21 +27,21 @@ def on_ball(**changes):
 
 
 def grid_run(scene, ends, precision="double", start=0.0):
-    """A run of rkc2 whose steps end at these times."""
+    """Run rkc2 with steps that end at these times."""
     options = Options("rkc2", precision)
     job = Job([scene], False, ends[-1] - start, options, start, tolerance=1.0, grid=tuple(ends))
     return Recorder(job, Watch()).run().trajectory()
 
 
 def chebyshev(s, kind, z):
-    """T, its derivative or its second derivative, of degree s."""
+    """Evaluate the polynomial of degree `s`, or a derivative of it (`kind` 1 or 2)."""
     unit = np.zeros(s + 1)
     unit[s] = 1
     return np.polynomial.Chebyshev(unit).deriv(kind)(z)
 
 
 def numpy_step(scene, x, v, t, h, stages):
-    """A step after Sommeijer, Shampine and Verwer, in their form and notation, and its estimate."""
+    """Take a step in the notation of Sommeijer, Shampine and Verwer, and estimate its error."""
     w0 = 1 + 2 / 13 / stages**2
     w1 = chebyshev(stages, 1, w0) / chebyshev(stages, 2, w0)
     b = [chebyshev(j, 2, w0) / chebyshev(j, 1, w0) ** 2 for j in range(2, stages + 1)]
@@ -100,7 +100,7 @@ def test_a_step_is_that_of_the_paper(h, stages, wind):
 
 
 def test_its_order_is_two():
-    """With steps so short that all of them take two stages; each number has its own constant."""
+    """Steps are so short that all take two stages: each number has its own constant."""
     scene = damped(stiffness=100.0, damping=0.3)
     exact = cs.reference(scene, 0.2).x[-1]
     errors = []

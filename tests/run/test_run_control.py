@@ -76,7 +76,7 @@ def test_frames_of_accepted_steps_also_after_a_first_contact(count):
     ids=str,
 )
 def test_a_run_starts_at_its_time(options):
-    """With the sphere's motion shifted by the same time it is the run from 0."""
+    """It is the run from 0 if the sphere's motion is shifted by the same time."""
     start, duration = 0.3125, 0.25
     x = SCENE.initial_position
     ball = cs.Sphere(

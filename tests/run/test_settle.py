@@ -15,7 +15,7 @@ def drape(pins=(), **sphere):
 
 
 def minimised(scene, x):
-    """The state of least energy near `x`, by SciPy."""
+    """Find the state of least energy near `x` with SciPy."""
     optimize = pytest.importorskip("scipy.optimize")
     free, mass, still = ~scene.cloth.pinned, scene.cloth.mass_per_point[..., None], np.zeros_like(x)
 

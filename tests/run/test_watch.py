@@ -52,7 +52,7 @@ def depths(scene, x, t):
 
 
 def step_by_step(scene, **options):
-    """Depths of all states, shape (states, 2), stretches, and the step a sphere first changed."""
+    """Measure depths of all states, shape (states, 2), stretches and the step of first contact."""
     stepper = cs.Stepper(scene, **options)
     far = [s.replace(center=(0.0, 1e3, 0.0), motion=None) for s in scene.spheres]
     free = cs.Stepper(scene.replace(spheres=far), **options)

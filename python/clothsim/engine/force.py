@@ -36,15 +36,16 @@ class Held:
 
 
 def checked_force(force: Any, argument: str = "force") -> Force | None:
-    """`force` if it is one that the core can call."""
+    """Return `force` if the core can call it; else raise an error."""
     if force is None or isinstance(force, Held) or _native(force, argument) or callable(force):
         return force
     raise TypeError(f"{argument} must be {ACCEPTED}, or None, got {check.shown(force)}")
 
 
 def forces_of(force: Any, scenes: Sequence[Scene], several: bool) -> list[Force | None]:
-    """The force of each scene: one for all, or a list of one for each where `several` are given;
-    empty without a force.
+    """Return the force of each scene; an empty list without a force.
+
+    `force` acts on all scenes. If they are `several`, it may also be a list with a force for each.
     """
     if force is None:
         return []
@@ -59,12 +60,12 @@ def forces_of(force: Any, scenes: Sequence[Scene], several: bool) -> list[Force 
 
 
 def is_python(force: Force | None) -> bool:
-    """Whether only one thread at a time may call the force."""
+    """Tell whether only one thread at a time may call the force."""
     return force is not None and _native(force) is None
 
 
 def with_force(plan: _core.Plan, force: Any, shape: tuple[int, int]) -> _core.Plan:
-    """The plan with the force of a function."""
+    """Add a user's force to a plan."""
     if force is None:
         return plan
     held: float | None = None
@@ -82,7 +83,7 @@ def with_force(plan: _core.Plan, force: Any, shape: tuple[int, int]) -> _core.Pl
 
 
 def _native(force: Any, argument: str = "force") -> tuple[int, int | None] | None:
-    """The addresses of a C function and of its user data; None for a function of Python."""
+    """Return the addresses of a C function and of its user data; None for a Python function."""
     kind = type(force)
     if kind.__name__ == "LowLevelCallable" and kind.__module__.startswith("scipy."):
         # The entry of the tuple itself; the class hides it.
@@ -110,8 +111,9 @@ def _ctypes_name(kind: Any) -> str:
 
 
 def parsed(signature: str) -> list[str]:
-    """The types of a signature in C, the result first: without const and names, integers of 64 bits
-    as int64_t.
+    """Return the types in a C signature, that of the result first.
+
+    `const` and the names of arguments are dropped, and integers of 64 bits are called int64_t.
 
     >>> parsed("void(double t, const double *x, long n)")
     ['void', 'double', 'double *', 'int64_t']

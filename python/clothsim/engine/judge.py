@@ -138,7 +138,7 @@ class Judge:
         )
 
     def _limit_at(self, member: int) -> float:
-        """The stable time step at the present state of a member."""
+        """Return the stable time step [s] at the present state of a member."""
         try:
             state = self._state(member)
             limit: float = service("max_stable_dt")(

@@ -64,7 +64,10 @@ class Options:
         return "edge" if self.kernel == "auto" else self.kernel
 
     def threads_for(self, shape: tuple[int, int], members: int = 1) -> int:
-        """`threads`; None: all for large cloths, else one a member."""
+        """Return `threads`, or a number by size if it is None.
+
+        Large cloths get all processors, others one thread for each member.
+        """
         if self.threads is not None:
             _warn_of_threads(self.threads)
             return self.threads
@@ -87,7 +90,7 @@ def _warn_of_threads(threads: int) -> None:
 
 
 def kept_plan(scene: Scene, options: Options) -> _core.Plan:
-    """The plan of a scene, compiled once: it cannot change."""
+    """Return the plan of a scene, which is compiled once: a scene cannot change."""
     plans: dict[Any, _core.Plan] = scene.__dict__.setdefault("_plans", {})
     key = options.precision, options.kernel, options.integrator, _core.choose_instruction_set()
     plan = plans.get(key)
@@ -105,7 +108,7 @@ def make_room(kept: dict[Any, Any], most: int) -> None:
 
 
 def core_plan(scene: Scene, options: Options) -> _core.Plan:
-    """The scene as the core takes it, with the kernels of the chosen instruction set."""
+    """Compile a scene for the core, with the kernels of the chosen instruction set."""
     return _core.Plan(
         cloth=scene.cloth.core,
         gravity=scene.gravity,

@@ -47,7 +47,7 @@ class Snapshot:
 
     @property
     def time(self) -> float:
-        """[s]"""
+        """Time of the state [s]."""
         return float(self.core["time"])
 
     def __repr__(self) -> str:
@@ -96,7 +96,10 @@ class Snapshot:
 
 
 def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
-    """The snapshot as text, "snapshot" (JSON), and the core's fields, "snapshot_" and names."""
+    """Return the arrays of a file: the text "snapshot" (JSON), and the fields of the core.
+
+    The name of each field begins with "snapshot_".
+    """
     scene = snapshot.scene
     header = {
         "schema": SCHEMA,
@@ -113,7 +116,7 @@ def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
-    """The snapshot whose arrays `to_arrays` returned."""
+    """Make a snapshot from the arrays that `to_arrays` returned."""
     header = json.loads(str(arrays["snapshot"]))
     if header["schema"] != SCHEMA:
         raise ValueError(f"its schema must be {SCHEMA}, got {header['schema']!r}")
@@ -141,7 +144,7 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
 def take(
     state: Any, scene: Scene | Sequence[Scene], options: Options, core: dict[str, Any] | None = None
 ) -> Snapshot:
-    """A snapshot of a state with these options, or of one of its members, with fields `core`."""
+    """Make a snapshot of a state, or of the member whose fields are `core`."""
     shape = state.shape if core is None else state.shape[-3:]
     return Snapshot(
         scene,
@@ -154,7 +157,7 @@ def take(
 
 
 def of_members(core: dict[str, Any], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
-    """The fields of the core for each member of a batch, as they are for its scene alone."""
+    """Split the fields of a batch into those that each member would have on its own."""
     # Fields that have an entry for each obstacle of each member.
     found = []
     spheres = contacts = 0

@@ -236,7 +236,7 @@ class Stepper:
         state.set_force(check.array("force", force, state.shape))
 
     def snapshot(self) -> Snapshot:
-        """The whole state, to be continued bit for bit by `restore`; see `Snapshot`.
+        """Return the whole state, which `restore` continues bit for bit; see `Snapshot`.
 
         Examples
         --------
@@ -253,7 +253,7 @@ class Stepper:
 
     @classmethod
     def restore(cls, snapshot: Snapshot, force: Force | list[Force] | None = None) -> Stepper:
-        """A new stepper with the state and time of `snapshot`; it continues with the same bits.
+        """Make a stepper with the state and time of `snapshot`; it continues with the same bits.
 
         Parameters
         ----------

@@ -45,11 +45,11 @@ def _engine(
     backend: Any = "cpu",
     force: Any = None,
 ) -> tuple[State, list[State], FloatArray, FloatArray]:
-    """An engine for a call, which no other call can have meanwhile, where it may wait for the next,
-    and the arrays for it.
+    """Take a waiting engine for a call, or build one.
 
-    Arrays are checked here where they are no plain float arrays, or of a new shape; `State.step`
-    finds numbers that are not finite.
+    No other call can have it meanwhile. The second result is the list in which it may wait for the
+    next call; the arrays for the engine follow. Arrays are checked here unless they are plain float
+    arrays of a known shape. `State.step` finds numbers that are not finite.
     """
     if not (
         type(x) is type(v) is np.ndarray
@@ -222,8 +222,9 @@ def acceleration(
     kernel: Kernel = "auto",
     force: Force | list[Force] | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Acceleration of every mass point: springs, damping, gravity, contact with response "penalty",
-    wind, and a function's force.
+    """Compute the acceleration of every mass point.
+
+    Springs, damping, gravity, contact with response "penalty", wind and a function's force act.
 
     Parameters
     ----------

@@ -86,12 +86,12 @@ ASSUMED_FALL, LEAST_FALL, MOST_FALL = 3.0, 2.0, 4.0
 
 
 def size_of(scene: Scene) -> float:
-    """The longer side of the cloth [m], the size to which a relative tolerance refers."""
+    """Return the longer side of the cloth [m], to which a relative tolerance refers."""
     return max(scene.cloth.size)
 
 
 def rms(difference: Floats) -> float:
-    """Root of the mean over mass points of the squared distance."""
+    """Return the root of the mean squared distance over the mass points."""
     return float(np.sqrt((difference**2).sum(axis=-1).mean()))
 
 
@@ -107,7 +107,10 @@ class Estimate(NamedTuple):
 
     @classmethod
     def of(cls, x: Floats, better: Floats, factor: float) -> Estimate:
-        """`factor` times the distance from better positions, and half a unit in the last place."""
+        """Return `factor` times the distance from better positions, as an error.
+
+        Half a unit in the last place is added: equal positions are rounded too.
+        """
         distances = factor * np.linalg.norm(x - better, axis=-1) + np.spacing(np.abs(x).max()) / 2
         return cls(float(distances.max()), float(np.sqrt((distances**2).mean())))
 
@@ -127,7 +130,7 @@ Step = Generator[Job, Trajectory, Trajectory]  # a part of a search, which finds
 
 
 def solve(job: Job, asked: float, watch: Watch, auto: bool = False) -> Controlled:
-    """The run whose error is at most `asked` [m], rms, or the best one found.
+    """Search for a run whose rms error is at most `asked` [m], and return it or the best run.
 
     `auto`: the method is not the caller's, and Verlet is tried first where it may cost less.
     """
@@ -144,7 +147,7 @@ def solve(job: Job, asked: float, watch: Watch, auto: bool = False) -> Controlle
 
 
 def estimate_of(job: Job, run: Trajectory) -> Controlled:
-    """The error of a run that is done."""
+    """Estimate the error of a run."""
     done = [run]
     return _conduct(_estimated(job, run), done, Watch())
 
@@ -183,19 +186,19 @@ def _evaluations(done: list[Trajectory]) -> int:
 
 
 def _smallest(job: Job) -> float:
-    """The smallest tolerance of a step [m]."""
+    """Return the smallest tolerance of a step [m]."""
     return SMALLEST[job.options.precision] * size_of(job.scene)
 
 
 def _unseen(job: Job, **changes: object) -> Job:
-    """A run that is not returned: it has no frames."""
+    """Return a job without frames, for a run that is not returned."""
     return replace(job, shown=False, frames=Frames(), **changes)  # type: ignore[arg-type]
 
 
 def _at_tolerance(job: Job, tolerance: float) -> Step:
-    """A run at a tolerance of a step [m].
+    """Run at a tolerance of a step [m].
 
-    If it runs away, because the tolerance lets stiff motion grow, it is repeated at a smaller
+    If the tolerance lets stiff motion grow until the run is unstable, it is repeated at a smaller
     tolerance.
     """
     smallest = _smallest(job)
@@ -210,13 +213,13 @@ def _at_tolerance(job: Job, tolerance: float) -> Step:
 
 
 def _longest_dt(job: Job, integrator: str) -> float:
-    """The longest fixed step [s]: the guaranteed stable one, or half of it with spheres."""
+    """Return the longest fixed step [s]: the guaranteed stable one, half of it with spheres."""
     stable = usable_dt(job.scene, integrator)
     return min(stable / 2 if job.scene.spheres else stable, job.duration / 4)
 
 
 def _fixed(job: Job, dt: float) -> Job:
-    """A run at a time step that is not the caller's."""
+    """Return a job with equal steps of at most `dt`, which the caller did not choose."""
     longest = _longest_dt(job, job.options.integrator)
     step = job.duration / math.ceil(job.duration / dt)
     return replace(job, dt=step, own_step=True, longest=longest)
@@ -233,8 +236,9 @@ def _conservative(job: Job) -> bool:
 
 
 def halved(job: Job, asked: float, otherwise: Search) -> Search:
-    """The run of Verlet at the longest stable step, halved, whose error is at most `asked` [m],
-    rms; else what `otherwise` finds.
+    """Search with Verlet, from the longest stable step on, by halving it.
+
+    If no run has an rms error of at most `asked` [m], the search `otherwise` follows.
     """
     verlet = replace(job, options=replace(job.options, integrator="velocity_verlet"))
     count = math.ceil(job.duration / _longest_dt(verlet, "velocity_verlet"))
@@ -262,7 +266,7 @@ def halved(job: Job, asked: float, otherwise: Search) -> Search:
 
 
 def refined(job: Job, asked: float, done: list[Trajectory]) -> Search:
-    """The run of dop853 or rkc2 whose error is at most `asked` [m], rms, or the best one found."""
+    """Search with dop853 or rkc2 for a run whose rms error is at most `asked` [m]."""
     tolerance = yield from _first_tolerance(job, asked)
     before = first = yield from _at_tolerance(job, tolerance)
     if first.contacts:
@@ -353,7 +357,7 @@ class Parting:
 
 
 def _first_tolerance(job: Job, asked: float) -> Generator[Job, Trajectory, float]:
-    """The tolerance of a step [m] that should give a run about the error asked for.
+    """Estimate the tolerance of a step [m] that gives a run about the error asked for.
 
     The number of steps times tolerance^(1/p) measures how far the motion goes, at any tolerance.
     Errors of damped motion are forgotten.
@@ -374,7 +378,9 @@ class _Pair:
     """Two runs, the second one with smaller local errors: the errors of both."""
 
     def __init__(self, before: Trajectory, after: Trajectory, by_grid: bool, growth: float) -> None:
-        """`growth`: of errors, in the pairs before. A pair that is closer than they let expect may
+        """Compare two runs.
+
+        `growth` is that of errors in earlier pairs. A pair that is closer than it lets expect may
         be so by chance.
         """
         x, better = before.x[-1], after.x[-1]
@@ -457,7 +463,7 @@ class _Finer:
 
 
 def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
-    """The run of the method whose error is at most `asked` [m], rms, or the best one found."""
+    """Search with any method for a run whose rms error is at most `asked` [m]."""
     size, method = size_of(job.scene), METHODS[job.options.integrator]
     if method.adaptive:
         least, order = _smallest(job), 1.0
@@ -518,7 +524,7 @@ def compared(job: Job, asked: float, done: list[Trajectory]) -> Search:
 
 
 def _estimated(job: Job, run: Trajectory) -> Search:
-    """The error of a run that is done."""
+    """Estimate the error of a run by a better run."""
     better = _Better(job, SMALL**6 * size_of(job.scene))
     if contact := (yield from better.contact(run)):
         return run, Estimate(reason=contact)
@@ -555,14 +561,14 @@ class _Better:
         )
 
     def contact(self, run: Trajectory) -> Generator[Job, Trajectory, str]:
-        """Why a sphere that responded in one of two runs leaves no estimate; "" without contact."""
+        """Say why a response of a sphere in one of two runs leaves no estimate, or return ""."""
         if run.contacts:
             return Reason.CONTACT
         better = yield from self.run()
         return Reason.MISSED if better.contacts else ""
 
     def error_of(self, run: Trajectory) -> Generator[Job, Trajectory, Estimate]:
-        """The distance from a better run whose own error does not matter."""
+        """Measure the distance from a better run whose own error does not matter."""
         while True:
             better = yield from self.run()
             error = Estimate.of(run.x[-1], better.x[-1], MARGIN)

@@ -29,10 +29,10 @@ def report(
     asked: float = math.nan,
     unknown: str = Reason.NOT_ASKED,
 ) -> dict[str, Any]:
-    """The report of a run. `stopped`: why it ended early. `controlled`: the outcome of its error
-    estimate, if any.
+    """Report on a run.
 
-    `unknown`: why the error of a whole run is not known.
+    `stopped` says why it ended early, `controlled` has the outcome of its error estimate, if any,
+    and `unknown` says why the error of a whole run is not known.
     """
     scene, options, state, watched = run.scene, run.options, run.state, run.watched
     if controlled:
@@ -87,7 +87,7 @@ def report(
 
 
 def _energies(run: Trajectory) -> dict[str, Any]:
-    """The energies at the start and at the end; NaN with a reason where they are not finite."""
+    """Return the energies at the start and at the end; NaN and a reason if they are not finite."""
     plan, found = kept_plan(run.scene, run.options), dict[str, Any]()
     for moment, k in (("start", 0), ("end", -1)):
         parts = _core.energy(plan, run.x[k], run.v[k], run.t[k])
@@ -114,7 +114,7 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def joined(one: Any, two: Any) -> dict[str, Any]:
-    """The combined report of a run and of the run that continues it."""
+    """Combine the reports of a run and of the run that continues it."""
     sums = {name: value + two[name] for name, value in one.items() if name in _SUMS}
     energies = {**two["energy"], "start": one["energy"]["start"]}
     highest = two["energy"]["start"]["total"] + two["energy"]["gained"] - energies["start"]["total"]

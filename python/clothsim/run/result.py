@@ -132,7 +132,7 @@ class Run:
         return len(self.t)
 
     def __getitem__(self, frames: slice) -> Run:
-        """A run of the frames in a slice, as ``run[10:20]`` or ``run[::2]``.
+        """Return a run of the frames in a slice, as ``run[10:20]`` or ``run[::2]``.
 
         The arrays are views, and the report stays that of the whole run.
         """
@@ -150,7 +150,7 @@ class Run:
         return replace(self, t=self.t[frames], x=self.x[frames], v=self.v[frames], **final)
 
     def __add__(self, more: Run) -> Run:
-        """This run and its continuation, `more`, which begins with the last frame of this one."""
+        """Join this run and its continuation, `more`, whose first frame is the last of this run."""
         if not isinstance(more, Run):
             return NotImplemented
         ends = ((self.t[-1:], more.t[:1]), (self.x[-1:], more.x[:1]), (self.v[-1:], more.v[:1]))
@@ -215,7 +215,7 @@ class Run:
         return resume(self, duration, every, times, fps, force, callback, progress)
 
     def at(self, row: int, column: int) -> dict[str, Floats]:
-        """One mass point over the stored frames.
+        """Return the motion of a mass point over the stored frames.
 
         Parameters
         ----------
@@ -254,7 +254,7 @@ class Run:
         }
 
     def energy(self) -> dict[str, Floats]:
-        """Energies of the frames.
+        """Compute the energies of the frames.
 
         Returns
         -------
@@ -275,7 +275,7 @@ class Run:
         return {name: np.array([one[name] for one in found]) for name in found[0]}
 
     def penetration(self, sphere: int | None = None) -> dict[str, Floats]:
-        """How deep the cloth is inside the spheres, each at its place at the time of the frame.
+        """Measure how deep the cloth is in the spheres, at their places at the times of frames.
 
         Parameters
         ----------
@@ -305,7 +305,7 @@ class Run:
         return deepest(spheres, self.x, self.t)
 
     def stretch(self) -> dict[str, Floats]:
-        """Stretch of the most stretched spring of each frame.
+        """Measure the stretch of the most stretched spring of each frame.
 
         Returns
         -------
@@ -345,7 +345,7 @@ class Run:
         return _files.write_npz(path, {"t": self.t, "x": self.x, "v": self.v, **texts})
 
     def to_xarray(self) -> xarray.Dataset:
-        """The run as an `xarray.Dataset` with the dimensions time, row, column and component.
+        """Return an `xarray.Dataset` with the dimensions time, row, column and component.
 
         Examples
         --------
@@ -512,7 +512,7 @@ class Run:
         return service("comparison_of")(self).show(height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """The lines of `print`, and a picture of the last frame, for a notebook."""
+        """Return the lines of `print` and a picture of the last frame, for a notebook."""
         bundle: dict[str, Any] = service("run_bundle")(self)
         return bundle
 
@@ -605,7 +605,7 @@ def load_run(path: str | os.PathLike[str]) -> Run:
 
 
 def deepest(spheres: Iterable[Sphere | Plane], x: Floats, t: Floats) -> dict[str, Floats]:
-    """The deepest mass point and triangle in any sphere, shape (frames,) [m]."""
+    """Return the greatest depths of points and of triangles in any sphere, shape (frames,) [m]."""
     found = {name: np.zeros(len(t)) for name in ("points", "triangles")}
     for sphere in spheres:
         for name, depth in penetration(x, sphere, t).items():

@@ -156,7 +156,7 @@ def settle(
 
 
 def scene_at(scene: Scene, t: float) -> Scene:
-    """The scene with everything that moves held at its place at a time [s]."""
+    """Return the scene with all that moves stopped at its place at a time [s]."""
     wind = scene.wind
     if wind and wind.motion:
         velocity = np.array(wind.velocity) + wind.motion.velocity_at(t)
@@ -222,7 +222,10 @@ class _Relaxation:
         return weight or given or springs or 1.0
 
     def _with_drag(self, omega: float) -> Scene:
-        """The scene that relaxes: drag for this frequency [1/s], spring damping for the fastest."""
+        """Return the scene that relaxes.
+
+        Drag damps motion of the frequency `omega` [1/s], and spring damping the fastest modes.
+        """
         cloth = self._plain.cloth
         mean = float(self._mass.mean())
         damping = {
@@ -236,8 +239,9 @@ class _Relaxation:
         return State.checked(scene, x, still, 0.0, options, self._force, quiet=TIME_STEP)
 
     def _unbalanced(self, x: Floats) -> float:
-        """Largest unbalanced force over the scale: momentum that a step from rest leaves after the
-        responses.
+        """Measure the largest unbalanced force, over the scale of forces.
+
+        It is the momentum after the responses of a short step from rest, over the step.
         """
         probe = self._state_of(self._plain, x)
         dt = _PROBE * self._dt
@@ -250,7 +254,7 @@ class _Relaxation:
         return float(np.linalg.norm(force, axis=-1)[self._free].max(initial=0.0)) / self._scale
 
     def run(self, bar: Any) -> str:
-        """Relax; "" at rest, else the reason why not."""
+        """Relax the cloth, and return "" at rest, else why it does not rest."""
         begin = time.perf_counter()
         try:
             return self._relax(bar)
@@ -316,7 +320,7 @@ class _Relaxation:
         )
 
     def result(self, reason: str) -> Run:
-        """The run that ends with the best state."""
+        """Return a run that ends with the best state."""
         still = np.zeros_like(self._start)
         x = np.array([self._start, self._best])
         v = np.array([still, still])
