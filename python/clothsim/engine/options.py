@@ -1,6 +1,4 @@
-"""The options that every stepping function takes, checked once, and the plan of the core for a
-scene with them.
-"""
+"""The options of steps, checked once, and the plan of the core for a scene with them."""
 
 from __future__ import annotations
 
@@ -20,15 +18,15 @@ PRECISIONS: tuple[Precision, ...] = ("double", "single")
 KERNELS: tuple[Kernel, ...] = get_args(Kernel)
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
-_MOST_PLANS = 8  # kept for a scene
-_warned: set[str] = set()  # what this process was warned of
+_MOST_PLANS = 8  # most plans that a scene keeps
+_past_warnings: set[str] = set()  # kinds of warnings that this process has had
 
 
 @dataclass(frozen=True)
 class Options:
     """The options of the steps, as `step` takes them.
 
-    Made once from the arguments of a call, and handed down to the core.
+    They are made once from the arguments of a call, and handed down to the core.
     """
 
     integrator: str = "rk4"
@@ -80,8 +78,8 @@ class Options:
 
 def _warn_of_threads(threads: int) -> None:
     """Warn once of more threads than processors: they wait for each other in turns."""
-    if threads > (count := processors()) and "threads" not in _warned:
-        _warned.add("threads")
+    if threads > (count := processors()) and "threads" not in _past_warnings:
+        _past_warnings.add("threads")
         warn_caller(
             f"threads = {threads} is above the {counted(count, 'processor')} that this process may "
             "use: steps take several times as long as with one thread",
@@ -101,10 +99,10 @@ def kept_plan(scene: Scene, options: Options) -> _core.Plan:
     return plan
 
 
-def make_room(kept: dict[Any, Any], most: int) -> None:
+def make_room(cache: dict[Any, Any], most: int) -> None:
     """Remove the oldest entries until there is room for another; other threads may do so too."""
-    for key in list(kept)[: len(kept) + 1 - most]:
-        kept.pop(key, None)
+    for key in list(cache)[: len(cache) + 1 - most]:
+        cache.pop(key, None)
 
 
 def core_plan(scene: Scene, options: Options) -> _core.Plan:

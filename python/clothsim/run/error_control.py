@@ -151,7 +151,7 @@ def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> Controlled
     """Make the runs of a search, and add them to `runs`, until it ends."""
     recorder = watch.recorder
     last_complete = recorder  # recorder of the last run that came to its end
-    warned: set[str] = set()
+    past_kinds: set[str] = set()  # of warnings, each of which a search gives once
     proceed: Callable[[Any], Job] = search.send
     answer: Any = None
     try:
@@ -161,8 +161,8 @@ def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> Controlled
             except StopIteration as end:
                 best, error = end.value
                 break
-            # Each warning is given once in a search.
-            recorder = Recorder(job, watch if job.shown else Watch(), quiet=frozenset(warned))
+            watch_of_run = watch if job.shown else Watch()
+            recorder = Recorder(job, watch_of_run, quiet=frozenset(past_kinds))
             try:
                 answer = recorder.run().trajectory()
                 runs.append(answer)
@@ -172,12 +172,13 @@ def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> Controlled
                 proceed = search.throw
                 answer = failure
             except ContactError as failure:
-                if job.dt is None:  # steps that meet their tolerance: the solution goes through
-                    raise
+                if job.dt is None:
+                    raise  # Steps meet their tolerance, so the solution itself goes through.
                 proceed = search.throw
                 answer = failure
-            warned |= recorder.state.judge.warned
-    except KeyboardInterrupt:  # the last run that came to its end is handed over
+            past_kinds |= recorder.state.judge.past_kinds
+    except KeyboardInterrupt:
+        # The last run that came to its end is handed over.
         watch.recorder = last_complete or watch.recorder or recorder
         raise
     return Controlled(best, error, sum(run.evaluations for run in runs if run is not best))
@@ -374,7 +375,7 @@ def _first_tolerance(job: Job, request: float) -> Generator[Job, Trajectory, flo
     Errors of damped motion are forgotten.
     """
     tolerance = TOLERANCE * request
-    if job.options.integrator == "rkc2":  # damped motion forgets its errors
+    if job.options.integrator == "rkc2":  # Damped motion forgets its errors.
         return tolerance
     steps = 0.0
     with suppress(UnstableError):

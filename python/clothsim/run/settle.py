@@ -18,7 +18,7 @@ import numpy as np
 
 from ..base import Floats, check
 from ..base.progress import ProgressBar
-from ..engine.force import Held, checked_force, forces_of
+from ..engine.force import ForceAtTime, checked_force, forces_of
 from ..engine.judge import TIME_STEP
 from ..engine.options import Options
 from ..engine.state import State, scenes_of
@@ -144,9 +144,9 @@ def settle(
     t = check.number("t", t)
     most = check.integer("max_evaluations", max_evaluations, minimum=1)
     force = checked_force(force)
-    held = None if force is None else Held(force, t)
+    force_at_t = None if force is None else ForceAtTime(force, t)
     options = Options(_INTEGRATOR, threads=threads)
-    search = _Relaxation(scene_at(scene, t), tolerance, most, t, options, held)
+    search = _Relaxation(scene_at(scene, t), tolerance, most, t, options, force_at_t)
     with ProgressBar(check.boolean("progress", progress), total=most) as bar:
         try:
             reason = search.run(bar.bar)
@@ -181,7 +181,7 @@ class _Relaxation:
         most: int,
         t: float,
         options: Options,
-        force: Held | None,
+        force: ForceAtTime | None,
     ) -> None:
         self._force = force
         self.scene, self._tolerance, self._most, self._t, self._options = (
