@@ -34,7 +34,10 @@ def report(
     `stopped` says why it ended early, `controlled` has the outcome of its error estimate, if any,
     and `unknown` says why the error of a whole run is not known.
     """
-    scene, options, state, watched = run.scene, run.options, run.state, run.watched
+    scene = run.scene
+    state = run.state
+    options = run.options
+    watched = run.watched
     if controlled:
         error = controlled.error
     elif stopped:
@@ -88,14 +91,16 @@ def report(
 
 def _energies(run: Trajectory) -> dict[str, Any]:
     """Return the energies at the start and at the end; NaN and a reason if they are not finite."""
-    plan, found = kept_plan(run.scene, run.options), dict[str, Any]()
+    plan = kept_plan(run.scene, run.options)
+    energies: dict[str, Any] = {}
     for moment, k in (("start", 0), ("end", -1)):
         parts = _core.energy(plan, run.x[k], run.v[k], run.t[k])
         values = [*parts, sum(parts)]
         if not math.isfinite(values[-1]):
-            values, found["reason"] = [math.nan] * 6, Reason.TOO_LARGE
-        found[moment] = dict(zip(_PARTS, values, strict=True))
-    return found
+            values = [math.nan] * len(values)
+            energies["reason"] = Reason.TOO_LARGE
+        energies[moment] = dict(zip(_PARTS, values, strict=True))
+    return energies
 
 
 def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
@@ -113,30 +118,34 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     return {"gained": gained, "reason": reason}
 
 
-def joined(one: Any, two: Any) -> dict[str, Any]:
+def join_reports(first: Any, second: Any) -> dict[str, Any]:
     """Combine the reports of a run and of the run that continues it."""
-    sums = {name: value + two[name] for name, value in one.items() if name in _SUMS}
-    energies = {**two["energy"], "start": one["energy"]["start"]}
-    highest = two["energy"]["start"]["total"] + two["energy"]["gained"] - energies["start"]["total"]
-    energies["gained"] = max(one["energy"]["gained"], highest) if highest == highest else math.nan
-    energies["reason"] = one["energy"]["reason"] or two["energy"]["reason"]
-    found = {
-        **two,
+    sums = {name: value + second[name] for name, value in first.items() if name in _SUMS}
+    wall_time = sums["wall_time"]
+    energies = {**second["energy"], "start": first["energy"]["start"]}
+    highest = second["energy"]["start"]["total"] + second["energy"]["gained"]
+    gained = highest - energies["start"]["total"]
+    # The gain of a run is NaN where a response has changed the energy.
+    if not math.isnan(gained):
+        gained = max(first["energy"]["gained"], gained)
+    energies["gained"] = gained
+    energies["reason"] = first["energy"]["reason"] or second["energy"]["reason"]
+    touched = not math.isnan(first["first_contact"]["time"])
+    report = {
+        **second,
         **sums,
-        "steps_per_second": sums["steps"] / sums["wall_time"]
-        if sums["wall_time"] > 0
-        else math.inf,
+        "steps_per_second": sums["steps"] / wall_time if wall_time > 0 else math.inf,
         "error_estimate": {"max": math.nan, "rms": math.nan, "reason": Reason.RESUMED},
-        "tolerance": {"asked": one["tolerance"]["asked"], "reached": False},
+        "tolerance": {"asked": first["tolerance"]["asked"], "reached": False},
         "energy": energies,
-        "first_contact": two["first_contact"]
-        if math.isnan(one["first_contact"]["time"])
-        else one["first_contact"],
-        "impulse": [[p + q for p, q in zip(*both)] for both in zip(one["impulse"], two["impulse"])],
-        "obstacle_work": [p + q for p, q in zip(one["obstacle_work"], two["obstacle_work"])],
+        "first_contact": first["first_contact"] if touched else second["first_contact"],
+        "impulse": [
+            [p + q for p, q in zip(*impulses)]
+            for impulses in zip(first["impulse"], second["impulse"])
+        ],
+        "obstacle_work": [p + q for p, q in zip(first["obstacle_work"], second["obstacle_work"])],
     }
     for name in ("penetration", "stretch"):
-        found[name] = {
-            key: max(value, two[name][key]) for key, value in one[name].items()
-        }  # reasons are "" or equal
-    return found
+        # Texts are reasons, which are "" or equal.
+        report[name] = {key: max(value, second[name][key]) for key, value in first[name].items()}
+    return report
