@@ -71,7 +71,8 @@ def test_a_frozen_member_rests_and_a_restored_snapshot_continues_with_the_same_b
     crumpled, same_bits
 ):
     states = [crumpled(seed=seed, spheres=BALL) for seed in (1, 2, 3)]
-    scenes, dt = [s.scene for s in states], min(s.dt for s in states)
+    scenes = [s.scene for s in states]
+    dt = min(s.dt for s in states)
     x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
     frozen, free = (cs.Stepper(scenes, x, v, t=0.0, **GPU) for _ in range(2))
     for stepper in (frozen, free):

@@ -27,7 +27,7 @@ def stiff(shape=(9, 20)):
     return cs.Scene(cs.Cloth(shape, damping=0.0))
 
 
-def disturbed(scene):
+def noisy_position(scene):
     noise = np.random.default_rng(2).normal(size=scene.initial_position.shape)
     return scene.initial_position + 1e-3 * noise
 
@@ -39,8 +39,10 @@ def test_an_unstable_run_has_the_error_of_the_core(same_bits):
     """
     ball = cs.Sphere((0.5, -0.2, 0.5), 0.21, response="ray", offset="edge")
     scene = stiff().replace(spheres=ball)
-    x, dt = disturbed(scene), 1.9 * cs.max_stable_dt(scene)
-    errors, steppers = [], []
+    x = noisy_position(scene)
+    dt = 1.9 * cs.max_stable_dt(scene)
+    errors = []
+    steppers = []
     for backend in ("cpu", "gpu"):
         stepper = cs.Stepper(scene, x, t=0.5, precision="single", kernel="gather", backend=backend)
         stepper.advance(1, dt)
@@ -74,7 +76,7 @@ def test_an_unstable_batch_names_its_member_and_goes_on_without_it(same_bits):
     bad = stiff()
     dt = 1.9 * cs.max_stable_dt(bad)
     soft = bad.replace(cloth=bad.cloth.replace(stiffness=1.0))
-    x = disturbed(bad)
+    x = noisy_position(bad)
     stepper = cs.Stepper([soft, bad], np.stack([x, x]), np.zeros((2, *x.shape)), t=0.0, **GPU)
     with pytest.raises(cs.UnstableError, match="of batch member 1") as raised:
         stepper.advance(5000, dt)
@@ -90,7 +92,8 @@ def test_an_unstable_batch_names_its_member_and_goes_on_without_it(same_bits):
 
 
 def test_ctrl_c_ends_a_long_advance_at_a_whole_step(same_bits):
-    scene, dt = cs.scenes.paper_swing(), 1e-4
+    scene = cs.scenes.paper_swing()
+    dt = 1e-4
     handler = signal.getsignal(signal.SIGINT)
     stepper = cs.Stepper(scene, **GPU)
     stepper.advance(1, dt)  # This compiles the shader.

@@ -212,7 +212,8 @@ def test_far_away_single_has_the_bits_of_the_core(crumpled, needs_exact):
 
 @pytest.mark.parametrize("shape", [(32, 32), (16, 48), (1, 2), (17, 16), (20, 33)], ids=str)
 def test_every_point_has_the_same_ids_on_the_adapter_and_in_the_core(shape):
-    written, expected = thread_ids(shape), cs.thread_grid(shape)
+    written = thread_ids(shape)
+    expected = cs.thread_grid(shape)
     assert written.dtype == expected.dtype and written.shape == shape
     for name in expected.dtype.names:
         np.testing.assert_array_equal(written[name], expected[name], err_msg=name)

@@ -39,7 +39,8 @@ def test_a_response_errs_by_units_in_the_last_place(response):
     scene = cs.Scene(cloth, ball, gravity=(0, 0, 0))
     direction = rng.normal(size=(*shape, 3))
     direction /= np.linalg.norm(direction, axis=-1)[..., None]
-    v, dt = rng.normal(size=(*shape, 3)), 0.5
+    v = rng.normal(size=(*shape, 3))
+    dt = 0.5
     end = ball.center_at(dt) + direction * rng.uniform(0.05, 0.24, shape)[..., None]
     x = end - dt * v
     gpu, cpu = (

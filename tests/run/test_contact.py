@@ -77,14 +77,16 @@ def test_a_start_below_the_surface_is_refused_and_changes_nothing():
             call(sheet_below_surface(0.01))
     stepper = cs.Stepper(sheet_below_surface(-1.0))
     stepper.advance(10, 1e-3)
-    x, scene = stepper.x, stepper.scene
+    x = stepper.x
+    scene = stepper.scene
     with pytest.raises(ValueError, match=r"below the true surface of spheres\[0\]"):
         stepper.set_scene(sheet_below_surface(0.01))
     assert np.array_equal(stepper.x, x) and stepper.scene == scene
 
 
 def test_states_may_be_as_deep_as_the_layer():
-    scene, h = sheet_below_surface(-0.5), cs.Plane().layer(SMALL)["thickness"]
+    scene = sheet_below_surface(-0.5)
+    h = cs.Plane().layer(SMALL)["thickness"]
     v = np.zeros((8, 8, 3))
     x = SMALL.rest_positions - (0.0, 0.5 + 0.9 * h, 0.0)
     cs.step(scene, x, v, 1e-4)

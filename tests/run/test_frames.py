@@ -49,7 +49,8 @@ def test_interpolated_frames_are_of_order_four():
 
 @pytest.mark.parametrize("response", ["reflect", "ray"])
 def test_an_interpolated_frame_is_no_deeper_in_a_sphere_than_the_states_beside_it(response):
-    scene, dt = moving_ball(response), 5e-3
+    scene = moving_ball(response)
+    dt = 5e-3
     steps = cs.simulate(scene, DURATION, dt=dt, every=1)
     run = cs.simulate(scene, DURATION, dt=dt, every=dt / 7.3)
     depth = steps.penetration()["points"]

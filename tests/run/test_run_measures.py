@@ -76,7 +76,8 @@ def test_penetration_of_frames_is_at_their_times(run):
 
 
 def test_energy_and_stretch_of_frames(run):
-    energies, stretches = run.energy(), run.stretch()
+    energies = run.energy()
+    stretches = run.stretch()
     assert set(energies) == {"kinetic", "elastic", "gravity", "force", "contact", "total"}
     assert set(stretches) == {"largest"}
     for k in range(len(run.t)):

@@ -56,7 +56,8 @@ def test_frames_pair_off_to_half_a_step(run):
     rounded = cs.Run(run.scene, run.t.astype(np.float32).astype(float), run.x, run.v, {})
     difference = cs.difference(run, rounded)
     assert len(difference["t"]) == len(run) and difference["unmatched"] == 0
-    step, times = run.report["dt"], run.t[3:7]
+    step = run.report["dt"]
+    times = run.t[3:7]
     for shift, unmatched in ((0.4, 0), (0.6, 2 * len(times))):
         other = cs.Run(run.scene, np.append(times + shift * step, 99.0), run.x[3:8], run.v[3:8], {})
         part = cs.Run(run.scene, np.append(times, 99.0), run.x[3:8], run.v[3:8], run.report)

@@ -39,7 +39,8 @@ MIXED = [
 ]
 SCENES = {name: cs.Scene(CLOTH, sphere) for name, sphere in SCENES.items()}
 SCENES["three of them"] = cs.Scene(CLOTH, MIXED)
-STEPS, DT = 130, 2e-3
+STEPS = 130
+DT = 2e-3
 REPORTED = ("penetration", "stretch", "first_contact")
 
 pytestmark = pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")

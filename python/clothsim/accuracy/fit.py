@@ -294,12 +294,12 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
         if len(np.unique(place, axis=1).T) < len(pairs):
             raise ValueError(f"points must name each point once, got {list(points)}")
     shape = (len(times), *place[0].shape, 3)
-    accepted = f"an array of shape {shape} of numbers, NaN where nothing was measured"
+    requirement = f"an array of shape {shape} of numbers, NaN where nothing was measured"
     if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "iuf":
         values = np.where(np.ma.getmaskarray(values), np.nan, values.data)
-    array = check.as_array("positions", values, accepted)
+    array = check.as_array("positions", values, requirement)
     if array.shape != shape:
-        raise ValueError(f"positions must be {accepted}, got shape {array.shape}")
+        raise ValueError(f"positions must be {requirement}, got shape {array.shape}")
     array = array.astype(np.float64)
-    check.check_all("positions", array, ~np.isinf(array), accepted)
+    check.check_all("positions", array, ~np.isinf(array), requirement)
     return array, place

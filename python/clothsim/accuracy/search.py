@@ -124,8 +124,8 @@ class Problem:
             least, most = (check.number(argument, number) for number in pair)
             if not (ends[0, k] <= least <= value <= most <= ends[1, k] and least < most):
                 low, high = ends[:, k]
-                accepted = f"(least, most) from {low:g} to {high:g} around {value:g}"
-                raise ValueError(f"{argument} must be {accepted}, got {(least, most)}")
+                requirement = f"(least, most) from {low:g} to {high:g} around {value:g}"
+                raise ValueError(f"{argument} must be {requirement}, got {(least, most)}")
             ends[:, k] = least, most
         with np.errstate(divide="ignore", invalid="ignore"):
             u = np.where(

@@ -36,11 +36,11 @@ _DIGITS = 1e-11  # error of positions over the cloth's size that `sensitivity` a
 
 def checked_times(times: npt.ArrayLike) -> Floats:
     """Return times at which positions are asked for [s], checked."""
-    accepted = "increasing times >= 0 [s] of which one is > 0"
-    array = np.atleast_1d(check.array("times", times, what=accepted))
+    requirement = "increasing times >= 0 [s] of which one is > 0"
+    array = np.atleast_1d(check.array("times", times, what=requirement))
     if array.ndim > 1 or not array.any():
-        raise ValueError(f"times must be {accepted}, got {check.shown(times)}")
-    check.check_all("times", array, np.diff(array, prepend=-1e-300) > 0, accepted)
+        raise ValueError(f"times must be {requirement}, got {check.shown(times)}")
+    check.check_all("times", array, np.diff(array, prepend=-1e-300) > 0, requirement)
     return array
 
 

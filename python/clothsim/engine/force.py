@@ -12,7 +12,7 @@ from ..base import Floats, check
 from ..model.scene import Scene
 from ..typing import Force
 
-ACCEPTED = "a function f(t, x, v), a scipy.LowLevelCallable or a numba cfunc"
+_KINDS = "a function f(t, x, v), a scipy.LowLevelCallable or a numba cfunc"
 SIGNATURE = (
     "void (double t, const double *x, const double *v, double *f, int64_t points), with a last "
     "argument void * where it has user data"
@@ -44,7 +44,7 @@ def checked_force(force: Any, argument: str = "force") -> Force | None:
         or callable(force)
     ):
         return force
-    raise TypeError(f"{argument} must be {ACCEPTED}, or None, got {check.shown(force)}")
+    raise TypeError(f"{argument} must be {_KINDS}, or None, got {check.shown(force)}")
 
 
 def forces_of(force: Any, scenes: Sequence[Scene], batched: bool) -> list[Force | None]:

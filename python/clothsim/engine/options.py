@@ -45,14 +45,14 @@ class Options:
             check.integer("threads", self.threads, minimum=1, maximum=_core.most_threads)
 
     def _check_gpu(self) -> None:
-        for name, value, accepted in (
+        for name, value, choices in (
             ("integrator", self.integrator, ("rk4",)),
             ("kernel", self.kernel, ("gather", "auto")),
             ("threads", self.threads, (None,)),
         ):
-            if value not in accepted:
+            if value not in choices:
                 raise ValueError(
-                    f"{name} must be {' or '.join(map(repr, accepted))} with backend 'gpu', "
+                    f"{name} must be {' or '.join(map(repr, choices))} with backend 'gpu', "
                     f"got {value!r}"
                 )
 

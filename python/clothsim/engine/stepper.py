@@ -200,9 +200,9 @@ class Stepper:
         shape = old.scenes[0].cloth.shape
         members = None if isinstance(self.scene, Scene) else len(old.scenes)
         if members != (None if isinstance(scene, Scene) else len(scenes)):
-            accepted = "a Scene" if members is None else f"a sequence of {members} scenes"
+            requirement = "a Scene" if members is None else f"a sequence of {members} scenes"
             raise ValueError(
-                f"scene must be {accepted}, as the stepper was made of, got {check.shown(scene)}"
+                f"scene must be {requirement}, as the stepper was made of, got {check.shown(scene)}"
             )
         if scenes[0].cloth.shape != shape:
             raise ValueError(

@@ -112,7 +112,7 @@ class Estimate(NamedTuple):
         return cls(float(distances.max()), float(np.sqrt((distances**2).mean())))
 
 
-class Controlled(NamedTuple):
+class ControlledRun(NamedTuple):
     """A trajectory, its error, and force evaluations of the runs that are not returned."""
 
     trajectory: Trajectory
@@ -126,7 +126,7 @@ Search = Generator[Job, Trajectory, tuple[Trajectory, Estimate]]
 Attempt = Generator[Job, Trajectory, Trajectory]  # part of a search that ends with a run
 
 
-def solve(job: Job, request: float, watch: Watch, auto: bool = False) -> Controlled:
+def solve(job: Job, request: float, watch: Watch, auto: bool = False) -> ControlledRun:
     """Search for a run whose rms error is at most `request` [m], and return it or the best run.
 
     `auto`: the method is not the caller's, and Verlet is tried first where it may cost less.
@@ -142,12 +142,12 @@ def solve(job: Job, request: float, watch: Watch, auto: bool = False) -> Control
     return _conduct(compare(job, request, runs), runs, watch)
 
 
-def estimate_of(job: Job, run: Trajectory) -> Controlled:
+def estimate_of(job: Job, run: Trajectory) -> ControlledRun:
     """Estimate the error of a run."""
     return _conduct(_estimate(job, run), [run], Watch())
 
 
-def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> Controlled:
+def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> ControlledRun:
     """Make the runs of a search, and add them to `runs`, until it ends."""
     recorder = watch.recorder
     last_complete = recorder  # recorder of the last run that came to its end
@@ -181,7 +181,7 @@ def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> Controlled
         # The last run that came to its end is handed over.
         watch.recorder = last_complete or watch.recorder or recorder
         raise
-    return Controlled(best, error, sum(run.evaluations for run in runs if run is not best))
+    return ControlledRun(best, error, sum(run.evaluations for run in runs if run is not best))
 
 
 def _evaluations(runs: list[Trajectory]) -> int:
@@ -516,12 +516,17 @@ def compare(job: Job, request: float, runs: list[Trajectory]) -> Search:
         # A wrong phase takes more than one smaller setting to come back. It does come back where
         # better runs agree.
         phase_returns = out_of_phase and better.agreement <= SMALL * estimate.rms
-        most_stalls, fall = 2, SMALL**3
         if estimate.rms < ROUNDING * size:
-            most_stalls, fall = 1, SMALL
+            most_stalls = 1
+            fall = SMALL
+        else:
+            most_stalls = 2
+            fall = SMALL**3
         hopeless = stalls >= most_stalls and (setting / best_setting) ** order <= fall
         if not estimate.rms >= error.rms:
-            best, error, best_setting = run, estimate, setting
+            best = run
+            best_setting = setting
+            error = estimate
         if estimate.rms <= request:
             return run, estimate
         if hopeless and not phase_returns:

@@ -10,7 +10,7 @@ from .. import _core
 from ..engine.options import kept_plan
 from ..model.scene import Scene
 from ..model.sphere import kind_name
-from .error_control import Controlled, Estimate
+from .error_control import ControlledRun, Estimate
 from .reasons import Reason
 from .trajectory import Trajectory
 
@@ -25,7 +25,7 @@ _PARTS = ("kinetic", "elastic", "gravity", "force", "contact", "total")
 def report(
     run: Trajectory,
     stopped: str = "",
-    controlled: Controlled | None = None,
+    controlled: ControlledRun | None = None,
     asked: float = math.nan,
     unknown: str = Reason.NOT_ASKED,
 ) -> dict[str, Any]:
@@ -45,9 +45,11 @@ def report(
     else:
         error = Estimate(reason=unknown)
     estimate = error._asdict()
-    missing = watched.get("reason", "")
-    untouched = "" if watched["in_contact"] else Reason.UNTOUCHED
+    reason = watched.get("reason", "")  # why extremes are not known
     time = watched["first_contact"]
+    reason_of_time = ""
+    if math.isnan(time):
+        reason_of_time = reason if watched["in_contact"] else Reason.UNTOUCHED
     works = watched.get("force_work", {})
     return {
         "steps": run.steps,
@@ -62,21 +64,18 @@ def report(
         "reason": Reason.NO_REST_ASKED,
         "error_estimate": estimate,
         "tolerance": {"asked": asked, "reached": bool(estimate["rms"] <= asked)},
-        "energy": {**_gained(scene, watched), **_energies(run)},
+        "energy": {**_energy_gain(scene, watched), **_energies(run)},
         "force_work": works.get("function", 0.0),
         "wind_work": works.get("wind", 0.0),
         "penetration": {
             "points": watched["point_depth"],
             "triangles": watched["triangle_depth"],
-            "reason": missing,
+            "reason": reason,
         },
-        "stretch": {"largest": watched["stretch"], "reason": missing},
-        "first_contact": {
-            "time": time,
-            "reason": (untouched or missing) if math.isnan(time) else "",
-        },
+        "stretch": {"largest": watched["stretch"], "reason": reason},
+        "first_contact": {"time": time, "reason": reason_of_time},
         "impulse": watched["impulse"],
-        "impulse_reason": missing,
+        "impulse_reason": reason,
         "obstacle_work": watched["obstacle_work"],
         "kernel": state.kernel,
         "integrator": options.integrator,
@@ -103,9 +102,9 @@ def _energies(run: Trajectory) -> dict[str, Any]:
     return energies
 
 
-def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
-    gained = watched["energy_gained"]
-    if not math.isnan(gained):
+def _energy_gain(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
+    gain = watched["energy_gained"]
+    if not math.isnan(gain):
         reason = ""
     elif "reason" in watched:
         reason = watched["reason"]
@@ -115,7 +114,7 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
         reason = Reason.RESPONDED.format(kind=kind_name(scene.spheres))
     else:
         reason = Reason.NO_STEP
-    return {"gained": gained, "reason": reason}
+    return {"gained": gain, "reason": reason}
 
 
 def join_reports(first: Any, second: Any) -> dict[str, Any]:
@@ -124,13 +123,13 @@ def join_reports(first: Any, second: Any) -> dict[str, Any]:
     wall_time = sums["wall_time"]
     energies = {**second["energy"], "start": first["energy"]["start"]}
     highest = second["energy"]["start"]["total"] + second["energy"]["gained"]
-    gained = highest - energies["start"]["total"]
+    gain = highest - energies["start"]["total"]
     # The gain of a run is NaN where a response has changed the energy.
-    if not math.isnan(gained):
-        gained = max(first["energy"]["gained"], gained)
-    energies["gained"] = gained
+    if not math.isnan(gain):
+        gain = max(first["energy"]["gained"], gain)
+    energies["gained"] = gain
     energies["reason"] = first["energy"]["reason"] or second["energy"]["reason"]
-    touched = not math.isnan(first["first_contact"]["time"])
+    has_contact = not math.isnan(first["first_contact"]["time"])
     report = {
         **second,
         **sums,
@@ -138,7 +137,7 @@ def join_reports(first: Any, second: Any) -> dict[str, Any]:
         "error_estimate": {"max": math.nan, "rms": math.nan, "reason": Reason.RESUMED},
         "tolerance": {"asked": first["tolerance"]["asked"], "reached": False},
         "energy": energies,
-        "first_contact": first["first_contact"] if touched else second["first_contact"],
+        "first_contact": first["first_contact"] if has_contact else second["first_contact"],
         "impulse": [
             [p + q for p, q in zip(*impulses)]
             for impulses in zip(first["impulse"], second["impulse"])

@@ -679,13 +679,15 @@ def _energy_line(scene: Scene, report: Mapping[str, Any]) -> str:
     text = f"energy {texts[0]} at the start, {texts[1]} at the end"
     if report["reason"] != Reason.NO_REST_ASKED:
         return text  # The run is of `settle`, which follows no motion.
-    touched = report["first_contact"]["reason"] != Reason.UNTOUCHED
-    lossy = any(obstacle.damped or obstacle.response != "penalty" for obstacle in scene.spheres)
-    unwatched = any(map(math.isnan, report["obstacle_work"]))
+    has_contact = report["first_contact"]["reason"] != Reason.UNTOUCHED
+    has_losses = any(
+        obstacle.damped or obstacle.response != "penalty" for obstacle in scene.spheres
+    )
+    lacks_work = any(map(math.isnan, report["obstacle_work"]))
     causes = {
         "damping": scene.cloth.damped,
-        "contact": touched and lossy,
-        "moving obstacles": unwatched and any(obstacle.motion for obstacle in scene.spheres),
+        "contact": has_contact and has_losses,
+        "moving obstacles": lacks_work and any(obstacle.motion for obstacle in scene.spheres),
         "driven pins": bool(scene.cloth.driven),
     }
     changes = [f"{change} by {cause}" for change, cause in zip(texts[3:], works)]

@@ -204,19 +204,19 @@ class _Relaxation:
         self._scale = self._force_scale()
         self._slow = math.sqrt(self._scale / float(self._mass.max()) / max(scene.cloth.size))
         self._start = scene.initial_position
-        damped = self._with_drag(self._slow)
-        limits = [stable_dt(damped, _INTEGRATOR)]
+        damped_scene = self._with_drag(self._slow)
+        limits = [stable_dt(damped_scene, _INTEGRATOR)]
         for k, layer in enumerate(layers):
-            depth = layer.layer(damped.cloth)["thickness"] / 2
-            limits.append(limit_in_layer(damped, _INTEGRATOR, k, depth))
+            depth = layer.layer(damped_scene.cloth)["thickness"] / 2
+            limits.append(limit_in_layer(damped_scene, _INTEGRATOR, k, depth))
         stable = _STEP * min(limits)
         self._dt = stable if math.isfinite(stable) else 0.1 / self._slow
-        self._state = self._state_of(damped, self._start)
+        self._state = self._state_of(damped_scene, self._start)
         self._steps = 0
         self._seconds = 0.0
         self._best = self._start
         self._best_steps = 0  # steps until the best state
-        self._residual = self._unbalanced(self._start)  # residual of the best state
+        self._residual = self._measure_residual(self._start)  # residual of the best state
         self._mark = math.inf  # residual that has to be halved
         self._steps_at_mark = 0
 
@@ -244,7 +244,7 @@ class _Relaxation:
         v = np.zeros_like(x)
         return State.checked(scene, x, v, 0.0, options, self._force, quiet=TIME_STEP)
 
-    def _unbalanced(self, x: Floats) -> float:
+    def _measure_residual(self, x: Floats) -> float:
         """Measure the largest unbalanced force, over the scale of forces.
 
         It is the momentum after the responses of a short step from rest, over the step.
@@ -291,7 +291,7 @@ class _Relaxation:
                 self._damp(last_state, state)
             last_state = state
             if estimates % _ESTIMATES_OF_RESIDUAL == 0 or self._steps >= self._most:
-                self._compare(x, self._unbalanced(x))
+                self._compare(x, self._measure_residual(x))
         return ""
 
     def _compare(self, x: Floats, residual: float) -> None:

@@ -178,9 +178,9 @@ def _axis(key: Any, values: Any) -> Axis:
     rows = [row if is_zip else (row,) for row in _values(f"over[{key!r}]", values)]
     for k, row in enumerate(rows):
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
-            accepted = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
+            requirement = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
             raise ValueError(
-                f"over[{key!r}] must have {accepted}, got {check.shown(row)} at index {k}"
+                f"over[{key!r}] must have {requirement}, got {check.shown(row)} at index {k}"
             )
     return Axis("_".join(names), tuple(dict(zip(names, row, strict=True)) for row in rows), labels)
 
@@ -192,8 +192,8 @@ def _samples(over: Any) -> Axis:
     samples = _values("over", over)
     for k, sample in enumerate(samples):
         if not isinstance(sample, Mapping) or not sample:
-            accepted = "a mapping of names to values or a sequence of mappings"
-            raise TypeError(f"over must be {accepted}, got {check.shown(sample)} at index {k}")
+            requirement = "a mapping of names to values or a sequence of mappings"
+            raise TypeError(f"over must be {requirement}, got {check.shown(sample)} at index {k}")
         if set(sample) != set(samples[0]):
             names = f"{sorted(sample)} at index {k} and {sorted(samples[0])} before"
             raise ValueError(f"over must give every sample the same names, got {names}")

@@ -170,8 +170,8 @@ def variables_of(name: str, function: Callable[[Run], Any], run: Run) -> dict[st
         parts = {f"{name}_{key}": value for key, value in result.items()}
     for value in parts.values():
         if np.asarray(value).dtype.kind not in "biuf":
-            accepted = "a number, an array of numbers or a mapping of them"
-            raise TypeError(f"metric {name!r} must give {accepted}, got {check.shown(value)}")
+            requirement = "a number, an array of numbers or a mapping of them"
+            raise TypeError(f"metric {name!r} must give {requirement}, got {check.shown(value)}")
     return {part: np.asarray(value, float) for part, value in parts.items()}
 
 

@@ -190,11 +190,11 @@ def sweep(
         workers.close()
         if archive is not None:
             archive.close()
-    failed = results["status"] == FAILED
-    if failed.any():
-        first = results["message"][failed][0]
+    has_failed = results["status"] == FAILED
+    if has_failed.any():
+        first = results["message"][has_failed][0]
         warn_caller(
-            f"{int(failed.sum())} of {failed.size} members failed; the first: {first}",
+            f"{int(has_failed.sum())} of {has_failed.size} members failed; the first: {first}",
             RuntimeWarning,
         )
     return results.dataset()
@@ -446,8 +446,8 @@ class Workers:
             self.count = int(sum(executor.nthreads().values())) or _WORKERS
             self.executor = executor.get_executor(pure=False)
         else:
-            accepted = "None, a concurrent.futures.Executor or a dask.distributed Client"
-            raise TypeError(f"executor must be {accepted}, got {check.shown(executor)}")
+            requirement = "None, a concurrent.futures.Executor or a dask.distributed Client"
+            raise TypeError(f"executor must be {requirement}, got {check.shown(executor)}")
 
     def _pause(self) -> None:
         """Stop a task on a thread of this process where the sweep has ended."""
