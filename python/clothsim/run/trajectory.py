@@ -36,21 +36,22 @@ Failure = UnstableError | ContactError
 # controller.
 ControlValues = tuple[float, float, tuple[float, float, bool]]
 
-# Called between steps; may raise to end a run, as for a sweep whose runs are on threads that Ctrl-C
-# does not reach.
+# This is called between steps. It may raise to end a run, as for a sweep whose runs are on threads
+# that Ctrl-C does not reach.
 PAUSE: ContextVar[Callable[[], None] | None] = ContextVar("PAUSE", default=None)
 
 # A remainder below this part of a step is rounding of the caller's numbers, not a step.
 NEGLIGIBLE: float = _core.heuristics["negligible_step"]
-_MOST_FRAMES = 10_000_000  # whose times alone take 1 GB
+_MOST_FRAMES = 10_000_000  # Their times alone take 1 GB.
 _SECONDS_BETWEEN_SHOWS = 0.1  # of the progress bar, and between two pauses
 # Velocities are weighed against positions by a frequency above all of the cloth: this many times
 # the bound on its frequencies. Errors of x then decide, and those of v are held to the same scale.
 _VELOCITY_WEIGHT = 3.0
-_ANY_ERROR = 1e12  # Times the tolerance of a step: errors up to here are taken as they are.
-_NEW_CONTROLLER = 1e-4, False  # its previous error, and whether it has just rejected a step
+_ANY_ERROR = 1e12  # largest error of a step of a prescribed grid, over its tolerance
+# The error of the step before, and whether a step was rejected just now, of a new controller.
+_NEW_CONTROLLER = 1e-4, False
 _UNLIMITED = 1 << 60  # steps or frames
-# States at which triangles and stretches are sampled, at least, and most steps between two of them.
+# A run samples triangles and stretches at so many states at least, and after so many steps at most.
 # An adaptive method's steps are several times as long.
 _SAMPLES = 32
 _MOST_STEPS_BETWEEN_SAMPLES = 128
@@ -69,15 +70,15 @@ class Frames:
 
     @classmethod
     def of(cls, every: Any, times: Any, fps: Any, start: float, duration: float) -> Frames:
-        """The frames for the arguments of `simulate`, checked."""
-        given = [
+        """Check the arguments of `simulate`, and return their frames."""
+        names = [
             name
             for name, value in (("every", every), ("times", times), ("fps", fps))
             if value is not None
         ]
-        if len(given) > 1:
+        if len(names) > 1:
             raise ValueError(
-                f"at most one of every, times and fps can be given, got {' and '.join(given)}"
+                f"at most one of every, times and fps can be given, got {' and '.join(names)}"
             )
         if times is not None:
             return cls(times=_checked_times(times, start, duration))
@@ -93,10 +94,10 @@ class Frames:
     def moments(
         self, start: float, begin: float, end: float, dt: float | None
     ) -> list[_core.Moment]:
-        """Moments from `begin` to `end`, both included, of steps of `dt`; without it frames in
-        steps have no moments.
+        """Return the moments from `begin` to `end`, both included, of steps of `dt`.
 
-        `begin` and `end` are seconds since the run started, at the time `start`.
+        Without it frames that are counted in steps have no moments. `begin` and `end` are seconds
+        since the run started, at the time `start`.
         """
         every = self.steps * (dt or 0.0) if self.steps else self.every
         if self.times:
@@ -133,16 +134,15 @@ def checked_every(every: Any) -> int | float | None:
 def _checked_times(times: Any, start: float, duration: float) -> tuple[float, ...]:
     end = start + duration
     accepted = f"increasing times [s] from {start:g} to {end:g}"
-    given = check.as_array("times", times, accepted)
-    if given.ndim != 1 or not given.size:
-        raise ValueError(f"times must be {accepted}, in one dimension, got shape {given.shape}")
-    found = given.astype(np.float64)
+    array = check.as_array("times", times, accepted)
+    if array.ndim != 1 or not array.size:
+        raise ValueError(f"times must be {accepted}, in one dimension, got shape {array.shape}")
+    array = array.astype(np.float64)
     slack = NEGLIGIBLE * duration
-    rising = np.append(True, found[1:] > found[:-1])
-    check.check_all(
-        "times", found, rising & (found >= start - slack) & (found <= end + slack), accepted
-    )
-    return tuple(found.tolist())
+    rising = np.append(True, array[1:] > array[:-1])
+    within = (array >= start - slack) & (array <= end + slack)
+    check.check_all("times", array, rising & within, accepted)
+    return tuple(array.tolist())
 
 
 @dataclass(frozen=True)
@@ -216,10 +216,12 @@ class Trajectory:
         return bool(self.watched["responded"])
 
     def refined(self, ratio: float) -> tuple[float, ...]:
-        """Ends of a grid with `ratio` times as many steps between two kinks, with times
-        interpolated linearly.
+        """Return the ends of a grid with `ratio` times as many steps between two kinks.
+
+        Its times are interpolated linearly.
         """
-        ends, finer = [self.t[0], *self.ends], []
+        ends = [self.t[0], *self.ends]
+        finer = []
         for first, last in pairwise([0, *self.kinks, len(self.ends)]):
             count = last - first
             numbers = np.linspace(
@@ -244,7 +246,7 @@ class Watch:
     def __init__(self, callback: Callback | None = None, bar: Any = None) -> None:
         self._callback = callback
         self.bar = bar
-        self._here = 0.0
+        self._seconds = 0.0
         self.recording: Recording | None = None
 
     @property
@@ -254,14 +256,15 @@ class Watch:
     def begin(self, recording: Recording, seconds: float) -> None:
         """Start to follow a run whose first state is `seconds` after its start."""
         self.recording = recording
-        self._here = seconds
+        self._seconds = seconds
         if self.bar is not None:
             self.bar.reset()
 
-    def passed(self, seconds: float) -> None:
+    def show_progress(self, seconds: float) -> None:
+        """Move the bar to a time since the start of the run [s]."""
         if self.bar is not None:
-            self.bar.update(seconds - self._here)
-            self._here = seconds
+            self.bar.update(seconds - self._seconds)
+            self._seconds = seconds
 
     def frame(self, t: float, x: Floats, v: Floats) -> None:
         if self._callback is None:
@@ -277,7 +280,7 @@ class Watch:
 
 
 def _constant(values: Floats) -> Floats:
-    """A copy that nobody can change."""
+    """Return a copy that nobody can change."""
     return np.frombuffer(values.tobytes()).reshape(values.shape)
 
 
@@ -287,8 +290,8 @@ def _steps(begin: float, end: float, dt: float, longest: float) -> int:
     """
     if not longest < math.inf:
         longest = dt
-    whole = math.ceil((end - begin) / longest - NEGLIGIBLE)
-    return whole * math.ceil(longest / dt - NEGLIGIBLE)
+    count = math.ceil((end - begin) / longest - NEGLIGIBLE)
+    return count * math.ceil(longest / dt - NEGLIGIBLE)
 
 
 class Recording:
@@ -334,7 +337,7 @@ class Recording:
         while self.live and not self._path.complete:
             # Nobody waits for a run without a bar and a pause.
             waits = self._watch.bar is not None or self._pause
-            self._go_on(self._chunk if waits else _UNLIMITED)
+            self._advance(self._chunk if waits else _UNLIMITED)
         return self
 
     def _fixed_run(self, moments: list[_core.Moment], dt: float) -> _core.FixedRun:
@@ -350,10 +353,10 @@ class Recording:
         kinks = {t for scene in job.scenes for t in stops_of(scene, begin.time, end.time)}
         if not (kinks and job.own_step):
             length = end.seconds - begin.seconds
-            whole = math.floor(length / dt + NEGLIGIBLE)
-            rest = length - whole * dt
+            count = math.floor(length / dt + NEGLIGIBLE)
+            rest = length - count * dt
             last = rest if rest > NEGLIGIBLE * dt else 0.0
-            segment = _core.Segment(begin=begin, end=end, dt=dt, whole=whole, rest=last)
+            segment = _core.Segment(begin=begin, end=end, dt=dt, whole=count, rest=last)
             return _core.FixedRun([segment], moments)
         stops = [begin, *(_core.Moment(t - job.start, t) for t in sorted(kinks)), end]
         counts = [_steps(a.time, b.time, dt, job.longest) for a, b in pairwise(stops)]
@@ -378,12 +381,12 @@ class Recording:
         """
         job = self.job
         state = self.state
-        before = self._earlier
+        continuation = self._earlier
         stable = stable_dt(job.scene, job.options.integrator)
         # The law of contact is of order 1 in the step, so a method that takes long steps is no
         # better there.
         near = min(stable, stable_dt(job.scene)) / 2
-        if before.control is None:
+        if continuation.control is None:
             stiffness, damping = _core.mode_bounds(job.scene.cloth.core, job.scene.core_forces)
             rate = _VELOCITY_WEIGHT * max(math.sqrt(stiffness), 1.0 / job.duration)
             if job.options.integrator == "rkc2" and damping > 0:
@@ -392,7 +395,7 @@ class Recording:
             tolerance = job.tolerance
             controller = (min(job.duration, 0.9 * stable), *_NEW_CONTROLLER)
         else:
-            tolerance, rate, controller = before.control
+            tolerance, rate, controller = continuation.control
         self._control_values = tolerance, rate
         state.core.set_watch(_MOST_ACCEPTED_STEPS_BETWEEN_SAMPLES, job.duration / _SAMPLES)
         end = moments[-1].time
@@ -409,10 +412,10 @@ class Recording:
             moments=moments,
             start=job.start,
             every=every,
-            since_frame=before.steps % every if every else 0,
+            since_frame=continuation.steps % every if every else 0,
         )
 
-    def _go_on(self, steps: int) -> None:
+    def _advance(self, steps: int) -> None:
         """Take at most so many steps. Members of a batch that fail stop; the others go on."""
         path = self._path
         stored = path.stored
@@ -436,7 +439,9 @@ class Recording:
             self._watch.frame(t, self._x[0][stored], self._v[0][stored])
         if failure is not None:
             self._leave(failure)
-        self._passed(min(self.state.core.time, self._end.time))
+        self._watch.show_progress(min(self.state.core.time, self._end.time) - self.job.start)
+        if self._pause:
+            self._pause()
 
     def _make_room(self) -> None:
         """Leave room for two frames where an adaptive run counts them in steps: nobody knows how
@@ -451,13 +456,8 @@ class Recording:
 
     def _count(self, steps: int, seconds: float) -> None:
         self._wall_time += seconds / len(self.live)
-        wanted = _SECONDS_BETWEEN_SHOWS * steps / max(seconds, 1e-9)
-        self._chunk = int(min(max(1.0, wanted), 2.0 * self._chunk))
-
-    def _passed(self, t: float) -> None:
-        self._watch.passed(t - self.job.start)
-        if self._pause:
-            self._pause()
+        chunk = _SECONDS_BETWEEN_SHOWS * steps / max(seconds, 1e-9)
+        self._chunk = int(min(max(1.0, chunk), 2.0 * self._chunk))
 
     def _leave(self, error: Any) -> None:
         """Leave the member behind that failed; its run ends with its present state."""
