@@ -131,7 +131,7 @@ def rivals(best: Any, minima: list[Any], scale: float, covariance: Floats) -> di
 
 
 class Determination(NamedTuple):
-    """What a Jacobian says about the parameters."""
+    """The covariance of the parameters, and reasons why some are not determined."""
 
     covariance: Floats  # covariance of the coordinates
     condition: float  # condition of the Jacobian with columns of length 1
