@@ -179,11 +179,12 @@ py::tuple damping_blocks(const Force& force, const Cloth& cloth, const Array<dou
 }
 
 // A penalty obstacle in the step from t on, as gpu/shaders/penalty.wgsl takes it.
-void append_layer(std::vector<double>& values, const Sphere& s, double t, double dt, double unit) {
+void append_layer(std::vector<double>& values, const Sphere& s, double t, double dt,
+                  const Vec3& origin, double unit) {
     const auto append = [&](const Vec3& v) { values.insert(values.end(), v.begin(), v.end()); };
     for (const double part : {0.0, 0.5, 1.0}) {
         const StageTime time = StageTime::of_stage(t, dt, part);
-        append(s.surface_at(time).place);
+        append(s.surface_at(time, origin).place);
         append(s.velocity_at(time));
     }
     append(s.normal);
@@ -195,8 +196,8 @@ void append_layer(std::vector<double>& values, const Sphere& s, double t, double
 // An obstacle with a response of the paper after the step that ends at the time t, as
 // gpu/shaders/contact.wgsl takes it but for the rounded part of its place.
 void append_contact(std::vector<double>& values, const Sphere& sphere, const Cloth& cloth, double t,
-                    double dt, bool single) {
-    const Contact contact(sphere, t, dt);
+                    double dt, const Vec3& origin, bool single) {
+    const Contact contact(sphere, t, dt, origin);
     const NearLevel near(contact, cloth, single ? 0x1p-23 : 0x1p-52);
     const Surface& surface = contact.surface;
     for (const Vec3& vector : {surface.place, contact.velocity, surface.normal})
@@ -214,12 +215,11 @@ Array<double> contact_table(const Plan& plan, const std::vector<double>& times, 
     for (std::size_t i = 0; i < times.size(); ++i)
         for (std::size_t k = 0; k < plan.spheres.size(); ++k) {
             Sphere sphere = plan.spheres[k];
-            sphere.origin = origin;
             if (sphere.penalty()) {
                 sphere.normal = normals[k];
-                append_layer(values, sphere, times[i], dt, coefficient_scale(plan));
+                append_layer(values, sphere, times[i], dt, origin, coefficient_scale(plan));
             } else {
-                append_contact(values, sphere, plan.cloth, times[i], dt, single);
+                append_contact(values, sphere, plan.cloth, times[i], dt, origin, single);
             }
             values.resize((i * plan.spheres.size() + k + 1) * contact_values);
         }
@@ -232,10 +232,9 @@ Array<double> contact_table(const Plan& plan, const std::vector<double>& times, 
 std::vector<Vec3> normals_towards(const Plan& plan, const Vec3& place, const Vec3& origin,
                                   double t) {
     std::vector<Vec3> normals;
-    for (Sphere sphere : plan.spheres) {
-        sphere.origin = origin;
-        normals.push_back(sphere.penalty() ? normal_towards(sphere, place, t) : sphere.normal);
-    }
+    for (const Sphere& sphere : plan.spheres)
+        normals.push_back(sphere.penalty() ? normal_towards(sphere, place, t, origin)
+                                           : sphere.normal);
     return normals;
 }
 

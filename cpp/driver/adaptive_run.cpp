@@ -64,7 +64,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         bool accepted = controller.judge(h, error, adaptive.order());
         const double bounded = accepted ? adaptive.contact_step(t, h, run.near, true) : h;
         const Passed passed = accepted && bounded >= h && engine.has_penalty()
-            ? passed_in(adaptive.trial_depths(t + h), plans_[0])
+            ? passed_in(adaptive.trial_depths(t + h), plan(0))
             : Passed{};
         if (passed.obstacle >= 0) {
             // Steps that meet the tolerance and still end beyond the layer: the solution does.
@@ -116,6 +116,71 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         }
         outcome.interrupted = poll.stopped();
         if (outcome.interrupted) return outcome;
+    }
+    return outcome;
+}
+
+void Simulation::store_within(const AdaptiveRun& run, double t, double* x, double* v, int threads) {
+    AdaptiveEngine& adaptive = *members_[0]->adaptive();
+    if (!members_[0]->watched.responded) return adaptive.dense(t, x, v, threads);
+    const std::size_t size = 3 * std::size_t(plan(0).cloth.points());
+    std::vector<double> x0(size), v0(size), x1(size), v1(size);
+    adaptive.dense(run.begin, x0.data(), v0.data(), threads);
+    members_[0]->store(x1.data(), v1.data());
+    interpolate(plan(0), t,
+                {run.begin, clock.now() - run.begin, x0.data(), v0.data(), x1.data(), v1.data()}, x,
+                v);
+}
+
+Outcome Simulation::record(AdaptiveRun& run, const FrameArrays& arrays, std::int64_t most_steps,
+                           std::size_t most_frames, int threads,
+                           const std::function<bool()>& interrupted) {
+    Frames& frames = run.frames;
+    const std::size_t size = 3 * std::size_t(plan(0).cloth.points());
+    const std::size_t last = std::min(arrays.capacity, frames.stored.size() + most_frames);
+    const auto store = [&](const Moment& moment) {
+        const std::size_t place = frames.stored.size() * size;
+        double* const x = arrays.x[0] + place;
+        double* const v = arrays.v[0] + place;
+        // The run begins at the present state, whatever its clock has rounded.
+        const bool within = !frames.stored.empty() && clock.now() > moment.time;
+        if (within) {
+            store_within(run, moment.time, x, v, threads);
+        } else {
+            sample();
+            members_[0]->store(x, v);
+        }
+        frames.step = within ? -1 : run.steps();
+        frames.stored.push_back(moment);
+    };
+    Outcome outcome;
+    while (!run.complete() && frames.stored.size() < last) {
+        const Moment& moment = frames.moments[run.next_moment];
+        if (!frames.stored.empty() && clock.now() < moment.time) {
+            std::int64_t steps = most_steps - outcome.steps;
+            if (steps <= 0) return outcome;
+            if (run.every) steps = std::min(steps, run.every - run.since_frame);
+            const std::int64_t before = run.steps();
+            Outcome part = advance_adaptive(run, moment.time, steps, threads, interrupted);
+            const std::int64_t taken = run.steps() - before;
+            for (Event& event : part.events) {
+                event.step += outcome.steps;
+                outcome.events.push_back(std::move(event));
+            }
+            outcome.steps += taken;
+            outcome.interrupted = part.interrupted;
+            run.since_frame += taken;
+            if (!outcome.complete()) return outcome;
+            const bool arrived = clock.now() >= moment.time;
+            if (run.every && run.since_frame == run.every && !arrived) {
+                run.since_frame = 0;
+                store({clock.now() - run.start, clock.now()});
+            }
+            // Without a step, what is left is rounding of the clock.
+            if (!arrived && taken > 0) continue;
+        }
+        store(moment);
+        ++run.next_moment;
     }
     return outcome;
 }

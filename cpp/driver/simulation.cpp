@@ -13,7 +13,7 @@
 
 namespace clothsim {
 
-Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads) : plans_(plans) {
+Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads) {
     members_.reserve(plans.size());
     for (const Plan& plan : plans) members_.push_back(make_engine(plan));
     if (members_.size() == 1) members_[0]->threads = threads;
@@ -27,18 +27,18 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads)
     stable_depths_.resize(plans.size());
     all_.resize(plans.size());
     std::iota(all_.begin(), all_.end(), std::size_t(0));
-    for (const Plan& plan : plans_) watches_.emplace_back(plan);
+    for (const auto& member : members_) watches_.emplace_back(member->plan());
     clock.origin = time;
-    for (const Plan& plan : plans_) points_ += plan.cloth.points();
+    for (const Plan& plan : plans) points_ += plan.cloth.points();
     note_forces();
 }
 
 void Simulation::note_forces() {
     by_caller_ = false;
-    for (const Plan& plan : plans_)
-        for (const auto& force : plan.forces)
+    for (const auto& member : members_)
+        for (const auto& force : member->plan().forces)
             if (const auto* function = dynamic_cast<const FunctionForce*>(force.get()))
-                by_caller_ |= plans_.size() > 1 && function->by_caller;
+                by_caller_ |= members_.size() > 1 && function->by_caller;
 }
 
 void Simulation::set_stable_dt(std::vector<double> stable_dt) {
@@ -50,7 +50,7 @@ void Simulation::set_stable_depths(std::size_t i, std::vector<double> depths) {
     stable_depths_[i] = std::move(depths);
 }
 
-void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_dt) {
+void Simulation::set_plans(const std::vector<Plan>& plans, std::vector<double> stable_dt) {
     std::vector<std::unique_ptr<Engine>> members;
     std::vector<EnergyWatch> watches;
     watches.reserve(plans.size());
@@ -62,9 +62,8 @@ void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_d
         state.normals.clear();  // of other obstacles
         member.set_saved_state(state, clock.now());
         if (!frozen_[i]) member.place_pins(clock.now());
-        watches.emplace_back(plans[i]);  // refers to the plan, which stays where it is
+        watches.emplace_back(member.plan());
     }
-    plans_.swap(plans);
     members_.swap(members);
     watches_.swap(watches);
     note_forces();
@@ -122,20 +121,13 @@ std::optional<Outcome> Simulation::call(double time, const Load& load, std::int6
 
 void Simulation::set_sphere(std::size_t i, std::size_t sphere, const Vec3& center,
                             const Motion& motion) {
-    watches_[i].change_scene(*members_[i], clock.now(), [&] {
-        plans_[i].spheres[sphere].center = center;
-        plans_[i].spheres[sphere].motion = motion;
-        plans_[i].spheres[sphere].speed = motion.at(0).velocity.norm();
-        members_[i]->set_sphere(sphere, center, motion);
-    });
+    watches_[i].change_scene(*members_[i], clock.now(),
+                             [&] { members_[i]->set_sphere(sphere, center, motion); });
     end_block();
 }
 
 void Simulation::set_force(std::size_t i, const double* force) {
-    watches_[i].change_scene(*members_[i], clock.now(), [&] {
-        plans_[i].force = PointsView(force, plans_[i].cloth.points(), 3);
-        members_[i]->set_force(force);
-    });
+    watches_[i].change_scene(*members_[i], clock.now(), [&] { members_[i]->set_force(force); });
     end_block();
 }
 
@@ -150,9 +142,9 @@ void Simulation::set_step(double dt) {
     clock.set_step(dt);
     end_block();
     speed_limits_.clear();
-    for (std::size_t i = 0; i < plans_.size(); ++i)
-        speed_limits_.push_back(runaway_speed(plans_[i].cloth, dt, stable_dt_[i]));
-    for (std::size_t i = 0; i < plans_.size(); ++i) watches_[i].set_step(dt, stable_dt_[i]);
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        speed_limits_.push_back(runaway_speed(plan(i).cloth, dt, stable_dt_[i]));
+    for (std::size_t i = 0; i < members_.size(); ++i) watches_[i].set_step(dt, stable_dt_[i]);
 }
 
 // All of it member by member, so that the state of a member is in cache for it.
@@ -170,7 +162,7 @@ void Simulation::run_member(std::size_t i, const Steps& steps, bool copy, int th
 // than the chord of a sphere at the depth h in it.
 bool Simulation::may_pass(std::size_t i, double dt) const {
     const double speed = members_[i]->has_penalty() ? members_[i]->speed_bound() : 0;
-    return std::any_of(plans_[i].spheres.begin(), plans_[i].spheres.end(), [&](const Sphere& s) {
+    return std::any_of(plan(i).spheres.begin(), plan(i).spheres.end(), [&](const Sphere& s) {
         const double chord =
             std::min(2 * s.radius, std::sqrt(8 * s.radius * std::max(s.thickness, 0.0)));
         // A point may double its speed within a block.
@@ -181,7 +173,7 @@ bool Simulation::may_pass(std::size_t i, double dt) const {
 void Simulation::advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads) {
     Engine& member = *members_[i];
     if (!may_pass(i, from.dt)) return member.advance_and_respond(steps, from, threads);
-    const Plan& plan = plans_[i];
+    const Plan& plan = this->plan(i);
     Points before(plan.cloth.points(), 3), after = before;
     member.store(after.data(), nullptr);
     Clock now = from;
@@ -221,7 +213,7 @@ Simulation::Passed Simulation::passed_point(std::size_t i, double t) const {
     std::vector<Depth> depths = members_[i]->depths(t);
     for (std::size_t s = 0; s < depths.size(); ++s)
         depths[s].depth = std::max(depths[s].depth, members_[i]->contacts.of(s).deepest);
-    return passed_in(depths, plans_[i]);
+    return passed_in(depths, plan(i));
 }
 
 void Simulation::each_member_of(const std::vector<std::size_t>& members, int threads,
@@ -230,7 +222,7 @@ void Simulation::each_member_of(const std::vector<std::size_t>& members, int thr
     // other where that is faster.
     const std::size_t team = std::size_t(threads), left = members.size() % team;
     const bool shared = 4 * left <= 3 * team &&
-        plans_[0].cloth.points() >= heuristics::points_per_thread_of_step * threads;
+        plan(0).cloth.points() >= heuristics::points_per_thread_of_step * threads;
     const std::size_t alone = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);
     std::atomic<std::size_t> next{0};
     if (alone > 0)
@@ -351,7 +343,7 @@ void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
 }
 
 void Simulation::sample(std::size_t i, double t) {
-    const Plan& plan = plans_[i];
+    const Plan& plan = this->plan(i);
     Engine& member = *members_[i];
     Points x(plan.cloth.points(), 3);
     member.store(x.data(), static_cast<double*>(nullptr));

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "driver/energy_watch.hpp"
+#include "driver/frames.hpp"
 #include "engines/engine.hpp"
 #include "integrators/adaptive.hpp"
 #include "memory/poll.hpp"
@@ -29,6 +30,8 @@ struct Event {
     double value = 0;  // depth [m]
     std::int64_t step = 0;  // of the call, counted from 1
     double time = 0;  // at the end of that step [s]
+
+    bool failed() const { return kind == "unstable" || kind == "passed"; }
 };
 
 // How a call of `advance` ended, at a whole step in every case.
@@ -59,6 +62,7 @@ struct Outcome {
 
 // The steps of one run with error control: what is asked of them, and what they were so far.
 struct AdaptiveRun {
+    Frames frames;
     Tolerance tolerance;
     double near = 0;  // longest step in reach of a sphere that responds after it [s], stable
     // Rising times [s] at which a step ends; the last is the end of the run.
@@ -71,10 +75,17 @@ struct AdaptiveRun {
     std::int64_t rejected = 0;  // steps tried in vain
     double begin = 0;  // of the last step [s]
     double local_error = 0;  // sum of the method's estimates, in units of the tolerance
+    double start = 0;  // time at the start of the run [s]
+    std::int64_t every = 0;  // steps after which there is a frame too; 0: none
+    std::int64_t since_frame = 0;  // steps
 
     // Where the step from the time t has to end at the latest.
     double target(double t);
     std::size_t next_stop = 0, next_given = 0;
+
+    std::int64_t steps() const { return std::int64_t(ends.size()); }  // accepted
+    bool complete() const { return next_moment == frames.moments.size(); }
+    std::size_t next_moment = 0;
 };
 
 class Simulation {
@@ -90,11 +101,11 @@ public:
 
     Clock clock;
 
-    const Plan& plan(std::size_t i) const { return plans_[i]; }
+    const Plan& plan(std::size_t i) const { return members_[i]->plan(); }
     // Replace the scenes of all members, by scenes of the same shape, precision and integrator.
     // State and clock stay; points that are now pinned stop. An exception leaves everything as it
     // was.
-    void set_plans(std::vector<Plan> plans, std::vector<double> stable_dt);
+    void set_plans(const std::vector<Plan>& plans, std::vector<double> stable_dt);
 
     // One call, arrays in and arrays out: start anew at a time from the state that `load` brings
     // into a member, and advance. None if `load` finds that a state is not finite.
@@ -135,10 +146,12 @@ public:
     Outcome advance(std::int64_t steps, double dt, int threads,
                     const std::function<bool()>& interrupted);
 
-    // Error control, for one member whose integrator has it: at most `steps` steps of `run`, until
-    // a frame at the time `until` is reached or passed.
-    Outcome advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps, int threads,
-                             const std::function<bool()>& interrupted);
+    // Error control, for one member whose integrator has it: take steps and store frames, at most
+    // so many of either. It ends sooner at an event, which the caller has to report before he goes
+    // on. Dense output gives frames within steps until an obstacle responds after a step, and from
+    // then on `interpolate`.
+    Outcome record(AdaptiveRun& run, const FrameArrays& arrays, std::int64_t most_steps,
+                   std::size_t most_frames, int threads, const std::function<bool()>& interrupted);
 
     // Sample depths of triangles and stretches after every `every` steps; an adaptive run also
     // after `interval` [s].
@@ -165,6 +178,11 @@ private:
     };
     void each_member_of(const std::vector<std::size_t>& members, int threads,
                         const MemberWork& work);
+    // At most `steps` steps of `run`, until one ends at the time `until` or after it.
+    Outcome advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps, int threads,
+                             const std::function<bool()>& interrupted);
+    // The state at a time within the last step of `run`.
+    void store_within(const AdaptiveRun& run, double t, double* x, double* v, int threads);
     void run(const Steps& steps, int threads);
     void note_forces();
     void run_member(std::size_t i, const Steps& steps, bool copy, int threads);
@@ -204,7 +222,6 @@ private:
 
     bool by_caller_ = false;
     std::int64_t chunk_ = 1;  // steps between two questions for Ctrl-C
-    std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
     std::int64_t points_ = 0;  // of all members
     std::vector<double> stable_dt_;

@@ -2,11 +2,13 @@
 
 import re
 import sys
+import warnings
+from html import unescape
 from pathlib import Path
 from typing import Any
 
 import clothsim
-from docutils.nodes import Text
+from docutils.nodes import FixedTextElement, Text, literal, math, raw, superscript
 from latex2mathml.converter import convert
 from numpy.typing import ArrayLike
 from sphinx.addnodes import desc_annotation, desc_returns, desc_sig_name, desc_signature
@@ -55,6 +57,9 @@ myst_heading_anchors = 4
 nb_execution_mode = "off"  # notebooks keep their outputs; tests/notebooks runs them
 # The gallery's scraper is an object, which Sphinx cannot pickle.
 suppress_warnings = ["config.cache"]
+
+# The output of an example shows a warning without the path of its file.
+warnings.formatwarning = lambda message, category, *_: f"{category.__name__}: {message}\n"
 
 sphinx_gallery_conf = {
     "examples_dirs": "examples",
@@ -144,9 +149,37 @@ def is_type(node: Any) -> bool:
     return isinstance(node, (desc_sig_name, desc_returns, desc_annotation))
 
 
+# A power in plain text, such as "m/s^2" or "h^-1/2".
+POWER = re.compile(r"(?<=[\w)])\^(-?[\d/]+)")
+
+
+def raise_powers(app: Any, document: Any, page: str) -> None:
+    """Typeset the powers of docstrings, which are written for `help()`."""
+    for text in list(document.findall(Text)):
+        if isinstance(text.parent, (FixedTextElement, literal, math, raw)):
+            continue
+        before, *parts = POWER.split(text)
+        if parts:
+            powers = [superscript(power, power) for power in parts[::2]]
+            pieces = [piece for pair in zip(powers, map(Text, parts[1::2])) for piece in pair]
+            text.parent.replace(text, [Text(before), *pieces])
+
+
+def describe_thumbnails(app: Any, page: str, source: list[str]) -> None:
+    """Give each thumbnail of the gallery its example's title as the text alternative."""
+    source[0] = re.sub(
+        r'(tooltip="([^"]+)">.*?:alt:)\n',
+        lambda thumbnail: f"{thumbnail[1]} {unescape(thumbnail[2])}\n",
+        source[0],
+        flags=re.DOTALL,
+    )
+
+
 def setup(app: Any) -> None:
-    """Change docstrings before napoleon, whose priority is 500, and types in signatures."""
+    """Change docstrings before napoleon, whose priority is 500, then what stands on pages."""
+    app.connect("source-read", describe_thumbnails)
     app.connect("doctree-resolved", name_types)
+    app.connect("doctree-resolved", raise_powers)
     app.connect("autodoc-process-docstring", one_attribute_each, priority=400)
     app.connect("autodoc-process-signature", without_private)
     app.add_html_math_renderer("mathml", (as_mathml("inline"), None), (as_mathml("block"), None))

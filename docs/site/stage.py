@@ -20,7 +20,7 @@ from pathlib import Path
 import clothsim as cs
 from clothsim.cli import COMMANDS
 from clothsim.cli import main as command
-from clothsim.paper import write_gallery
+from clothsim.paper import LIVE_PAGES, write_gallery
 from sphinx.cmd.build import main as sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -157,6 +157,20 @@ def relink(page: Path) -> None:
     page.write_text(text.replace("](docs/gpu.md#in-a-browser)", "](live.md)"), encoding="utf8")
 
 
+def live_pages() -> str:
+    """Return the page that leads to the live pages, each with its picture."""
+    links = "\n".join(
+        f'<a href="live/{name}"><img alt="{title}, after {moment:g} s" '
+        f'src="live/{name.replace(".html", ".png")}">{title}</a>'
+        for name, (title, _, moment) in LIVE_PAGES.items()
+    )
+    return (
+        "# Live in this browser\n\nEach page simulates a scene by the compute shader, in a browser "
+        "with WebGPU; in another it plays a stored run. Drag the sphere and the pins. "
+        f'[How it works](docs/gpu.md#in-a-browser).\n\n<div class="live">\n{links}\n</div>\n'
+    )
+
+
 def menu(index: str) -> dict[str, list[str]]:
     """Return captions of the menu and their pages: headings of docs/index.md and their links."""
     groups: dict[str, list[str]] = {}
@@ -186,12 +200,7 @@ def stage(source: Path) -> None:
     gallery(source / "examples")
     reference(source / "reference")
     commands(source / "reference" / "commands.md")
-    (source / "live.md").write_text(
-        "# Live in this browser\n\nThe scenes of the paper, simulated by the compute shader "
-        "in a browser with WebGPU. "
-        '[How it works](docs/gpu.md#in-a-browser).\n\n<p><a href="live/live.html">Open the '
-        "live pages</a></p>\n"
-    )
+    (source / "live.md").write_text(live_pages(), encoding="utf8")
     for page in source.rglob("*.md"):
         relink(page)
     front = (source / "README.md").read_text(encoding="utf8")

@@ -1,5 +1,6 @@
 """Pages of docs/ link to files and headings that exist, and the index lists every page."""
 
+import json
 import re
 from pathlib import Path
 
@@ -56,6 +57,31 @@ def test_the_index_lists_every_page():
 def test_a_page_opens_with_its_subject_and_its_readers(page):
     opening = " ".join(without_code(page).split("\n\n")[1].split())
     assert re.match(r"This .+\. It is for .+\.", opening), opening
+
+
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+
+
+def cells(notebook, kind):
+    content = json.loads(notebook.read_text(encoding="utf8"))
+    return ["".join(cell["source"]) for cell in content["cells"] if cell["cell_type"] == kind]
+
+
+@each("page", [*PAGES, ROOT / "CONTRIBUTING.md", *NOTEBOOKS])
+def test_code_is_not_cut_on_the_site(page):
+    if page in NOTEBOOKS:
+        code = cells(page, "code")
+    else:
+        code = re.findall(r"```\w+\n(.*?)```", page.read_text(encoding="utf8"), re.DOTALL)
+    assert [line for block in code for line in block.splitlines() if len(line) > 88] == []
+
+
+@each("page", [*PAGES, *NOTEBOOKS])
+def test_every_image_has_a_text_alternative(page):
+    text = "\n".join(cells(page, "markdown")) if page in NOTEBOOKS else without_code(page)
+    assert "<img" not in text
+    for alternative, image in re.findall(r"!\[(.*?)\]\((\S+?)\)", text):
+        assert len(alternative.split()) >= 3, f"{image} needs words that say what it shows"
 
 
 def squeezed(text):

@@ -47,3 +47,11 @@ def test_links_to_examples_lead_to_the_gallery(source):
         r"\]\((/gallery/[^)]+)\.rst\)", (source / "docs" / "runs.md").read_text(encoding="utf8")
     )
     assert "/gallery/0/flag" in links
+
+
+def test_the_live_pages_stand_on_the_front_page_and_in_the_menu(source):
+    front = (source / "index.md").read_text(encoding="utf8")
+    assert "[Try it live](live.md)" in front and "\n/live\n" in front
+    page = (source / "live.md").read_text(encoding="utf8")
+    for name, (title, *_) in STAGE.LIVE_PAGES.items():
+        assert f'<a href="live/{name}"><img alt="{title}, ' in page

@@ -190,4 +190,4 @@ def test_without_an_adapter_tests_skip_and_commands_report_the_reason():
     counts = {
         word: int(n) for n, word in re.findall(r"(\d+) (passed|skipped|failed)", process.stdout)
     }
-    assert counts["skipped"] == 15 and counts["passed"] >= 4 and "failed" not in counts
+    assert counts["skipped"] >= 14 and counts["passed"] >= 4 and "failed" not in counts

@@ -13,7 +13,7 @@ pytest.importorskip("matplotlib")
 
 from clothsim.base.progress import ProgressBar
 from clothsim.cli import main
-from clothsim.paper import FULL, QUICK, Settings, reproduce, text
+from clothsim.paper import FULL, LIVE_PAGES, QUICK, Settings, reproduce, text
 from clothsim.paper.experiments import (
     CASES,
     FRAMES,
@@ -283,7 +283,7 @@ def test_the_gallery_leads_to_live_pages_of_the_scenes(folder):
     page = PageReader()
     page.feed((folder / "live.html").read_text())
     links = [r for r in page.references if not r.startswith("data:")]
-    assert links == ["live_static.html", "live_moving.html", "live_swing.html", "live_penalty.html"]
+    assert links == list(LIVE_PAGES)
     for name in ("live.html", *links):
         assert (folder / name).stat().st_size < 400_000
         assert "://" not in (folder / name).read_text()

@@ -8,7 +8,7 @@ import functools
 import clothsim as cs
 import pytest
 from clothsim.engine.options import Options
-from clothsim.run.trajectory import Job, Recorder, Watch
+from clothsim.run.trajectory import Job, Recording, Watch
 from random_cloths import draw, rms
 
 
@@ -23,7 +23,7 @@ def exact(number):
     options = Options("dop853", "double", 1)
     tolerance = 1e-13 * max(case.scene.cloth.size)
     return (
-        Recorder(Job([case.scene], False, case.duration, options, tolerance=tolerance), Watch())
+        Recording(Job([case.scene], False, case.duration, options, tolerance=tolerance), Watch())
         .run()
         .trajectory()
         .x[-1]

@@ -10,7 +10,7 @@ from clothsim import _core
 from clothsim.engine.options import Options
 from clothsim.methods.bound import damping_ratio, least_rtol_of_rkc2
 from clothsim.run.error_control import rms
-from clothsim.run.trajectory import Frames, Job, Recorder, Watch
+from clothsim.run.trajectory import Frames, Job, Recording, Watch
 
 LOSS = 2.9e-3  # s
 EDGE = [(0, column) for column in range(12)]
@@ -30,7 +30,7 @@ def grid_run(scene, ends, precision="double", start=0.0):
     """Run rkc2 with steps that end at these times."""
     options = Options("rkc2", precision)
     job = Job([scene], False, ends[-1] - start, options, start, tolerance=1.0, grid=tuple(ends))
-    return Recorder(job, Watch()).run().trajectory()
+    return Recording(job, Watch()).run().trajectory()
 
 
 def chebyshev(s, kind, z):
@@ -120,7 +120,7 @@ def test_frames_within_a_step_are_of_its_order():
     for n in (400, 800):
         grid = tuple((0.2 * np.arange(1, n + 1) / n).tolist())
         job = Job([scene], False, 0.2, Options("rkc2"), 0.0, Frames(times=at))
-        run = Recorder(replace(job, tolerance=1.0, grid=grid), Watch()).run().trajectory()
+        run = Recording(replace(job, tolerance=1.0, grid=grid), Watch()).run().trajectory()
         errors.append([rms(x - y) for x, y in zip(run.x[1:-1], exact.x[1:-1], strict=True)])
     np.testing.assert_allclose(np.log2(np.divide(*errors)), 2, atol=0.2)
 

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from ..base.build import available_threads
 from ..base.services import service
 from ..engine.force import checked_force, is_python, with_force
 from ..engine.options import Options, core_plan
-from ..engine.stepper import Stepper
+from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene, stops_of
@@ -178,7 +179,8 @@ def reference(
     frames = Frames(
         None if every is None else check.number("every", every, minimum=0, exclusive=True)
     )
-    times = tuple(t for t, _ in frames.moments(0.0, 0.0, duration, None)[1:])
+    moments = frames.moments(0.0, 0.0, duration, None)
+    times = tuple(moment.time for moment in moments[1:])
     force = checked_force(force)
     return _solved(scene, times) if force is None else _solve(scene, times, force)
 
@@ -271,20 +273,32 @@ def motion(
 ) -> Motion:
     """Return the scenes at `times` [s], increasing and > 0, by `counts` equal steps to each."""
     several = scenes if len(scenes) > 1 else scenes[0]
-    stepper = Stepper(several, integrator=METHOD, threads=threads, force=force)
-    x = np.full((len(scenes), len(times), *scenes[0].cloth.shape, 3), np.nan)
-    t, failure, pause = 0.0, "", PAUSE.get()
-    for k, (end, count) in enumerate(zip(times, counts, strict=True)):
-        try:
-            for done in range(0, int(count), _STEPS_BETWEEN_PAUSES):
-                if pause is not None:
-                    pause()
-                stepper.advance(min(_STEPS_BETWEEN_PAUSES, int(count) - done), (end - t) / count)
-        except (UnstableError, ContactError) as error:
-            failure = Reason.FAILED.format(time=t, error=error)
-            break
-        x[:, k], t = stepper.positions, end
-    watched = stepper._state.core.watched
+    state = State.checked(several, None, None, None, Options(METHOD, threads=threads), force)
+    state.warn_of_order()
+    moments = [_core.Moment(t, t) for t in (0.0, *times)]
+    steps = np.diff(times, prepend=0.0) / counts
+    segments = [
+        _core.Segment(begin=a, end=b, dt=dt, whole=count)
+        for (a, b), dt, count in zip(pairwise(moments), steps, counts, strict=True)
+    ]
+    state.check_step(float(steps.max()))
+    run = _core.FixedRun(segments, moments)
+    shape = (len(scenes), len(moments), *scenes[0].cloth.shape, 3)
+    x = np.full(shape, np.nan)
+    v = np.empty(shape)
+    failure = ""
+    known = math.inf
+    pause = PAUSE.get()
+    try:
+        while not run.complete:
+            if pause is not None:
+                pause()
+            state.record(run, [*x], [*v], _STEPS_BETWEEN_PAUSES, len(moments))
+    except (UnstableError, ContactError) as error:
+        known = run.frame(run.stored - 1).time
+        failure = Reason.FAILED.format(time=known, error=error)
+    x = x[:, 1:]
+    watched = state.core.watched
     responses = [one["first_contact"] for one in watched if one["responded"]]
     if responses:
         # They fall at the end of a step, for whatever happened within it.
@@ -293,7 +307,7 @@ def motion(
         begin = contact - (times[k] - (times[k - 1] if k else 0.0)) / counts[k]
         reason = Reason.PARTED.format(kind=kind_name(scenes[0].spheres), time=begin)
         return Motion(x, begin, reason, True)
-    return Motion(x, t if failure else math.inf, failure)
+    return Motion(x, known, failure)
 
 
 class InDouble(NamedTuple):

@@ -16,6 +16,7 @@ from ..methods.bound import limit_in_layer, limiting_term
 from ..model.scene import Scene
 from ..model.sphere import kind_name
 from ..typing import Force
+from .backend import Simulation
 from .options import Options, kept_plan
 
 # Warnings of a time step are of these kinds. Error control chooses the step itself, and gives none.
@@ -32,7 +33,7 @@ class Judge:
 
     def __init__(
         self,
-        core: _core.Simulation,
+        core: Simulation,
         scenes: Sequence[Scene],
         batched: bool,
         integrator: str,
@@ -50,7 +51,6 @@ class Judge:
         self.past_kinds: set[str] = set()
         # Without springs each entry is infinite.
         self.least_stable_dt = min(*max_stable_dt, sys.float_info.max)
-        self.steps_before = 0  # steps of earlier calls of the run, from whose start errors count
         self._warnings: dict[str, tuple[type[Warning], Callable[[_core.Event, float], str]]] = {
             "pinned_inside": (ContactWarning, self._pins_text),
             "below": (ContactWarning, self._below_text),
@@ -90,7 +90,7 @@ class Judge:
     def report(self, events: Sequence[_core.Event], dt: float, steps_before: int = 0) -> None:
         """Give the warnings of a call of the core, and raise the error of a failed step.
 
-        `steps_before`: steps of this call of a user before that of the core.
+        `steps_before`: steps of the run, or of this call of a user, before that of the core.
         """
         for event in events:
             if event.kind not in self._warnings:
@@ -197,7 +197,7 @@ class Judge:
         x, v = self._state(event.member)
         pinned = cloth.pinned.flat[event.point]
         values: dict[str, Any] = {
-            "step": self.steps_before + steps_before + event.step,
+            "step": steps_before + event.step,
             "time": event.time,
             "point": None if pinned else divmod(event.point, cloth.columns),
             "x": x,

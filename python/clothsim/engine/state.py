@@ -6,7 +6,7 @@ import math
 import time
 import weakref
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from ..model.motion import Linear
 from ..model.scene import Scene
 from ..model.sphere import kind_name
 from ..typing import Force
+from .backend import Simulation
 from .force import forces_of, is_python, with_force
 from .judge import Judge
 from .options import Options, kept_plan
@@ -308,8 +309,8 @@ class State:
         if self.forced and options.backend == "gpu":
             raise ValueError("force must be None with backend 'gpu'; backend='cpu' has it")
         plans, limits = self._compiled(scenes)
+        self.core: Simulation
         if options.backend == "gpu":
-            # The shader's simulation has the methods of the core's that are used here.
             self.core = service("Simulation")(scenes, t, options.precision)
         else:
             self.threads = _core.granted_threads(
@@ -401,9 +402,7 @@ class State:
         self.scenes, self.max_stable_dt = scenes, limits
         on_gpu = self.options.backend == "gpu"
         self.kernel = "gather" if on_gpu else self.options.chosen_kernel
-        self.instruction_set = str(
-            cast("Any", self.core).adapter if on_gpu else plans[0].instruction_set
-        )
+        self.instruction_set = self.core.instruction_set
         self.judge = Judge(
             self.core, scenes, self.batched, self.integrator, limits, self.forces, self._quiet
         )
@@ -444,6 +443,8 @@ class State:
 
     def accelerate(self, x: FloatArray, v: FloatArray, t: Any, out: Any) -> FloatArray:
         """A call of `acceleration`, with float arrays of the shape and type of this state."""
+        core = self.core
+        assert isinstance(core, _core.Simulation)  # no call asks an adapter for accelerations
         time = start_time(t, self.scenes)
         result: FloatArray = np.empty(self.shape) if out is None else out
         out_array("out", result, self.shape, np.dtype(np.float64))
@@ -452,9 +453,9 @@ class State:
         # Driven pins have the velocity of their motion, and `out` may lie over a part of `x` or
         # `v`.
         whole = out is None and x.flags.c_contiguous and v.flags.c_contiguous and not self._driven
-        if not (whole and self.core.accelerations(time, x, v, result, self.threads)):
+        if not (whole and core.accelerations(time, x, v, result, self.threads)):
             self.core.load(*self._arrays(x, v), time)
-            self.core.accelerations(result, self.threads)
+            core.accelerations(result, self.threads)
         return result
 
     def arrays(self) -> tuple[FloatArray, FloatArray]:
@@ -476,6 +477,28 @@ class State:
         events = self.core.advance(steps, dt, self.threads)
         if events:
             self._go_on(events, steps, dt)
+
+    def check_step(self, dt: float) -> None:
+        """Give a `StabilityWarning` if a time step is too long, before steps are recorded."""
+        self._checked(1, dt, self.core.time)
+
+    def record(
+        self,
+        run: _core.FixedRun | _core.AdaptiveRun,
+        x: list[FloatArray],
+        v: list[FloatArray],
+        steps: int,
+        frames: int,
+    ) -> None:
+        """Take at most so many steps of a run, and fill at most so many of its frames.
+
+        `x`, `v`: arrays of each member, shape (frames, rows, columns, 3). It ends sooner at a
+        warning.
+        """
+        steps_before = run.steps
+        events = self.core.record(run, x, v, steps, frames, self.threads)
+        if events:
+            self.judge.report(events, run.dt, steps_before)
 
     def _checked(self, steps: Any, dt: Any, t: float) -> tuple[int, float]:
         """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long. `t`:
@@ -510,7 +533,7 @@ class State:
 
     def _set_stable_depths(self, dt: Any) -> None:
         """Tell the core from which depths in layers on it warns of a time step."""
-        if self.options.backend == "gpu" or check.real(dt) is None or not dt > 0:
+        if check.real(dt) is None or not dt > 0:
             return
         for k, scene in enumerate(self.scenes):
             self.core.set_stable_depths(k, stable_depths(scene, self.integrator, float(dt)))

@@ -111,14 +111,29 @@ def _run(
     }
 
 
-# File -> title, scene, and the moment of its picture [s].
-GALLERY: dict[str, tuple[str, cs.Scene, float]] = {
-    "live_static.html": ("Experiment 1: a static sphere", cs.scenes.paper_static(), 0.4),
-    "live_moving.html": ("Experiment 2: a moving sphere", cs.scenes.paper_moving(), 0.4),
+COTTON = cs.Cloth(
+    (24, 24),
+    mass=0.15,
+    stiffness={"structural": 156.0, "shear": 105.0},
+    damping=0.03,
+    springs=("structural", "shear"),
+    pins=(),
+)
+BALL = cs.Sphere((0.5, -0.3, 0.5), 0.25, friction=0.3)
+FLOOR = cs.Plane((0.0, -0.6, 0.0), friction=0.3)
+# File -> title, scene, and the moment of its picture [s], in which cloth lies on the sphere.
+LIVE_PAGES: dict[str, tuple[str, cs.Scene, float]] = {
+    "live_static.html": ("Experiment 1: a static sphere", cs.scenes.paper_static(), 0.3),
+    "live_moving.html": ("Experiment 2: a moving sphere", cs.scenes.paper_moving(), 0.9),
     "live_swing.html": ("The cloth alone", cs.scenes.paper_swing(), 0.4),
     "live_penalty.html": (
         "Beyond the paper: contact as a force",
         cs.scenes.paper_moving("penalty", offset="cell"),
+        0.9,
+    ),
+    "live_floor.html": (
+        "Beyond the paper: a cotton sheet, a ball and a floor",
+        cs.Scene(COTTON, [BALL, FLOOR]),
         0.4,
     ),
 }
@@ -129,16 +144,16 @@ def write_gallery(folder: str | Path) -> Path:
     beside it.
     """
     folder, title = Path(folder), "The scenes of Kim et al., live"
-    told = (
+    parts = [
+        f"# {title}",
         "Each page simulates one scene in your browser, by the compute shader, and makes no "
-        "request. It needs WebGPU. "
-    )
-    told += "Drag the sphere and the pinned points, and choose the method in the list."
-    parts = [f"# {title}", told]
-    for name, (what, scene, moment) in GALLERY.items():
+        "request. Drag the sphere and the pinned points, and choose the method in the list. A "
+        "browser without WebGPU plays a stored run.",
+    ]
+    for name, (what, scene, moment) in LIVE_PAGES.items():
         scene.to_live_html(folder / name, title=what)
         picture = folder / name.replace(".html", ".png")
-        cs.simulate(scene, moment, dt=2.5e-4).picture(width=480, path=picture)
+        cs.simulate(scene, moment).picture(width=400, path=picture)
         parts += [
             f"## {what}",
             f"![The scene at t = {moment:g} s]({picture.name})",

@@ -30,7 +30,7 @@ from ..methods.bound import usable_dt
 from ..methods.integrators import METHODS
 from ..model.scene import Scene, stops_of
 from .reasons import Reason
-from .trajectory import Frames, Job, Recorder, Trajectory, Watch
+from .trajectory import Frames, Job, Recording, Trajectory, Watch
 
 MANY_STEPS = 1_000_000  # most steps with which a fixed-step method tries to reach a tolerance
 
@@ -148,8 +148,8 @@ def estimate_of(job: Job, run: Trajectory) -> ControlledRun:
 
 def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> ControlledRun:
     """Make the runs of a search, and add them to `runs`, until it ends."""
-    recorder = watch.recorder
-    last_complete = recorder  # recorder of the last run that came to its end
+    recording = watch.recording
+    last_complete = recording  # recording of the last run that came to its end
     past_kinds: set[str] = set()  # of warnings, each of which a search gives once
     proceed: Callable[[Any], Job] = search.send
     answer: Any = None
@@ -161,12 +161,12 @@ def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> Controlled
                 best, error = end.value
                 break
             watch_of_run = watch if job.shown else Watch()
-            recorder = Recorder(job, watch_of_run, quiet=frozenset(past_kinds))
+            recording = Recording(job, watch_of_run, quiet=frozenset(past_kinds))
             try:
-                answer = recorder.run().trajectory()
+                answer = recording.run().trajectory()
                 runs.append(answer)
                 proceed = search.send
-                last_complete = watch.recorder
+                last_complete = watch.recording
             except UnstableError as failure:
                 proceed = search.throw
                 answer = failure
@@ -175,10 +175,10 @@ def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> Controlled
                     raise  # Steps meet their tolerance, so the solution itself goes through.
                 proceed = search.throw
                 answer = failure
-            past_kinds |= recorder.state.judge.past_kinds
+            past_kinds |= recording.state.judge.past_kinds
     except KeyboardInterrupt:
         # The last run that came to its end is handed over.
-        watch.recorder = last_complete or watch.recorder or recorder
+        watch.recording = last_complete or watch.recording or recording
         raise
     return ControlledRun(best, error, sum(run.evaluations for run in runs if run is not best))
 

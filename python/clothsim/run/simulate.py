@@ -26,7 +26,7 @@ from .error_control import estimate_of, size_of, solve
 from .reasons import Reason
 from .report import report
 from .result import Run
-from .trajectory import Failure, Frames, Job, Recorder, StopRun, Trajectory, Watch
+from .trajectory import Failure, Frames, Job, Recording, StopRun, Trajectory, Watch
 
 _DEFAULT_RTOL = 1e-3  # Where neither a step nor a tolerance is given.
 # A duration over the time of its end that is above the rounding of the clock by a thousand times.
@@ -211,7 +211,7 @@ def simulate(
             if asked is not None or found.error.reason != Reason.CONTACT:
                 _warn_of_error(run)
             return run
-        trajectory = Recorder(job, watch).run().trajectory()
+        trajectory = Recording(job, watch).run().trajectory()
         controlled = estimate_of(job, trajectory) if estimate_error else None
         return _run(trajectory, controlled=controlled)
 
@@ -232,8 +232,8 @@ Runs = TypeVar("Runs", bound=Run | list[Run])
 
 def run_batch(job: Job, watch: Watch | None = None) -> tuple[list[Run], dict[int, Failure]]:
     """Runs side by side, at a fixed step, and errors of those that end early, by member."""
-    recorder = Recorder(job, watch or Watch()).run()
-    return _runs(recorder), {k: error for k, (error, _) in recorder.failed.items()}
+    recording = Recording(job, watch or Watch()).run()
+    return _runs(recording), {k: error for k, (error, _) in recording.failed.items()}
 
 
 def _one_by_one(
@@ -279,12 +279,12 @@ def _run(found: Trajectory, stopped: str = "", **told: Any) -> Run:
     )
 
 
-def _runs(recorder: Recorder, reason: str = "") -> list[Run]:
+def _runs(recording: Recording, reason: str = "") -> list[Run]:
     """The runs so far, which ended early for the `reason`, or for that of a member's own error."""
-    errors = {k: error for k, (error, _) in recorder.failed.items()}
+    errors = {k: error for k, (error, _) in recording.failed.items()}
     runs = [
         _run(one, _reason(errors[k]) if k in errors else reason)
-        for k, one in enumerate(recorder.trajectories())
+        for k, one in enumerate(recording.trajectories())
     ]
     for k, error in errors.items():
         error.run = runs[k]
@@ -301,10 +301,9 @@ def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progres
     watch = Watch(callback, bar.bar)
 
     def so_far(reason: str) -> Any:
-        recorder = watch.recorder or Recorder(job, Watch())
-        recorder.end_here()
-        runs = _runs(recorder, reason)
-        return runs if recorder.state.batched else runs[0]
+        recording = watch.recording or Recording(job, Watch())
+        runs = _runs(recording, reason)
+        return runs if recording.state.batched else runs[0]
 
     try:
         with bar:
@@ -315,7 +314,7 @@ def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progres
         error.run = error.run or so_far(_reason(error))
         raise
     except Exception as error:  # of the user's force or callback
-        if watch.recorder is not None:
+        if watch.recording is not None:
             error.run = so_far("error")  # type: ignore[attr-defined]
         raise
     except KeyboardInterrupt:
@@ -369,7 +368,7 @@ def resume(
     )
 
     def compute(watch: Watch) -> Run:
-        return _run(Recorder(job, watch).run().trajectory(), unknown=Reason.RESUMED)
+        return _run(Recording(job, watch).run().trajectory(), unknown=Reason.RESUMED)
 
     return _followed(compute, job, callback, progress)
 

@@ -22,10 +22,10 @@ def bundle(text: str, picture: Picture) -> dict[str, Any]:
     """Return data by MIME type: HTML of text and picture, and the picture (for nbconvert)."""
     png = b64encode(picture._repr_png_()).decode("ascii")
     html = (
-        '<div><pre style="display: inline-block; vertical-align: top; margin-right: '
-        f'2em">{escape(text)}</pre>'
-        f'<img style="vertical-align: top" width="{picture.pixels.shape[1]}" alt="cloth and '
-        'obstacles" '
+        '<div><pre style="display: inline-block; vertical-align: top; margin-right: 2em; '
+        f'max-width: 100%; white-space: pre-wrap">{escape(text)}</pre>'
+        '<img style="vertical-align: top; max-width: 100%" '
+        f'width="{picture.pixels.shape[1]}" alt="cloth and obstacles" '
         f'src="data:image/png;base64,{png}"></div>'
     )
     return {"text/html": html, "image/png": png}

@@ -309,7 +309,7 @@ async function startLive() {
       page.legend();
       drawn = performance.now() / 1000;
     }
-    $("rate").textContent = `${typed(rate * live.dt)} x real time, ${Math.round(rate)} steps/s, ${live.perFrame} a frame`;
+    $("rate").textContent = `${typed(rate * live.dt)} x real time, ${Math.round(rate)} steps/s, ${live.perFrame} a frame.`;
     tell(live.problem);
     if (live.problem) page.pause();
   }
