@@ -124,14 +124,14 @@ def rivals(best: Any, minima: list[Any], scale: float, covariance: Floats) -> di
     errors = np.sqrt(np.diag(covariance))
     for minimum in minima:
         if scale * (minimum.cost - best.cost) < _SIGMAS**2:
-            far = np.abs(minimum.x - best.x) > np.maximum(_SIGMAS * errors, _PART)
-            for k in np.flatnonzero(far):
+            is_far = np.abs(minimum.x - best.x) > np.maximum(_SIGMAS * errors, _PART)
+            for k in np.flatnonzero(is_far):
                 places.setdefault(int(k), minimum.x)
     return places
 
 
 class Determination(NamedTuple):
-    """What a Jacobian says about the parameters."""
+    """The covariance of the parameters, and reasons why some are not determined."""
 
     covariance: Floats  # covariance of the coordinates
     condition: float  # condition of the Jacobian with columns of length 1
@@ -148,8 +148,8 @@ def determination(
     """
     lengths = np.linalg.norm(jacobian, axis=0)
     has_effect = lengths > 0
-    scaled = jacobian / np.where(has_effect, lengths, 1.0)
-    _, singular, right = np.linalg.svd(scaled, full_matrices=False)
+    unit_columns = jacobian / np.where(has_effect, lengths, 1.0)
+    _, singular, right = np.linalg.svd(unit_columns, full_matrices=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
     strong = singular > _SINGULAR * singular[0]
     inverse = np.zeros((len(u), len(u)))

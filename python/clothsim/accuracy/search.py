@@ -131,8 +131,8 @@ class Problem:
             u = np.where(
                 self.logarithmic, np.log(ends / self.start), (ends - self.start) / self.scales
             )
-        far = np.where(self.logarithmic, math.log(_WIDEST), _WIDEST)
-        return np.asarray(np.clip(u, -far, far))
+        reach = np.where(self.logarithmic, math.log(_WIDEST), _WIDEST)
+        return np.asarray(np.clip(u, -reach, reach))
 
     def at(self, u: Floats) -> Scene:
         """Return the scene with the parameters at the coordinates `u`."""
@@ -167,13 +167,13 @@ class Problem:
             return Outcome(minima, quality, misfit, shift)
 
         u = np.zeros(len(self.names))
-        early = self._minimum(u, self.schedule(self.scene, self.times[:_LEAST_TIMES]))
+        first_minimum = self._minimum(u, self.schedule(self.scene, self.times[:_LEAST_TIMES]))
         level = 1.0 if self.sigma else LARGE * self.way / self.unit
-        if 2 * early.cost > _MISFIT * early.fun.size * level**2:
+        if 2 * first_minimum.cost > _MISFIT * first_minimum.fun.size * level**2:
             shift = self._shift_of_times()
             if shift:
-                schedule = self.schedule(self.at(early.x), self.times)
-                minima.append(self._minimum(early.x, schedule, most=1))
+                schedule = self.schedule(self.at(first_minimum.x), self.times)
+                minima.append(self._minimum(first_minimum.x, schedule, most=1))
                 bar.advance(end)
                 return outcome(shift)
         while True:
@@ -262,26 +262,26 @@ class Problem:
         """
         shape = self.scene.cloth.shape
         size = max(self.scene.cloth.size)
-        early = self.times[:_TIMES_OF_SHIFT]
-        data = self.data[: len(early)]
-        mask = self.mask[: len(early)]
+        first_times = self.times[:_TIMES_OF_SHIFT]
+        data = self.data[: len(first_times)]
+        mask = self.mask[: len(first_times)]
         unit = float(np.diff(self.times, prepend=0.0).max())
-        far = _REACH * self.logarithmic + ~self.logarithmic
+        reach = _REACH * self.logarithmic + ~self.logarithmic
 
         def residuals(values: Floats, scale: float = 1.0) -> Floats:
             scene = self.at(values[:-1])
             shift = scale * unit * float(values[-1])
-            times = np.maximum(early + shift, 0.0)
-            later, places = np.unique(times[times > 0], return_inverse=True)
-            x = np.broadcast_to(scene.initial_position, (len(early), *shape, 3)).copy()
-            if later.size:
-                schedule = self.schedule(scene, later)
+            times = np.maximum(first_times + shift, 0.0)
+            positive_times, places = np.unique(times[times > 0], return_inverse=True)
+            x = np.broadcast_to(scene.initial_position, (len(first_times), *shape, 3)).copy()
+            if positive_times.size:
+                schedule = self.schedule(scene, positive_times)
                 x[times > 0] = schedule.run([scene], schedule.counts(scene)).x[0][places]
             errors = np.nan_to_num((x - data)[mask], nan=size)
             return np.append(errors, 1e-3 * self.least * values)
 
         start = np.zeros(len(self.names) + 1)
-        ends = np.append(far, _TIMES_OF_SHIFT / 2.0)
+        ends = np.append(reach, _TIMES_OF_SHIFT / 2.0)
         options = {"diff_step": 1e-4, "max_nfev": 20, "bounds": (-ends, ends), "x_scale": ends}
         with_shift = self.least_squares(residuals, start, **options)
         without_shift = self.least_squares(residuals, start, args=(0.0,), **options)
@@ -324,6 +324,6 @@ class Problem:
         spectrum = np.abs(np.fft.rfft(x - x.mean(axis=0), axis=0)) ** 2
         weights = spectrum.sum(axis=1)
         peak = int(weights[1:].argmax()) + 1
-        near = slice(peak - 1, peak + 2)
-        frequencies = np.fft.rfftfreq(count, end / count)[near]
-        return float((frequencies * weights[near]).sum() / weights[near].sum())
+        neighbours = slice(peak - 1, peak + 2)
+        frequencies = np.fft.rfftfreq(count, end / count)[neighbours]
+        return float((frequencies * weights[neighbours]).sum() / weights[neighbours].sum())

@@ -45,7 +45,7 @@ def checked_times(times: npt.ArrayLike) -> Floats:
 
 
 class Schedule:
-    """The times of all steps: every run of a comparison takes the same."""
+    """The times of all steps, which are the same in every run that is compared."""
 
     def __init__(
         self, scene: Scene, times: Floats, rtol: float, force: Force | None = None

@@ -1,4 +1,4 @@
-"""Warnings and errors of steps: what events of the core mean to a user."""
+"""Warnings and errors of steps, from events of the core."""
 
 from __future__ import annotations
 

@@ -232,9 +232,9 @@ class Stepper:
         >>> stepper.set_force(0 * stepper.x + (0, 2, 0))
         """
         state = self._state
-        single = state.shape[-3:]
+        shape_of_member = state.shape[-3:]
         if state.batched and np.ndim(force) == 3:
-            force = np.broadcast_to(check.array("force", force, single), state.shape)
+            force = np.broadcast_to(check.array("force", force, shape_of_member), state.shape)
         state.set_force(check.array("force", force, state.shape))
 
     def snapshot(self) -> Snapshot:

@@ -84,10 +84,10 @@ def difference(a: Run, b: Run) -> Difference:
         )
     steps = [run.report["dt"] for run in (a, b) if "dt" in run.report]
     duration = max(a.t[-1] - a.t[0], b.t[-1] - b.t[0])
-    near = max(NEGLIGIBLE * duration, min(steps, default=0.0) / 2)
+    tolerance = max(NEGLIGIBLE * duration, min(steps, default=0.0) / 2)
     nearest = _nearest(a.t, b.t)
     partner = _nearest(b.t, a.t)[nearest]
-    equal = (np.abs(b.t[nearest] - a.t) <= near) & (partner == np.arange(len(a)))
+    equal = (np.abs(b.t[nearest] - a.t) <= tolerance) & (partner == np.arange(len(a)))
     if not equal.any():
         raise ValueError(
             f"b must have a stored time of a, which are {a.t[0]:g} to {a.t[-1]:g} s, got "

@@ -1,4 +1,4 @@
-"""Error control: from the error that is asked for to a run that has it, and the estimate of it.
+"""Error control: a search for a run that has the error asked for, and the estimate of this error.
 
 The request is for the rms error over the mass points at the end of the run: ``atol + rtol * size``.
 The size is the longer side of the cloth.
@@ -6,12 +6,11 @@ The size is the longer side of the cloth.
 The estimate is the distance of the run from a better run of the same scene. The better run takes
 other steps and rounds differently, so the distance includes rounding errors.
 
-A search is a function from the trajectories so far to the job of the next run, or to the end: a
-generator that yields a `Job`, is sent its `Trajectory`, and returns the trajectory to hand over and
-its error. `refine` searches with dop853 in double and with rkc2, which "auto" takes; for undamped
-cloths `halve` comes before it. `compare` serves all other methods. After a response that is no
-force no error is estimated. A search makes `RUNS` runs at most; docs/dev/error-control.md says why
-each run ends.
+A search is a generator: it yields a `Job`, is sent its `Trajectory`, and returns the trajectory to
+hand over and its error. `refine` searches with dop853 in double and with rkc2, which "auto" takes;
+for undamped cloths `halve` comes before it. `compare` serves all other methods. After a response
+that is no force no error is estimated. A search makes `RUNS` runs at most;
+docs/dev/error-control.md says why each run ends.
 """
 
 from __future__ import annotations
@@ -281,7 +280,7 @@ def refine(job: Job, request: float, runs: list[Trajectory]) -> Search:
     least = math.inf
     next_run = _NextRun(job, first)
     most = MOST_COST * next_run.evaluations_of_finest
-    growth = 0.0  # largest distance of a pair over the local errors of its first run
+    growth = 0.0  # largest distance of two runs over the local errors of the first one
     parting = Parting(size_of(job.scene))
 
     def end(reason: str) -> tuple[Trajectory, Estimate]:
@@ -295,7 +294,7 @@ def refine(job: Job, request: float, runs: list[Trajectory]) -> Search:
         except UnstableError:
             if next_run.is_finest or number == RUNS - 1:
                 return end(Reason.UNSTABLE)
-            next_run.refine(next_run.fall * _FALL)
+            next_run.set_fall(next_run.fall * _FALL)
             continue
         if fine.contacts:
             return fine, Estimate(reason=Reason.CONTACT)
@@ -303,22 +302,22 @@ def refine(job: Job, request: float, runs: list[Trajectory]) -> Search:
             # Runs that are alike say nothing about the error of either.
             if next_run.is_finest:
                 return end(Reason.LEAST.format(most=MOST_COST))
-            next_run.refine(next_run.fall * SMALL**2)
+            next_run.set_fall(next_run.fall * SMALL**2)
             continue
-        pair = _Pair(coarse, fine, next_run.by_grid, growth)
-        growth = max(growth, pair.growth)
-        parting.note(coarse, pair.distance)
-        if pair.coarse_error.rms <= request:
-            return coarse, pair.coarse_error
-        may_extrapolate = pair.extrapolates and request >= ROUNDING * size_of(job.scene)
-        if may_extrapolate and pair.fine_error.rms <= request:
-            return fine, pair.fine_error
-        stall = pair.coarse_error.rms > least * max(0.5, MARGIN * next_run.first_fall)
+        comparison = _Comparison(coarse, fine, next_run.by_grid, growth)
+        growth = max(growth, comparison.growth)
+        parting.note(coarse, comparison.distance)
+        if comparison.coarse_error.rms <= request:
+            return coarse, comparison.coarse_error
+        may_extrapolate = comparison.extrapolates and request >= ROUNDING * size_of(job.scene)
+        if may_extrapolate and comparison.fine_error.rms <= request:
+            return fine, comparison.fine_error
+        stall = comparison.coarse_error.rms > least * max(0.5, MARGIN * next_run.first_fall)
         hopeless = stall and coarse.local_error <= SMALL**3 * best.local_error
-        if pair.coarse_error.rms < least:
+        if comparison.coarse_error.rms < least:
             # The error of the finer run of two that are near is at most about their distance.
             best = fine
-            error = pair.coarse_error
+            error = comparison.coarse_error
             least = error.rms
         elif stall:
             # The least of several distances may be small by chance.
@@ -326,7 +325,7 @@ def refine(job: Job, request: float, runs: list[Trajectory]) -> Search:
             error = max(error, distance, key=lambda estimate: estimate.rms)
         if next_run.is_finest or hopeless:
             return end(Reason.LEAST.format(most=MOST_COST))
-        next_run.choose(pair, request, SMALL**2 if stall else _FALL)
+        next_run.choose(comparison, request, SMALL**2 if stall else _FALL)
         coarse = fine
     return end(Reason.NOT_REACHED.format(runs=RUNS))
 
@@ -343,12 +342,12 @@ def _are_alike(coarse: Trajectory, fine: Trajectory, refinement: float) -> bool:
 
 
 class Parting:
-    """Whether runs with smaller local errors approach each other."""
+    """A test whether runs with smaller local errors approach each other."""
 
     def __init__(self, size: float) -> None:
         self._least = PARTING * size
         self._most = SMALL**2 * size
-        self._pairs: list[tuple[float, float]] = []  # local error and distance of each pair
+        self._pairs: list[tuple[float, float]] = []  # local error and distance of each pair of runs
 
     def note(self, run: Trajectory, distance: float) -> None:
         self._pairs.append((run.local_error, distance))
@@ -388,14 +387,14 @@ def _first_tolerance(job: Job, request: float) -> Generator[Job, Trajectory, flo
     return float(tolerance / (1 + (motion / decay / GROWTH) ** 3))
 
 
-class _Pair:
-    """Two runs, the second of which has smaller local errors: the errors of both."""
+class _Comparison:
+    """The errors of two runs, the second of which has smaller local errors."""
 
     def __init__(self, coarse: Trajectory, fine: Trajectory, by_grid: bool, growth: float) -> None:
         """Compare two runs.
 
-        `growth` is that of errors in earlier pairs. A pair that is closer than it lets expect may
-        be so by chance.
+        `growth` is that of errors in earlier comparisons. Runs that are closer than it lets expect
+        may be so by chance.
         """
         x = coarse.x[-1]
         better = fine.x[-1]
@@ -420,7 +419,7 @@ class _Pair:
 
 
 class _NextRun:
-    """The next run of a search: on the grid of the first run, refined, or by a tolerance."""
+    """The next run of a search, on a refined grid of the first run or by a tolerance."""
 
     def __init__(self, job: Job, first: Trajectory) -> None:
         self._job = job
@@ -456,18 +455,18 @@ class _NextRun:
         grid = first.refined(self.fall ** (-1 / self._order))
         return (yield replace(self._job, tolerance=first.tolerance, grid=grid))
 
-    def refine(self, fall: float) -> None:
+    def set_fall(self, fall: float) -> None:
         self.fall = max(fall, self.fall * _LEAST_FALL, self._finest)
 
-    def choose(self, pair: _Pair, request: float, least: float) -> None:
+    def choose(self, comparison: _Comparison, request: float, least: float) -> None:
         """Choose the run to have the error asked for; local errors fall by `least` at least."""
-        if pair.proportional:
-            self.refine(self.fall * min(request / pair.fine_error.rms, least))
+        if comparison.proportional:
+            self.set_fall(self.fall * min(request / comparison.fine_error.rms, least))
             return
         self.by_grid = False
-        coarse, fine = (error / self._first.local_error for error in pair.local_errors)
-        to_request = coarse * request / pair.coarse_error.rms
-        self.refine(min(min(fine, 1.0) * min(SMALL**2, least), to_request))
+        coarse, fine = (error / self._first.local_error for error in comparison.local_errors)
+        to_request = coarse * request / comparison.coarse_error.rms
+        self.set_fall(min(min(fine, 1.0) * min(SMALL**2, least), to_request))
 
 
 # Other methods are compared with a better run of dop853. Its tolerance is tightened until its own
@@ -558,7 +557,7 @@ def _estimate(job: Job, run: Trajectory) -> Search:
 
 
 class _BetterRun:
-    """The better run, which others are compared with."""
+    """The better run that others are compared with."""
 
     def __init__(self, job: Job, tolerance: float) -> None:
         options = replace(job.options, integrator="dop853", precision="double", backend="cpu")

@@ -85,7 +85,7 @@ class Axis:
 
 
 class Grid:
-    """All members; a member's number is its flat index, last dimension fastest."""
+    """All members of a sweep; the number of each is its flat index, last dimension fastest."""
 
     def __init__(self, axes: Sequence[Axis]) -> None:
         self.axes = tuple(axes)

@@ -25,7 +25,7 @@ STATUS = ("pending", "done", "unstable", "failed")
 
 @dataclass(frozen=True)
 class SweepOptions:
-    """The arguments of `sweep` on which results depend. Members share those not swept."""
+    """The arguments of `sweep` on which results depend; members share those that are not swept."""
 
     duration: float = 1.0
     dt: float | None = None

@@ -1,4 +1,4 @@
-"""Measures of every member, by name or as functions of its run, and references of "error".
+"""Measures of every member, by name or as functions of its run, and references for "error".
 
 The reference is the solution in double with which `cs.reference` checks its own. Its bound is twice
 the change by the last halving of the step, plus a unit in the last place. After a contact the

@@ -275,7 +275,7 @@ def _member(make: Maker, grid: Grid, index: int) -> Member:
 
 @dataclass(frozen=True)
 class Task:
-    """Members of a sweep, and what is asked of each."""
+    """Members of a sweep, and the metrics of each."""
 
     members: Sequence[Member]
     metrics: Metrics
@@ -328,7 +328,7 @@ def tasks(
 
 
 class Stopped(Exception):
-    """The sweep must stop; members in progress are abandoned."""
+    """An order to stop the sweep, which abandons members in progress."""
 
 
 def run_task(task: Task, pause: Callable[[], None] | None = None) -> list[MemberRecord]:
