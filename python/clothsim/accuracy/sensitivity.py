@@ -21,7 +21,7 @@ from ..model.scene import Scene, stops_of
 from ..run.reasons import Reason
 from ..typing import Force
 from .parameters import STEP, Parameter, parameters_of, with_values
-from .solution import METHOD, ORDER, Motion, motion
+from .solution import METHOD, ORDER, Positions, positions_at
 
 if TYPE_CHECKING:
     import xarray
@@ -59,7 +59,7 @@ class Schedule:
         coarse = self.counts(scene)
         x = self.run([scene], coarse + -(-coarse // 4))
         y = self.run([scene], coarse)
-        common = times <= min(x.known, y.known)
+        common = times <= min(x.end, y.end)
         error = np.abs(x.x - y.x)[:, common].max(initial=0.0) / (rtol * self.size)
         # The coarse steps are longer by a fourth, which is not counted on.
         self.refinement = float(np.clip(error ** (1 / ORDER), 1.0, _FINEST)) * 1.25
@@ -75,9 +75,9 @@ class Schedule:
         longest = _LONGEST * min(limits) / self.refinement
         return np.maximum(np.ceil(np.diff(self.stops, prepend=0.0) / longest), 1).astype(np.int64)
 
-    def run(self, scenes: Sequence[Scene], counts: npt.NDArray[np.int64]) -> Motion:
+    def run(self, scenes: Sequence[Scene], counts: npt.NDArray[np.int64]) -> Positions:
         """Return the motion of the scenes at `times`."""
-        result = motion(scenes, self.stops, counts.tolist(), force=self.force)
+        result = positions_at(scenes, self.stops, counts.tolist(), force=self.force)
         x = result.x[:, np.searchsorted(self.stops, self.times)]
         if self.times[0] == 0:
             x[:, 0] = [scene.initial_position for scene in scenes]
@@ -87,7 +87,7 @@ class Schedule:
 class Derivatives(NamedTuple):
     """A motion and its changes by parameters."""
 
-    motion: Motion  # motion of the scene; x has the shape (times, rows, columns, 3)
+    positions: Positions  # of the scene; x has the shape (times, rows, columns, 3)
     change: Floats  # m per scale, shape (parameters, times, rows, columns, 3)
     term: Floats  # last term of each change, in the same shape
 
@@ -145,7 +145,7 @@ def known_derivatives(
     largest = np.fmax.accumulate(np.abs(change).max(axis=(2, 3, 4)), axis=1)
     rounding = _ROUNDING * schedule.size / STEP
     error = np.abs(term).max(axis=(2, 3, 4)) + rounding + _DIGITS * largest
-    bad = np.isnan(error) | (times > result.known)
+    bad = np.isnan(error) | (times > result.end)
     disagree = ~bad & (error > _LARGEST_ERROR * (largest + _LEAST_DERIVATIVE * schedule.size))
     reasons = []
     for disagree_row, bad_row in zip(disagree, bad):

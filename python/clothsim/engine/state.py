@@ -308,8 +308,10 @@ class State:
         self.shape = shape
         self.dtype = np.dtype(dtype)
         # A stepper sets its scene, or those of its members, as it returns them.
-        self.given: Scene | Sequence[Scene] = ()
-        self.known: list[weakref.ref[Scene]] = []  # of an engine that waits: those of its batch
+        self.scene_of_caller: Scene | Sequence[Scene] = ()
+        self.scene_references: list[
+            weakref.ref[Scene]
+        ] = []  # of an engine that waits: those of its batch
         self.threads = 1
         if self.forced and options.backend == "gpu":
             raise ValueError("force must be None with backend 'gpu'; backend='cpu' has it")
@@ -389,7 +391,7 @@ class State:
         with Interrupts():  # the core and its record change together
             self.core.set_scene(plans, limits)
             self._adopt(scenes, plans, limits)
-            self.given = scene
+            self.scene_of_caller = scene
 
     def _compiled(self, scenes: list[Scene]) -> tuple[list[Any], list[float]]:
         """Return plans for the core, or scenes for the adapter, and the guaranteed steps [s]."""
@@ -654,5 +656,5 @@ class State:
     def _record(self, scenes: list[Scene]) -> None:
         """Take over scenes that the core has already."""
         self.scenes[:] = scenes
-        single = isinstance(self.given, Scene) and not self.batched
-        self.given = scenes[0] if single else list(scenes)
+        single = isinstance(self.scene_of_caller, Scene) and not self.batched
+        self.scene_of_caller = scenes[0] if single else list(scenes)

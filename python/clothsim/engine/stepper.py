@@ -75,7 +75,7 @@ class Stepper:
     ) -> None:
         self._options = Options(integrator, precision, threads, kernel, backend)
         self._state = State.checked(scene, x, v, t, self._options, force)
-        self._state.given = scene
+        self._state.scene_of_caller = scene
         self._state.warn_of_order()
 
     @check.named
@@ -292,7 +292,7 @@ class Stepper:
             scenes, len(shape) == 4, shape, snapshot.dtype, snapshot.time, stepper._options, forces
         )
         state.core.restore(snapshot.core)
-        state.given = scene
+        state.scene_of_caller = scene
         stepper._state = state
         state.warn_of_order()
         return stepper
@@ -326,7 +326,7 @@ class Stepper:
     @property
     def scene(self) -> Scene | Sequence[Scene]:
         """The scene, or the scenes of a batch."""
-        return self._state.given
+        return self._state.scene_of_caller
 
     @property
     def impulses(self) -> npt.NDArray[np.float64]:

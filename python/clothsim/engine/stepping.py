@@ -84,7 +84,7 @@ def _take_state(
                     if not batched:
                         state.scenes.extend([scene] * (len(x) if x.ndim == 4 else 1))
                         return state, spares, x, v
-                    if [reference() for reference in state.known] == list(scene):
+                    if [reference() for reference in state.scene_references] == list(scene):
                         state.scenes.extend(scene)
                         return state, spares, x, v
             except (IndexError, KeyError, TypeError):
@@ -101,7 +101,7 @@ def _take_state(
     forces = forces_of(force, scenes, batched)
     state = State(scenes, x.ndim == 4, x.shape, x.dtype, 0.0, options, forces)
     if batched:
-        state.known = [weakref.ref(member) for member in scenes]
+        state.scene_references = [weakref.ref(member) for member in scenes]
     if force is not None:
         spares = [state] * _MOST_SPARES  # This list is full, and no scene has it.
     return state, spares, x, v

@@ -53,7 +53,7 @@ def _reference(
     x = solution.x[-1]
     # Both runs may err by rounding, each as much as the other.
     error = float(2 * solution.change[-1] + np.spacing(np.abs(x).max()))
-    return EndReference(x, error, solution.ended.contact)
+    return EndReference(x, error, solution.finest.contact)
 
 
 def incomparable(run: Run, reference: EndReference) -> str:
