@@ -40,7 +40,7 @@ _DEFAULT_METHODS = (
 )
 _SAFETY = 0.95  # coarsest step of an explicit method over the guaranteed stable step
 _IMPLICIT = 8.0  # coarsest step of an implicit method over the stable step of rk4
-_HALVINGS = 7  # settings of a method
+_SETTINGS = 7  # number of settings of a method
 _RTOLS = tuple(10.0**-k for k in range(3, 14))
 _LONGEST_REPEATED = 2.0  # s; a longer run is timed once
 _LONGEST = 10.0  # s; after a longer run the finer settings of its method are left out
@@ -396,4 +396,4 @@ def _settings(method: Method, scene: Scene, duration: float, dts: Any, rtols: An
     stable = stable_dt(scene, integrator) if explicit else 0.0
     stable = stable or stable_dt(scene, "rk4")
     largest = min((_SAFETY if explicit else _IMPLICIT) * stable, duration / 4)
-    return [largest / 2**k for k in range(_HALVINGS)]
+    return [largest / 2**k for k in range(_SETTINGS)]

@@ -18,7 +18,7 @@ from ..model.scene import Scene
 from .options import Options
 
 SCHEMA = 5
-_FIELD = "snapshot_"  # begin of the names of arrays that are fields of the core
+_FIELD = "snapshot_"  # prefix of the arrays that are fields of the core
 
 
 @dataclass(frozen=True, eq=False, repr=False)
