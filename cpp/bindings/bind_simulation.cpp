@@ -40,7 +40,7 @@ public:
         Use(*this)->set_plans(plans, std::move(stable_dt));
         environment_ = kernel_environment();
     }
-    // Whether the environment would choose the same kernels now.
+    // Return whether the environment would choose the same kernels now.
     bool current() const { return environment_ == kernel_environment(); }
 
 private:
@@ -49,7 +49,7 @@ private:
     std::atomic<bool> busy_{false};
 };
 
-// Of a batch, arrays of one member after the other.
+// The arrays of a batch, which have one member after the other.
 template <class T>
 struct Members {
     T* x;
@@ -95,8 +95,8 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
         simulation->member(i).store(part(x, i), part(v, i));
 }
 
-// The events of a call for python/clothsim/engine/judge.py; None where all steps were done without
-// one: a call may be shorter than the making of a list.
+// Return the events of a call for python/clothsim/engine/judge.py; None where all steps were done
+// without one: a call may be shorter than the making of a list.
 py::object reported(const Outcome& outcome) {
     if (outcome.interrupted) throw py::error_already_set();
     if (outcome.complete()) return py::none();
@@ -115,8 +115,8 @@ py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int 
     return reported(outcome);
 }
 
-// A whole call: a state in, steps, and the state out if no event has to be reported. False, with
-// nothing done, where the state is not finite.
+// Load a state, take steps, and store the state if no event has to be reported. Return False, and
+// do nothing, where the state is not finite.
 template <class T>
 py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                 std::int64_t steps, double dt, int threads, Array<T>& x_out, Array<T>& v_out) {
@@ -140,7 +140,8 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
     return outcome ? reported(*outcome) : py::bool_(false);
 }
 
-// At a state, see `step`, which `a` does not share memory with; or at the present one.
+// Write the accelerations at a state, see `step`, which `a` does not share memory with; or at the
+// present one.
 template <class T>
 bool accelerations(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                    Array<double>& a, int threads) {
@@ -301,22 +302,22 @@ py::tuple interpolated(const Plan& plan, double t, double begin, double length,
     return py::make_tuple(x, v);
 }
 
-// Of a member: first contact, depth of mass points and of triangles, stretch, energy gained (NaN:
-// unknown); impulse on each sphere.
+// Return the extremes of each member over its states. NaN stands for what is unknown.
 py::list watched(SharedSimulation& shared) {
     auto simulation = shared.use();
     constexpr double nan = std::numeric_limits<double>::quiet_NaN();
     py::list members;
     for (std::size_t i = 0; i < simulation->size(); ++i) {
         const Watched& w = simulation->watched(i);
-        py::dict one;
-        one["in_contact"] = w.in_contact();
-        one["responded"] = w.responded;
-        one["first_contact"] = w.in_contact() ? w.first_contact : nan;
-        one["point_depth"] = w.point_depth;
-        one["triangle_depth"] = std::max(w.triangle_depth, w.point_depth);
-        one["stretch"] = std::isfinite(w.stretch) ? w.stretch : 0.0;  // of a cloth without springs
-        one["energy_gained"] = simulation->energy_known(i) ? w.energy_gained : nan;
+        py::dict member;
+        member["in_contact"] = w.in_contact();
+        member["responded"] = w.responded;
+        member["first_contact"] = w.in_contact() ? w.first_contact : nan;
+        member["point_depth"] = w.point_depth;
+        member["triangle_depth"] = std::max(w.triangle_depth, w.point_depth);
+        member["stretch"] =
+            std::isfinite(w.stretch) ? w.stretch : 0.0;  // of a cloth without springs
+        member["energy_gained"] = simulation->energy_known(i) ? w.energy_gained : nan;
         std::vector<std::array<double, 3>> impulses;
         std::vector<double> work;
         for (std::size_t s = 0; s < simulation->plan(i).spheres.size(); ++s) {
@@ -329,10 +330,10 @@ py::list watched(SharedSimulation& shared) {
         py::dict force_work;
         for (const Engine::Work& work : simulation->member(i).works())
             force_work[py::str(work.force)] = work.work;
-        one["force_work"] = force_work;
-        one["impulse"] = impulses;
-        one["obstacle_work"] = work;
-        members.append(one);
+        member["force_work"] = force_work;
+        member["impulse"] = impulses;
+        member["obstacle_work"] = work;
+        members.append(member);
     }
     return members;
 }
@@ -343,8 +344,8 @@ void sample(SharedSimulation& shared) {
     simulation->sample();
 }
 
-// A simulation between steps as named fields. Arrays have an entry for each member, of the sums of
-// impulses one for each sphere of each member.
+// Return a simulation between steps as named fields. Arrays have an entry for each member; those of
+// the sums of impulses have one for each sphere of each member.
 constexpr std::array<const char*, 4> names_of_values{"positions", "velocities", "positions_low",
                                                      "velocities_low"};
 std::size_t parts_of(const Simulation& simulation) {
@@ -399,7 +400,7 @@ py::dict snapshot(SharedSimulation& shared) {
     return fields;
 }
 
-// Continue from fields. Throws, and changes nothing, where one is missing or has another size.
+// Continue from fields. Throw, and change nothing, where one is missing or has another size.
 void restore(SharedSimulation& shared, const py::dict& fields) {
     auto simulation = shared.use();
     const std::size_t members = simulation->size(),
@@ -454,7 +455,7 @@ void restore(SharedSimulation& shared, const py::dict& fields) {
     }
 }
 
-// `get(simulation, i)` of each member.
+// Return a function that calls `get(simulation, i)` for each member.
 template <class Get>
 auto of_members(Get get) {
     return [get](SharedSimulation& shared) {

@@ -1,7 +1,7 @@
-// The loop of error control: try, judge, accept.
+// The loop of error control tries steps, judges and accepts them.
 //
-// The paper's responses follow each accepted step, as they follow each step of the fixed-step methods.
-// To skip no contact, AdaptiveEngine::contact_step bounds a step near the spheres, by the
+// The paper's responses follow each accepted step, as they follow each step of the fixed-step
+// methods. To skip no contact, AdaptiveEngine::contact_step bounds a step near the spheres, by the
 // velocities before the step, and after a trial by those after it: a step that was too long is
 // tried again. Every trial comes to an end. The velocities after an unstable step mean nothing, so
 // they ask for no step below `near`; from there on steps are stable, and a bound of the velocities
@@ -18,7 +18,7 @@ namespace {
 
 // A step this much smaller than the time span does not move the clock any more.
 constexpr double smallest_part = 1e-14;
-// A stop this near, over the time, is at the end of a step: above what the clock rounds.
+// A stop this near, over the time, is at the end of a step. The clock rounds by less.
 constexpr double rounding_of_stops = 1e-12;
 
 }  // namespace
@@ -28,8 +28,8 @@ double AdaptiveRun::target(double t) {
     const double rounding = rounding_of_stops * std::max(std::abs(t), std::abs(stops.back()));
     for (; next_stop + 1 < stops.size() && stops[next_stop] <= t + rounding; ++next_stop)
         kinks.push_back(std::int64_t(ends.size()));
-    const double given = next_given + 1 < grid.size() ? grid[next_given] : stops.back();
-    return std::min(given, stops[next_stop]);
+    const double end_of_grid = next_given + 1 < grid.size() ? grid[next_given] : stops.back();
+    return std::min(end_of_grid, stops[next_stop]);
 }
 
 Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps,
@@ -42,16 +42,18 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
     begin_watches();
     Poll poll(interrupted);
     bool first_trial = true;
-    int passed_in_a_row = 0;
+    int passages_in_a_row = 0;
     for (double t = clock.now(), end = t; t < until && outcome.steps < steps;) {
         if (first_trial) {
             end = run.target(t);
             if (!run.grid.empty()) controller.h = end - t;
         }
         const double left = end - t, smallest = smallest_part * std::max(std::abs(end), left);
-        const double wanted = controller.h;
-        // Two equal steps rather than a long one and a sliver.
-        double h = wanted >= left ? left : wanted > left / 2 ? left / 2 : wanted;
+        const double goal = controller.h;
+        // Two equal steps are better than a long one and a sliver.
+        double h = goal;
+        if (goal >= left) h = left;
+        else if (goal > left / 2) h = left / 2;
         h = adaptive.contact_step(t, h, run.near, false);
         if (!(h > smallest)) {
             if (left <= smallest) break;
@@ -63,24 +65,24 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         throw_force_failure();
         bool accepted = controller.judge(h, error, adaptive.order());
         const double bounded = accepted ? adaptive.contact_step(t, h, run.near, true) : h;
-        const Passed passed = accepted && bounded >= h && engine.has_penalty()
-            ? passed_in(adaptive.trial_depths(t + h), plan(0))
-            : Passed{};
-        if (passed.obstacle >= 0) {
-            // Steps that meet the tolerance and still end beyond the layer: the solution does.
+        const Passage passage = accepted && bounded >= h && engine.has_penalty()
+            ? passage_in(adaptive.trial_depths(t + h), plan(0))
+            : Passage{};
+        if (passage.obstacle >= 0) {
+            // Where steps meet the tolerance and still end beyond the layer, the solution does too.
             constexpr int most_trials = 3;
-            if (++passed_in_a_row > most_trials) {
-                outcome.events.push_back({"passed", 0, passed.point, passed.obstacle, passed.depth,
-                                          outcome.steps + 1, t + h});
+            if (++passages_in_a_row > most_trials) {
+                outcome.events.push_back({"passed", 0, passage.point, passage.obstacle,
+                                          passage.depth, outcome.steps + 1, t + h});
                 return outcome;
             }
             controller.h = std::min(controller.h, h / 4);
             accepted = false;
         } else if (accepted) {
-            passed_in_a_row = 0;
+            passages_in_a_row = 0;
         }
         if (bounded < h) {
-            // A hair less than allowed, as rounding may ask for the same step again.
+            // The next step is a hair shorter, as rounding may ask for the same step again.
             controller.h = std::min(controller.h, 0.99 * bounded);
             accepted = false;
         }
@@ -110,7 +112,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
                 }
             }
             // A step cut short by the end says nothing against longer ones.
-            if (h < wanted) controller.h = std::max(controller.h, wanted);
+            if (h < goal) controller.h = std::max(controller.h, goal);
         } else {
             run.rejected += 1;
         }
@@ -160,24 +162,24 @@ Outcome Simulation::record(AdaptiveRun& run, const FrameArrays& arrays, std::int
             std::int64_t steps = most_steps - outcome.steps;
             if (steps <= 0) return outcome;
             if (run.every) steps = std::min(steps, run.every - run.since_frame);
-            const std::int64_t before = run.steps();
+            const std::int64_t start = run.steps();
             Outcome part = advance_adaptive(run, moment.time, steps, threads, interrupted);
-            const std::int64_t taken = run.steps() - before;
+            const std::int64_t count = run.steps() - start;
             for (Event& event : part.events) {
                 event.step += outcome.steps;
                 outcome.events.push_back(std::move(event));
             }
-            outcome.steps += taken;
+            outcome.steps += count;
             outcome.interrupted = part.interrupted;
-            run.since_frame += taken;
+            run.since_frame += count;
             if (!outcome.complete()) return outcome;
             const bool arrived = clock.now() >= moment.time;
             if (run.every && run.since_frame == run.every && !arrived) {
                 run.since_frame = 0;
                 store({clock.now() - run.start, clock.now()});
             }
-            // Without a step, what is left is rounding of the clock.
-            if (!arrived && taken > 0) continue;
+            // Without a step, the remainder is rounding of the clock.
+            if (!arrived && count > 0) continue;
         }
         store(moment);
         ++run.next_moment;

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double rounding_of_times = 4e-16;  // of a time over the step, as part of it
 
-// Writes into frame k.
+// Return where frame k begins in each array.
 std::vector<double*> frame_of(const std::vector<double*>& arrays, std::size_t k, std::size_t size) {
     std::vector<double*> frame;
     for (double* const array : arrays) frame.push_back(array ? array + k * size : nullptr);
@@ -23,7 +23,7 @@ std::vector<double*> pointers(std::vector<std::vector<double>>& states) {
     return first;
 }
 
-// Lifts a point in an obstacle to its lesser height at both ends, or to the contact surface where
+// Lift a point in an obstacle to its lesser height at both ends, or to the contact surface where
 // that is lower.
 void lift(const Scene& scene, const Sphere& sphere, double t, const StepEnds& ends, double* x) {
     const Surface begin = sphere.surface_at(ends.begin);
@@ -36,12 +36,12 @@ void lift(const Scene& scene, const Sphere& sphere, double t, const StepEnds& en
         if (scene.cloth.pinned[std::size_t(p)]) continue;
         Eigen::Map<Vec3> place(x + 3 * p);
         const Vec3 d = place - now.place;
-        const double here = now.height(now.level(d));
+        const double present = now.height(now.level(d));
         const double allowed = std::min({height(begin, Vec3(ends.x0 + 3 * p)),
                                          height(end, Vec3(ends.x1 + 3 * p)), sphere.offset});
         const Vec3 gradient = now.gradient(d);
         const double length = gradient.norm();
-        if (here < allowed && length > 0) place += (allowed - here) / length * gradient;
+        if (present < allowed && length > 0) place += (allowed - present) / length * gradient;
     }
 }
 
@@ -84,31 +84,31 @@ FixedRun::Place FixedRun::next_place() const {
     } else if (number + 1 == frames.moments.size()) {
         return {segment.steps()};
     }
-    const double passed = (seconds - segment.begin.seconds) / segment.dt;
-    const double rounding = heuristics::negligible_step + passed * rounding_of_times;
-    const std::int64_t steps = std::int64_t(std::floor(passed + rounding));
-    return {steps, passed - double(steps) > rounding};
+    const double steps_so_far = (seconds - segment.begin.seconds) / segment.dt;
+    const double rounding = heuristics::negligible_step + steps_so_far * rounding_of_times;
+    const std::int64_t steps = std::int64_t(std::floor(steps_so_far + rounding));
+    return {steps, steps_so_far - double(steps) > rounding};
 }
 
 bool FixedRun::advance_to(std::int64_t steps, Cloths& cloths, Outcome& outcome,
-                          std::int64_t& left) {
+                          std::int64_t& budget) {
     const Segment& segment = segments_[segment_];
-    const auto count = [&](std::int64_t taken) {
-        done_ += taken;
-        steps_ += taken;
-        left -= taken;
+    const auto count = [&](std::int64_t n) {
+        done_ += n;
+        steps_ += n;
+        budget -= n;
     };
     while (done_ < steps) {
-        if (left <= 0) return false;
+        if (budget <= 0) return false;
         const bool whole = done_ < segment.whole;
-        const std::int64_t n = whole ? std::min({steps, segment.whole, done_ + left}) - done_ : 1;
-        const double before = cloths.now();
+        const std::int64_t n = whole ? std::min({steps, segment.whole, done_ + budget}) - done_ : 1;
+        const double begin = cloths.now();
         dt_ = whole ? segment.dt : segment.rest;
         Outcome part;
         try {
             part = cloths.advance(n, dt_);
-        } catch (...) {  // of a user's force, between two steps
-            count(std::llround((cloths.now() - before) / dt_));
+        } catch (...) {  // A user's force throws between two steps.
+            count(std::llround((cloths.now() - begin) / dt_));
             throw;
         }
         for (Event& event : part.events) {
@@ -128,7 +128,7 @@ Outcome FixedRun::record(Cloths& cloths, const FrameArrays& arrays, std::int64_t
     Outcome outcome;
     const std::size_t size = 3 * std::size_t(cloths.scene(0).cloth.points());
     const std::size_t last = std::min(arrays.capacity, frames.stored.size() + most_frames);
-    std::int64_t left = most_steps;
+    std::int64_t budget = most_steps;
     while (!complete() && frames.stored.size() < last) {
         const std::size_t number = frames.stored.size();
         const auto x = frame_of(arrays.x, number, size);
@@ -136,16 +136,16 @@ Outcome FixedRun::record(Cloths& cloths, const FrameArrays& arrays, std::int64_t
         // The run begins at the present state, whatever its clock has rounded.
         const Place place = number == 0 ? Place{} : next_place();
         if (!place.within) {
-            if (!advance_to(place.steps, cloths, outcome, left)) return outcome;
+            if (!advance_to(place.steps, cloths, outcome, budget)) return outcome;
         } else if (step_of_ends_ != place.steps) {
             const auto keep = [&](auto& xs, auto& vs) {
                 xs.assign(cloths.size(), std::vector<double>(size));
                 vs.assign(cloths.size(), std::vector<double>(size));
                 cloths.store(pointers(xs), pointers(vs));
             };
-            if (!advance_to(place.steps, cloths, outcome, left)) return outcome;
+            if (!advance_to(place.steps, cloths, outcome, budget)) return outcome;
             keep(x0_, v0_);
-            if (!advance_to(place.steps + 1, cloths, outcome, left)) return outcome;
+            if (!advance_to(place.steps + 1, cloths, outcome, budget)) return outcome;
             keep(x1_, v1_);
             step_of_ends_ = place.steps;
         }

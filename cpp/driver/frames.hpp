@@ -24,7 +24,7 @@ struct StepEnds {
     const double *x1 = nullptr, *v1 = nullptr;
 };
 
-// Writes the state at a time t within a step. Positions are the cubic Hermite polynomial of both
+// Write the state at a time t within a step. Positions are the cubic Hermite polynomial of both
 // ends, of order 4 in the time step where nothing responds after it; velocities are its derivative,
 // of order 3. Driven pins are where their motion has them. Free points are no deeper in an obstacle
 // of the paper's responses than at the deeper of both ends.
@@ -100,7 +100,7 @@ private:
     };
     Place next_place() const;
     // Take steps until `steps` of the segment are done. Return false if the call ends before.
-    bool advance_to(std::int64_t steps, Cloths& cloths, Outcome& outcome, std::int64_t& left);
+    bool advance_to(std::int64_t steps, Cloths& cloths, Outcome& outcome, std::int64_t& budget);
 
     std::vector<Segment> segments_;
     std::size_t segment_ = 0;

@@ -20,10 +20,10 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads)
     stable_dt_.assign(plans.size(), std::numeric_limits<double>::infinity());
     frozen_.assign(plans.size(), 0);
     bad_points_.assign(plans.size(), -1);
-    passed_.assign(plans.size(), {});
+    passages_.assign(plans.size(), {});
     pinned_inside_.assign(plans.size(), -1);
-    told_below_.assign(plans.size(), 0);
-    told_stiff_.assign(plans.size(), 0);
+    silent_below_.assign(plans.size(), 0);
+    silent_stiff_.assign(plans.size(), 0);
     stable_depths_.resize(plans.size());
     all_.resize(plans.size());
     std::iota(all_.begin(), all_.end(), std::size_t(0));
@@ -59,7 +59,7 @@ void Simulation::set_plans(const std::vector<Plan>& plans, std::vector<double> s
         Engine& member = *members.back();
         member.threads = members_[i]->threads;
         SavedState state = members_[i]->saved_state();
-        state.normals.clear();  // of other obstacles
+        state.normals.clear();  // They belong to other obstacles.
         member.set_saved_state(state, clock.now());
         if (!frozen_[i]) member.place_pins(clock.now());
         watches.emplace_back(member.plan());
@@ -80,8 +80,8 @@ void Simulation::restart(std::size_t i) {
     members_[i]->contacts.forget_extremes();
     age_ = 0;
     bad_points_[i] = -1;
-    passed_[i] = {};
-    told_below_[i] = told_stiff_[i] = 0;
+    passages_[i] = {};
+    silent_below_[i] = silent_stiff_[i] = 0;
     end_block();
 }
 
@@ -104,7 +104,7 @@ std::optional<Outcome> Simulation::call(double time, const Load& load, std::int6
     });
     for (const std::size_t i : all_) {
         restart(i);
-        if (passed_point(i, time).obstacle >= 0) finite = false;
+        if (find_passage(i, time).obstacle >= 0) finite = false;
     }
     if (!finite) return {};
     in_block_ = true;
@@ -147,7 +147,7 @@ void Simulation::set_step(double dt) {
     for (std::size_t i = 0; i < members_.size(); ++i) watches_[i].set_step(dt, stable_dt_[i]);
 }
 
-// All of it member by member, so that the state of a member is in cache for it.
+// Everything is done member by member, so that the state of a member is in cache.
 void Simulation::run_member(std::size_t i, const Steps& steps, bool copy, int threads) {
     Engine& member = *members_[i];
     member.threads = threads;
@@ -158,8 +158,8 @@ void Simulation::run_member(std::size_t i, const Steps& steps, bool copy, int th
         sample(i, clock.at(steps.count));
 }
 
-// A straight path between two places outside the layer goes through an obstacle only if it is longer
-// than the chord of a sphere at the depth h in it.
+// A straight path between two places outside the layer goes through an obstacle only if it is
+// longer than the chord of a sphere at the depth h in it.
 bool Simulation::may_pass(std::size_t i, double dt) const {
     const double speed = members_[i]->has_penalty() ? members_[i]->speed_bound() : 0;
     return std::any_of(plan(i).spheres.begin(), plan(i).spheres.end(), [&](const Sphere& s) {
@@ -193,27 +193,27 @@ void Simulation::advance_member(std::size_t i, const Clock& from, std::int64_t s
                 const double length2 = way.squaredNorm();
                 const double part = length2 > 0 ? std::clamp(-a.dot(way) / length2, 0.0, 1.0) : 0;
                 if ((a + part * way).squaredNorm() >= least * least) continue;
-                passed_[i] = {p, std::int64_t(s), std::sqrt(length2)};
+                passages_[i] = {p, std::int64_t(s), std::sqrt(length2)};
                 return;
             }
         }
     }
 }
 
-Simulation::Passed Simulation::passed_in(const std::vector<Depth>& depths, const Plan& plan) {
-    Passed passed;
+Simulation::Passage Simulation::passage_in(const std::vector<Depth>& depths, const Plan& plan) {
+    Passage passage;
     for (std::size_t s = 0; s < depths.size(); ++s)
-        if (beyond_layer(plan.spheres[s], depths[s].depth) && depths[s].depth > passed.depth)
-            passed = {depths[s].point, std::int64_t(s), depths[s].depth};
-    return passed;
+        if (beyond_layer(plan.spheres[s], depths[s].depth) && depths[s].depth > passage.depth)
+            passage = {depths[s].point, std::int64_t(s), depths[s].depth};
+    return passage;
 }
 
-Simulation::Passed Simulation::passed_point(std::size_t i, double t) const {
-    if (!members_[i]->has_penalty() || passed_[i].obstacle >= 0) return passed_[i];
+Simulation::Passage Simulation::find_passage(std::size_t i, double t) const {
+    if (!members_[i]->has_penalty() || passages_[i].obstacle >= 0) return passages_[i];
     std::vector<Depth> depths = members_[i]->depths(t);
     for (std::size_t s = 0; s < depths.size(); ++s)
         depths[s].depth = std::max(depths[s].depth, members_[i]->contacts.of(s).deepest);
-    return passed_in(depths, plan(i));
+    return passage_in(depths, plan(i));
 }
 
 void Simulation::each_member_of(const std::vector<std::size_t>& members, int threads,
@@ -223,13 +223,13 @@ void Simulation::each_member_of(const std::vector<std::size_t>& members, int thr
     const std::size_t team = std::size_t(threads), left = members.size() % team;
     const bool shared = 4 * left <= 3 * team &&
         plan(0).cloth.points() >= heuristics::points_per_thread_of_step * threads;
-    const std::size_t alone = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);
+    const std::size_t single_count = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);
     std::atomic<std::size_t> next{0};
-    if (alone > 0)
-        in_team(int(std::min(team, alone)), [&](int, int) {
-            for (std::size_t i; (i = next++) < alone;) work(members[i], 1);
+    if (single_count > 0)
+        in_team(int(std::min(team, single_count)), [&](int, int) {
+            for (std::size_t i; (i = next++) < single_count;) work(members[i], 1);
         });
-    for (std::size_t i = alone; i < members.size(); ++i) work(members[i], threads);
+    for (std::size_t i = single_count; i < members.size(); ++i) work(members[i], threads);
 }
 
 void Simulation::run(const Steps& steps, int threads) {
@@ -241,7 +241,7 @@ void Simulation::run(const Steps& steps, int threads) {
         each_member_of(moving_, threads,
                        [&](std::size_t i, int team) { run_member(i, steps, copy, team); });
     } catch (...) {
-        end_block();  // some members have a copy of another step
+        end_block();  // Some members have a copy of another step.
         throw;
     }
     steps_in_block_ += steps.count;
@@ -275,7 +275,7 @@ void Simulation::back_to_start_of_block() {
         if (!frozen_[i]) back_to_start_of_block(i);
         pinned_inside_[i] = -1;
         bad_points_[i] = -1;
-        passed_[i] = {};
+        passages_[i] = {};
     }
     clock.steps -= steps_in_block_;
     age_ -= steps_in_block_;
@@ -285,7 +285,7 @@ void Simulation::back_to_start_of_block() {
 void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) {
     const std::int64_t all = steps_in_block_, steps = std::min(all, outcome.steps);
     back_to_start_of_block();
-    begin_watches();  // at the input, if it did not pay
+    begin_watches();  // They begin at the input, if that did not pay.
     if (all > steps) run({all - steps, false}, threads);
     outcome.steps -= steps;
     for (std::int64_t k = 0; k < steps; ++k, ++outcome.steps) {
@@ -296,10 +296,10 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) 
         const std::int64_t bad = first_bad_member();
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
-        const Passed passed = passed_[std::size_t(bad)];
+        const Passage passage = passages_[std::size_t(bad)];
         back_to_start_of_block();
         Event event{"unstable", bad, point};
-        if (point < 0) event = {"passed", bad, passed.point, passed.obstacle, passed.depth};
+        if (point < 0) event = {"passed", bad, passage.point, passage.obstacle, passage.depth};
         event.step = outcome.steps + 1;
         event.time = clock.at(1);
         outcome.events.push_back(std::move(event));
@@ -332,7 +332,7 @@ void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
     const double now = clock.at(age - age_);
     if (members_[i]->has_penalty() && bad_points_[i] < 0) {
         members_[i]->note_contacts();
-        passed_[i] = passed_point(i, now);
+        passages_[i] = find_passage(i, now);
         note_pinned_inside(i, now);
     }
     const bool due = age % energy_period(i) == 0;
@@ -370,7 +370,7 @@ void Simulation::sample() {
 
 std::int64_t Simulation::first_bad_member() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (bad_points_[i] >= 0 || passed_[i].obstacle >= 0) return std::int64_t(i);
+        if (bad_points_[i] >= 0 || passages_[i].obstacle >= 0) return std::int64_t(i);
     return -1;
 }
 
@@ -391,14 +391,14 @@ void Simulation::report_depths(std::size_t i, Outcome& outcome, double t) {
     const std::int64_t member = std::int64_t(i);
     const Watched& watched = members_[i]->watched;
     const double below = std::max(watched.point_depth, watched.triangle_depth);
-    if (!told_below_[i] && below > heuristics::negligible_depth) {
-        told_below_[i] = 1;
+    if (!silent_below_[i] && below > heuristics::negligible_depth) {
+        silent_below_[i] = 1;
         outcome.add({"below", member, -1, -1, below}, t);
     }
-    for (std::size_t s = 0; s < stable_depths_[i].size() && !told_stiff_[i]; ++s) {
+    for (std::size_t s = 0; s < stable_depths_[i].size() && !silent_stiff_[i]; ++s) {
         const double deepest = members_[i]->contacts.of(s).deepest;
         if (!(deepest > stable_depths_[i][s])) continue;
-        told_stiff_[i] = 1;
+        silent_stiff_[i] = 1;
         outcome.add({"stiff", member, -1, std::int64_t(s), deepest}, t);
     }
 }

@@ -14,7 +14,8 @@
 
 namespace clothsim {
 
-// What a user should know of a call. engine/judge.py makes an error or a warning of each kind:
+// What a user should know of a call. engine/judge.py makes an error or a warning of each of these
+// kinds:
 //
 //     "unstable"       the state is not finite or has run away; it is the last good one again
 //     "passed"         the point has gone through the layer of the obstacle; likewise
@@ -40,7 +41,7 @@ struct Outcome {
     bool interrupted = false;
     std::vector<Event> events;  // at most one of each kind
 
-    // All steps were done, and no event has to be reported.
+    // Return whether all steps were done, and no event has to be reported.
     bool complete() const { return !interrupted && events.empty(); }
     // Add an event after the steps so far, unless there is one of its kind.
     void add(Event event, double time);
@@ -55,12 +56,12 @@ struct Outcome {
 //      |<~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~| a bad state: all members repeat them one by one,
 //                                             each inspected
 //
-// A bad state is not finite, runs away, or holds a mass point that has gone through a layer. A block
-// goes on over several calls of `advance`, as a call may be one step long. In the first block of a
-// call with arrays, these take the place of the copies, and stay unchanged until the call has
+// A bad state is not finite, runs away, or holds a mass point that has gone through a layer. A
+// block goes on over several calls of `advance`, as a call may be one step long. In the first block
+// of a call with arrays, these take the place of the copies, and stay unchanged until the call has
 // succeeded.
 
-// The steps of one run with error control: what is asked of them, and what they were so far.
+// A run with error control: the steps that are asked of it, and the steps so far.
 struct AdaptiveRun {
     Frames frames;
     Tolerance tolerance;
@@ -79,7 +80,7 @@ struct AdaptiveRun {
     std::int64_t every = 0;  // steps after which there is a frame too; 0: none
     std::int64_t since_frame = 0;  // steps
 
-    // Where the step from the time t has to end at the latest.
+    // Return where the step from the time t has to end at the latest.
     double target(double t);
     std::size_t next_stop = 0, next_given = 0;
 
@@ -90,13 +91,13 @@ struct AdaptiveRun {
 
 class Simulation {
 public:
-    // `threads`: that steps, and so copies of the state, may use.
+    // Steps, and so copies of the state, may use so many `threads`.
     Simulation(const std::vector<Plan>& plans, double time, int threads);
 
     std::size_t size() const { return members_.size(); }
     Engine& member(std::size_t i) { return *members_[i]; }
     const Engine& member(std::size_t i) const { return *members_[i]; }
-    // To be called when a member's state was set from outside.
+    // The caller has set the state of a member.
     void restart(std::size_t i);
 
     Clock clock;
@@ -107,30 +108,29 @@ public:
     // was.
     void set_plans(const std::vector<Plan>& plans, std::vector<double> stable_dt);
 
-    // One call, arrays in and arrays out: start anew at a time from the state that `load` brings
-    // into a member, and advance. None if `load` finds that a state is not finite.
+    // Start anew at a time from the state that `load` brings into a member, and advance. Return
+    // nothing if `load` finds that a state is not finite.
     using Load = std::function<bool(std::size_t i)>;
     std::optional<Outcome> call(double time, const Load& load, std::int64_t steps, double dt,
                                 int threads, const std::function<bool()>& interrupted);
 
-    // Work for every member, shared among threads like steps: for member i by a team of so many
-    // threads.
+    // Does work for member i with a team of so many threads.
     using MemberWork = std::function<void(std::size_t i, int threads)>;
     void each_member(int threads, const MemberWork& work) { each_member_of(all_, threads, work); }
 
-    // The guaranteed time step of each member [s]: only above it a point can be too fast. Default:
-    // infinite.
+    // Set the guaranteed time step of each member [s]: only above it a point can be too fast. It is
+    // infinite until it is set.
     void set_stable_dt(std::vector<double> stable_dt);
-    // The depths in the layers of a member's obstacles up to which the time step is stable [m].
+    // Set the depths in the layers of a member's obstacles up to which the time step is stable [m].
     void set_stable_depths(std::size_t i, std::vector<double> depths);
 
-    // From now on.
+    // Change an obstacle, or the force on points, from now on.
     void set_sphere(std::size_t i, std::size_t sphere, const Vec3& center, const Motion& motion);
     void set_force(std::size_t i, const double* force);
 
-    // Whether a batch has forces that only the thread of the call may ask.
+    // Return whether a batch has forces that only the thread of the call may ask.
     bool by_caller() const { return by_caller_; }
-    // What a force of a member has thrown, which is taken from all members.
+    // Take from all members what their forces have thrown, and return the first of it.
     std::exception_ptr take_force_failure();
     void throw_force_failure() {
         if (const std::exception_ptr failure = take_force_failure())
@@ -163,8 +163,8 @@ public:
     // Sample the present state of every member, and its energy, whenever that is due.
     void sample();
     const Watched& watched(std::size_t i) const { return members_[i]->watched; }
-    // Whether Watched::energy_gained has a meaning: until a sphere responds, from the first step
-    // on.
+    // Return whether Watched::energy_gained has a meaning: until a sphere responds, from the first
+    // step on.
     bool energy_known(std::size_t i) const {
         return watches_[i].begun() && !members_[i]->watched.responded;
     }
@@ -173,51 +173,52 @@ private:
     struct Steps {
         std::int64_t count;
         bool inspect;  // at the state after them
-        // Of steps that are repeated one by one, to find the one that went wrong.
+        // The steps are repeated one by one, to find the one that went wrong.
         bool each = false;
     };
     void each_member_of(const std::vector<std::size_t>& members, int threads,
                         const MemberWork& work);
-    // At most `steps` steps of `run`, until one ends at the time `until` or after it.
+    // Take at most `steps` steps of `run`, until one ends at the time `until` or after it.
     Outcome advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps, int threads,
                              const std::function<bool()>& interrupted);
-    // The state at a time within the last step of `run`.
+    // Write the state at a time within the last step of `run`.
     void store_within(const AdaptiveRun& run, double t, double* x, double* v, int threads);
     void run(const Steps& steps, int threads);
     void note_forces();
     void run_member(std::size_t i, const Steps& steps, bool copy, int threads);
     void set_step(double dt);
-    // Add what the steps so far, up to the time t, found of contacts.
+    // Add the events of contacts in the steps so far, up to the time t.
     void report_contacts(Outcome& outcome, double t);
     void note_pinned_inside(std::size_t i, double t);
     void report_depths(std::size_t i, Outcome& outcome, double t);
-    // Steps of a member, one by one and by their paths where a point may pass an obstacle in one.
+    // Take steps of a member, one by one where a point may pass an obstacle in one: their paths
+    // tell.
     void advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads);
     bool may_pass(std::size_t i, double dt) const;
     // A point that has left a layer on its inner side.
-    struct Passed {
+    struct Passage {
         std::int64_t point = -1, obstacle = -1;
         double depth = 0;
     };
-    static Passed passed_in(const std::vector<Depth>& depths, const Plan& plan);
-    // At the time t, or in a step before.
-    Passed passed_point(std::size_t i, double t) const;
-    // Whether a member's state is finite, and its energy where that is due, at the end of a call
-    // above the guaranteed time step, and after `each` repeated step.
+    static Passage passage_in(const std::vector<Depth>& depths, const Plan& plan);
+    // Return the passage at the time t, or in a step before.
+    Passage find_passage(std::size_t i, double t) const;
+    // Look whether a member's state is finite. The energy is looked at where that is due, at the
+    // end of a call above the guaranteed time step, and after `each` repeated step.
     void inspect(std::size_t i, std::int64_t age, bool each);
-    // Steps between two inspections of the energy of a member, and of all.
+    // Return the steps between two inspections of the energy of a member, and of all.
     std::int64_t energy_period(std::size_t i) const;
     std::int64_t energy_period() const;
     void begin_watches();
-    // A member's state, of time t.
+    // Sample a member's state, of time t.
     void sample(std::size_t i, double t);
     void sample_accepted(double t);
     std::int64_t first_bad_member() const;  // as last inspected, or -1
     void end_block();
     void back_to_start_of_block();
     void back_to_start_of_block(std::size_t i);
-    // A state is bad: the steps of this call in the block again one by one, up to the last good
-    // state.
+    // A state is bad: take the steps of this call in the block again one by one, up to the last
+    // good state.
     void repeat_step_by_step(Outcome& outcome, int threads, Poll& poll);
 
     bool by_caller_ = false;
@@ -227,16 +228,16 @@ private:
     std::vector<double> stable_dt_;
     std::vector<std::uint8_t> frozen_;
     std::vector<std::size_t> all_, moving_;  // members; those that are not frozen, in this block
-    // The first of each member at its last inspection, or -1.
+    // The first bad mass point of each member at its last inspection, or -1.
     std::vector<std::int64_t> bad_points_;
     bool in_block_ = false;
     std::int64_t steps_in_block_ = 0;  // so far
     // Brings the state at the start of the block; null: copies in the engines.
     const Load* input_ = nullptr;
     std::vector<EnergyWatch> watches_;
-    std::vector<Passed> passed_;
+    std::vector<Passage> passages_;
     std::vector<std::vector<double>> stable_depths_;
-    std::vector<std::uint8_t> told_below_, told_stiff_;
+    std::vector<std::uint8_t> silent_below_, silent_stiff_;
     std::vector<std::int64_t> pinned_inside_;  // a point of each member below a surface, or -1
     bool watch_energy_ = true;
     std::int64_t age_ = 0;  // steps since the state was set

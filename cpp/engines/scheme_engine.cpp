@@ -537,10 +537,10 @@ private:
     // Returns the cubic polynomial through both ends of the step with their slopes, at a part of
     // it.
     ChebyshevSum<Real> hermite_sum(double part) {
-        const double left = 1 - part;
+        const double remainder = 1 - part;
         planned_step_ = step_;
-        return sum_of(part * part * (3 - 2 * part), 0, -part * part * left, part * left * left,
-                      stages());
+        return sum_of(part * part * (3 - 2 * part), 0, -part * part * remainder,
+                      part * remainder * remainder, stages());
     }
     ModeBounds modes_with_forces() const {
         ModeBounds modes = modes_;

@@ -590,12 +590,12 @@ private:
         const std::ptrdiff_t size = layout_.component();
         const std::ptrdiff_t low = layout_.compensation();
         const Real* const row = memory_.data() + layout_.at(r, 0, first);
-        const Vec3 back = Vec3::Zero() - origin;
+        const Vec3 shift = Vec3::Zero() - origin;
         for (int c = 0; c < columns(); ++c, to += 3) {
             const Real* const from = row + layout_.in_row(c);
             for (int k = 0; k < 3; ++k) {
                 if constexpr (compensated)
-                    to[k] = Out(double(from[k * size]) + double(from[k * size + low]) - back[k]);
+                    to[k] = Out(double(from[k * size]) + double(from[k * size + low]) - shift[k]);
                 else to[k] = Out(from[k * size]);
             }
         }

@@ -167,7 +167,8 @@ public:
           geometry_(layout.geometry(kernels_.lanes)) {}
     PaperResponses(const PaperResponses&) = delete;
 
-    // Respond after the step of dt that ends at the time t; positions are relative to an origin [m].
+    // Respond after the step of dt that ends at the time t; positions are relative to an origin
+    // [m].
     Responses respond(AlignedVector<Real>& memory, double t, double dt, const Vec3& origin,
                       int threads) {
         std::vector<int> near_points;
