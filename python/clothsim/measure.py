@@ -17,7 +17,7 @@ from .model.sphere import Plane, Sphere
 Value = float | npt.NDArray[np.float64]
 
 
-@check.named
+@check.check_names
 def energy(
     scene: Scene | Sequence[Scene], x: npt.ArrayLike, v: npt.ArrayLike, t: float | None = None
 ) -> dict[str, Value]:
@@ -69,7 +69,7 @@ def energy(
     return {name: float(value[0]) for name, value in values.items()} if single else values
 
 
-@check.named
+@check.check_names
 def penetration(
     x: npt.ArrayLike, sphere: Sphere | Plane, t: npt.ArrayLike | None = None
 ) -> dict[str, Value]:
@@ -136,7 +136,7 @@ def _times(
     return check.array("t", t, batch, "finite times, one per member of x, or one for all")
 
 
-@check.named
+@check.check_names
 def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     """Measure the stretch of the most stretched spring, l / L - 1 with l its length and L its rest
     length.

@@ -101,7 +101,7 @@ class Fit:
         return service("draw_fit")(self, ax)
 
 
-@check.named
+@check.check_names
 def fit(
     scene: Scene,
     times: npt.ArrayLike,

@@ -101,7 +101,7 @@ class Convergence:
     __repr__ = __str__
 
 
-@check.named
+@check.check_names
 def convergence(
     scene: Scene,
     duration: float,

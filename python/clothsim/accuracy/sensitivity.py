@@ -37,7 +37,7 @@ _DIGITS = 1e-11  # error of positions over the cloth's size that `sensitivity` a
 def checked_times(times: npt.ArrayLike) -> Floats:
     """Return times at which positions are asked for [s], checked."""
     requirement = "increasing times >= 0 [s] of which one is > 0"
-    array = np.atleast_1d(check.array("times", times, what=requirement))
+    array = np.atleast_1d(check.array("times", times, kind=requirement))
     if array.ndim > 1 or not array.any():
         raise ValueError(f"times must be {requirement}, got {check.shown(times)}")
     check.check_all("times", array, np.diff(array, prepend=-1e-300) > 0, requirement)
@@ -160,7 +160,7 @@ def known_derivatives(
     return KnownDerivatives(result.x, change, error, until, reasons)
 
 
-@check.named
+@check.check_names
 def sensitivity(
     scene: Scene, times: npt.ArrayLike, of: Sequence[str], *, force: Force | None = None
 ) -> xarray.Dataset:

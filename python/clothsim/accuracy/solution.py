@@ -126,7 +126,7 @@ class Reference:
         return service("draw_reference")(self, ax)
 
 
-@check.named
+@check.check_names
 def reference(
     scene: Scene, duration: float, every: float | None = None, *, force: Force | None = None
 ) -> Reference:
@@ -299,7 +299,7 @@ def positions_at(
         failure = Reason.FAILED.format(time=end, error=error)
     x = x[:, 1:]
     watched = state.core.watched
-    responses = [one["first_contact"] for one in watched if one["responded"]]
+    responses = [member["first_contact"] for member in watched if member["responded"]]
     if responses:
         # They fall at the end of a step, for whatever happened within it.
         contact = min(responses)
@@ -340,12 +340,14 @@ def solve_in_double(
         if finest.reason:
             break
         coarser = finest
-        before = change
+        last_change = change
         finest = positions_at([scene], times, counts[halving].tolist(), threads, force)
         distance = finest.x[0] - coarser.x[0]
         change = float(abs(distance).max())
         changes = np.linalg.norm(distance, axis=-1).max(axis=(-2, -1))
-        if change >= before / 2 ** (ORDER / 2):  # truncation would have made it 256 times smaller
+        if change >= last_change / 2 ** (
+            ORDER / 2
+        ):  # truncation would have made it 256 times smaller
             break
     return DoubleSolution(finest.x[0], changes, finest)
 

@@ -109,7 +109,7 @@ class Method:
         check.choice("control", self.control, ("dt", "rtol"))
 
 
-@check.named
+@check.check_names
 def work_precision(
     scene: Scene,
     duration: float,

@@ -59,7 +59,7 @@ def arguments(owner: str, options: Mapping[str, object], names: Collection[str])
             )
 
 
-def named(function: F) -> F:
+def check_names(function: F) -> F:
     """Decorate a function of users: an unknown keyword argument is an error that suggests one."""
     ordered = tuple(name for name in inspect.signature(function).parameters if name != "self")
     names = frozenset(ordered)
@@ -141,7 +141,7 @@ def integer(name: str, value: Any, *, minimum: float = -math.inf, maximum: int =
     return int(_within(name, value, numbers.Integral, "an integer", minimum, maximum))
 
 
-def items(name: str, value: Any, count: int | None, what: str, least: int = 0) -> list[Any]:
+def items(name: str, value: Any, count: int | None, kind: str, least: int = 0) -> list[Any]:
     """List the entries of a sequence or one-dimensional array: `count` of them, or at least
     `least`.
     """
@@ -151,7 +151,7 @@ def items(name: str, value: Any, count: int | None, what: str, least: int = 0) -
         number = f"at least {least} "
     else:
         number = ""
-    accepted = f"a sequence of {number}{what}"
+    accepted = f"a sequence of {number}{kind}"
     if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
         _refuse(TypeError, name, accepted, value)
     listed = list(value) if not isinstance(value, np.ndarray) or value.ndim == 1 else []
@@ -241,12 +241,12 @@ def as_array(name: str, value: Any, accepted: str, kinds: str = "iuf") -> np.nda
 
 
 def array(
-    name: str, value: Any, shape: tuple[int, ...] | None = None, what: str = "finite numbers"
+    name: str, value: Any, shape: tuple[int, ...] | None = None, kind: str = "finite numbers"
 ) -> Floats:
     """Copy `value` to a C-contiguous float64 array, after a check that it is finite and, unless
     `shape` is None, of that shape.
     """
-    accepted = what if shape is None else f"an array of shape {shape} of {what}"
+    accepted = kind if shape is None else f"an array of shape {shape} of {kind}"
     entries = as_array(name, value, accepted)
     if shape is not None and entries.shape != shape:
         raise ValueError(f"{name} must be {accepted}, got shape {entries.shape}")

@@ -13,18 +13,18 @@ EXTENSIONS: dict[str, str] = {}
 """
 
 
-def needed(name: str, what: str, extra: str = "sweep") -> Any:
+def needed(name: str, purpose: str, extra: str = "sweep") -> Any:
     """Import the named module, or raise an ImportError that says which extra brings it, or why it
     cannot be loaded.
     """
     package = name.partition(".")[0]
     if find_spec(package) is None:
-        raise ImportError(f"{what} needs {package}: run pip install 'clothsim[{extra}]'")
+        raise ImportError(f"{purpose} needs {package}: run pip install 'clothsim[{extra}]'")
     try:
         module = import_module(name)
     except ImportError as error:  # The package may lack memory, or a package of its own.
         raise ImportError(
-            f"{what} needs {package}, which is installed but could not be loaded: {error}"
+            f"{purpose} needs {package}, which is installed but could not be loaded: {error}"
         ) from error
     if name in EXTENSIONS:
         import_module(EXTENSIONS[name])

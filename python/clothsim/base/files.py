@@ -101,7 +101,7 @@ def write_npz(path: Path, arrays: dict[str, Any]) -> Path:
 
 
 @contextmanager
-def reading(path: str | os.PathLike[str], what: str) -> Iterator[None]:
+def reading(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     """Turn every failure to understand the file `path` into a ValueError that names it."""
     try:
         yield
@@ -109,18 +109,18 @@ def reading(path: str | os.PathLike[str], what: str) -> Iterator[None]:
         raise
     except Exception as error:
         raise ValueError(
-            f"{os.fspath(path)} is no {what} of clothsim: {error or type(error).__name__}"
+            f"{os.fspath(path)} is no {kind} of clothsim: {error or type(error).__name__}"
         ) from None
 
 
 def read_npz(
-    path: str | os.PathLike[str], what: str, needed: Collection[str]
+    path: str | os.PathLike[str], kind: str, needed: Collection[str]
 ) -> dict[str, np.ndarray]:
-    """Read the arrays of a file of `write_npz`; a ValueError says why it is no `what`."""
+    """Read the arrays of a file of `write_npz`; a ValueError says why it is no `kind`."""
     from zipfile import ZipFile
 
     path = check.path("path", path)
-    with open(path, "rb") as file, reading(path, what), ZipFile(file) as archive:
+    with open(path, "rb") as file, reading(path, kind), ZipFile(file) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist()]
         if missing := sorted(set(needed) - set(names)):
             raise ValueError(f"it lacks {', '.join(missing)}")

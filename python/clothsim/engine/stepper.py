@@ -58,7 +58,7 @@ class Stepper:
     # Slots refuse a new attribute, such as `dt`, which would change nothing.
     __slots__ = ("_options", "_state")
 
-    @check.named
+    @check.check_names
     def __init__(
         self,
         scene: Scene | Sequence[Scene],
@@ -78,7 +78,7 @@ class Stepper:
         self._state.scene_of_caller = scene
         self._state.warn_of_order()
 
-    @check.named
+    @check.check_names
     def advance(
         self,
         steps: int,
@@ -152,7 +152,7 @@ class Stepper:
             check.integer("member", member, minimum=0, maximum=members - 1), True
         )
 
-    @check.named
+    @check.check_names
     def set_state(
         self, x: npt.ArrayLike | None = None, v: npt.ArrayLike | None = None, t: float | None = None
     ) -> None:

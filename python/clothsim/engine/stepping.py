@@ -107,7 +107,7 @@ def _take_state(
     return state, spares, x, v
 
 
-@check.named
+@check.check_names
 def step(
     scene: Scene | Sequence[Scene],
     x: npt.ArrayLike,
@@ -212,7 +212,7 @@ def step(
     return results
 
 
-@check.named
+@check.check_names
 def acceleration(
     scene: Scene | Sequence[Scene],
     x: npt.ArrayLike,
@@ -258,7 +258,7 @@ def acceleration(
     return result
 
 
-@check.named
+@check.check_names
 def reference_step(
     scene: Scene,
     x: npt.ArrayLike,

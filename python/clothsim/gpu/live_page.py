@@ -85,7 +85,7 @@ def live_page(
     return write_bytes(path, _page(scene, dt, title).encode())
 
 
-@check.named
+@check.check_names
 def view(scene: Scene) -> Path | Frame:
     """Open the live page of a scene in the browser, or show it in a notebook.
 

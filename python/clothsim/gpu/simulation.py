@@ -396,8 +396,8 @@ class Simulation:
             if not self._events and self._adapter_state and self._adapter_state.pinned_inside:
                 member, point = self._adapter_state.pinned_inside
                 place: dict[str, Any] = {"member": member, "point": point}
-                now = self._clock.at(0)
-                event = _core.Event(kind="pinned_inside", **place, step=total, time=now)
+                time_of_state = self._clock.at(0)
+                event = _core.Event(kind="pinned_inside", **place, step=total, time=time_of_state)
                 self._events.append(event)
             seconds = max(time.monotonic() - start, 1e-9)
             quick = int(SECONDS_BETWEEN_CHECKS * count / seconds)

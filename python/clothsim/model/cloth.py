@@ -131,7 +131,7 @@ class Cloth(Record):
     springs: tuple[Family, ...]
     pins: PinField
 
-    @check.named
+    @check.check_names
     def __init__(
         self,
         shape: Shape = (32, 32),

@@ -26,7 +26,7 @@ def checked_shape(value: Any, least: int = 1) -> tuple[int, int]:
     return rows, columns
 
 
-@check.named
+@check.check_names
 def thread_grid(
     shape: tuple[int, int], group: tuple[int, int, int] = GROUP
 ) -> npt.NDArray[np.void]:
@@ -66,7 +66,7 @@ def thread_grid(
     return _core.thread_ids(rows, columns)
 
 
-@check.named
+@check.check_names
 def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     """Return the triangles of the sheet: two per cell, split from (row, column + 1) to (row + 1,
     column).

@@ -163,7 +163,7 @@ class BaseMotion(Record):
 
 
 def _times(t: npt.ArrayLike) -> Vectors:
-    return check.array("t", t, what="a finite number or an array of finite numbers")
+    return check.array("t", t, kind="a finite number or an array of finite numbers")
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -185,7 +185,7 @@ class Linear(BaseMotion):
 
     kind: ClassVar[str] = "linear"
 
-    @check.named
+    @check.check_names
     def __init__(self, velocity: Numbers) -> None:
         self._set(velocity=check.vector("velocity", velocity))
 
@@ -243,7 +243,7 @@ class Reciprocate(BaseMotion):
 
     kind: ClassVar[str] = "reciprocate"
 
-    @check.named
+    @check.check_names
     def __init__(
         self,
         direction: Numbers,
@@ -302,7 +302,7 @@ class Sinusoid(BaseMotion):
 
     kind: ClassVar[str] = "sinusoid"
 
-    @check.named
+    @check.check_names
     def __init__(self, amplitude: Numbers, frequency: float, phase: float = 0.0) -> None:
         self._set(
             amplitude=check.vector("amplitude", amplitude),
@@ -370,7 +370,7 @@ class Keyframes(BaseMotion):
 
     kind: ClassVar[str] = "keyframes"
 
-    @check.named
+    @check.check_names
     def __init__(
         self,
         times: Numbers,

@@ -20,7 +20,7 @@ PAPER_DT = 5e-6
 """Time step of Table 2 of Kim et al. [s]."""
 
 
-@check.named
+@check.check_names
 def paper_static(
     response: Response = "ray",
     bend: bool = False,
@@ -50,7 +50,7 @@ def paper_static(
     return paper_swing(bend).replace(spheres=sphere)
 
 
-@check.named
+@check.check_names
 def paper_moving(
     response: Response = "ray",
     bend: bool = False,
@@ -100,7 +100,7 @@ def _sphere(
     )
 
 
-@check.named
+@check.check_names
 def paper_swing(bend: bool = False) -> Scene:
     """Return the paper's cloth that swings down without a sphere (Kim et al., Table 2).
 
@@ -117,7 +117,7 @@ def paper_swing(bend: bool = False) -> Scene:
     return Scene(Cloth() if check.boolean("bend", bend) else Cloth(springs=("structural", "shear")))
 
 
-@check.named
+@check.check_names
 def hanging(
     shape: Shape = (16, 16),
     size: Numbers = (1.0, 1.0),
@@ -163,7 +163,7 @@ def hanging(
     return Scene(cloth, position=turned)
 
 
-@check.named
+@check.check_names
 def oscillator(
     stiffness: float = 100.0,
     mass: float = 1.0,

@@ -99,7 +99,7 @@ class Scene(Record):
     force: npt.NDArray[np.float64] | None
     wind: Wind | None
 
-    @check.named
+    @check.check_names
     def __init__(
         self,
         cloth: Cloth,
@@ -236,7 +236,7 @@ class Scene(Record):
             "driven_pins": sorted(pins, key=lambda pin: pin[0]),
         }
 
-    @check.named
+    @check.check_names
     def explain(
         self,
         precision: Precision = "double",
@@ -276,7 +276,7 @@ class Scene(Record):
         bundle: dict[str, Any] = service("scene_bundle")(self)
         return bundle
 
-    @check.named
+    @check.check_names
     def to_live_html(
         self, path: str | Path, dt: float | None = None, title: str | None = None
     ) -> Path:

@@ -37,7 +37,7 @@ _COMMENTS = {
 }
 
 
-@check.named
+@check.check_names
 def load_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene from a TOML file.
 
@@ -80,7 +80,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         raise kind(f"{path} is no TOML file of a scene: {error}") from None
 
 
-@check.named
+@check.check_names
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     """Write a scene to a TOML file that `load_scene` reads back as an equal scene, and return its
     path.

@@ -350,7 +350,7 @@ class Sphere(Obstacle):
     _kind = "sphere"
     _place_name = "center"
 
-    @check.named
+    @check.check_names
     def __init__(
         self,
         center: Numbers = (0.0, 0.0, 0.0),
@@ -453,7 +453,7 @@ class Plane(Obstacle):
     _kind = "plane"
     _place_name = "point"
 
-    @check.named
+    @check.check_names
     def __init__(
         self,
         point: Numbers = (0.0, 0.0, 0.0),

@@ -64,7 +64,7 @@ class Wind(Record):
     tangential: float
     motion: Motion | None
 
-    @check.named
+    @check.check_names
     def __init__(
         self,
         velocity: Numbers = (0.0, 0.0, 0.0),

@@ -150,12 +150,12 @@ def write_gallery(folder: str | Path) -> Path:
         "request. Drag the sphere and the pinned points, and choose the method in the list. A "
         "browser without WebGPU plays a stored run.",
     ]
-    for name, (what, scene, moment) in LIVE_PAGES.items():
-        scene.to_live_html(folder / name, title=what)
+    for name, (title, scene, moment) in LIVE_PAGES.items():
+        scene.to_live_html(folder / name, title=title)
         picture = folder / name.replace(".html", ".png")
         cs.simulate(scene, moment).picture(width=400, path=picture)
         parts += [
-            f"## {what}",
+            f"## {title}",
             f"![The scene at t = {moment:g} s]({picture.name})",
             f"[Open the page]({name})",
         ]

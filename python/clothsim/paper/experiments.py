@@ -300,7 +300,7 @@ def follow(
     touching = NEAR + np.array(radii)
     stepper = cs.Stepper(members, threads=threads)
     start = np.asarray(cs.energy(members, stepper.positions, stepper.velocities, 0.0)["total"])
-    passed = Passed(stepper.positions - sphere.center_at(0.0), sphere.radius)
+    passage = Passed(stepper.positions - sphere.center_at(0.0), sphere.radius)
     for look in range(looks + 1):
         if look:
             _advance(stepper, steps, dt, cases)
@@ -309,13 +309,13 @@ def follow(
         v = stepper.velocities
         t = float(stepper.time)
         from_center = x - sphere.center_at(t)
-        passed.see(from_center)
+        passage.see(from_center)
         energy = cs.energy(members, x, v, t)
         measures = {
             **cs.penetration(x, sphere, t),
             "energy_gained": energy["total"] - start,
             "kinetic_energy": energy["kinetic"],
-            "points_passed": passed.count,
+            "points_passed": passage.count,
         }
         if look in frames:
             touches = np.linalg.norm(from_center, axis=-1) < touching[:, None, None]
@@ -325,8 +325,8 @@ def follow(
             if case.failure:
                 continue
             values = {name: np.asarray(value)[k].item() for name, value in measures.items()}
-            for what in ("points", "triangles"):
-                values[f"{what}_so_far"] = max(values[what], case.last.get(f"{what}_so_far", 0.0))
+            for kind in ("points", "triangles"):
+                values[f"{kind}_so_far"] = max(values[kind], case.last.get(f"{kind}_so_far", 0.0))
             case.last = {"case": case.name, "frame": look, "time": t, **values}
             if frames and (look % -(-looks // PLAYED) == 0 or look in frames):
                 case.played.append((t, x[k].copy(), v[k].copy()))
@@ -341,8 +341,8 @@ def _advance(stepper: cs.Stepper, steps: int, dt: float, cases: Sequence[Case]) 
             return stepper.advance(steps, dt)
         except (cs.ContactError, cs.UnstableError) as error:
             member = error.member or 0
-            what = "unstable" if isinstance(error, cs.UnstableError) else "passed through"
-            cases[member].failure = f"{what} at t = {error.time:g} s"
+            end = "unstable" if isinstance(error, cs.UnstableError) else "passed through"
+            cases[member].failure = f"{end} at t = {error.time:g} s"
             stepper.freeze(member)
             steps -= error.step - 1
 
@@ -386,7 +386,7 @@ def study(
         for case in contact("1", settings, dt, printed, threads=threads, advance=advance):
             if case.failure:
                 continue
-            depths = {what: [cell[what] for cell in case.cells] for what in ("points", "triangles")}
+            depths = {kind: [cell[kind] for cell in case.cells] for kind in ("points", "triangles")}
             rows.append({**case.last, **depths, "dt": dt})
     return rows
 

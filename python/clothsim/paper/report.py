@@ -93,10 +93,12 @@ def cuts(settings: Settings) -> list[str]:
     own = asdict(settings)
     full = asdict(FULL)
     rows = [
-        (what, *(number(np.ravel(sizes[key]).tolist()) for sizes in (own, full)))
-        for key, what in SIZES.items()
+        (title, *(number(np.ravel(sizes[key]).tolist()) for sizes in (own, full)))
+        for key, title in SIZES.items()
     ]
-    return [f"{what}: {value} instead of {usual}" for what, value, usual in rows if value != usual]
+    return [
+        f"{title}: {value} instead of {usual}" for title, value, usual in rows if value != usual
+    ]
 
 
 def parts(report: dict[str, Any]) -> list[str]:

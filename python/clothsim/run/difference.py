@@ -41,7 +41,7 @@ class Difference(dict[str, Any]):
         return service("draw_difference")(self, ax)
 
 
-@check.named
+@check.check_names
 def difference(a: Run, b: Run) -> Difference:
     """Return the distance of the mass points of two runs at equal times.
 

@@ -168,7 +168,7 @@ class Run:
     def __repr__(self) -> str:
         return "\n".join(_lines(self))
 
-    @check.named
+    @check.check_names
     def resume(
         self,
         duration: float,
@@ -468,7 +468,7 @@ class Run:
         film: Path = service("animate")(self, path, fps, speed, progress, **style)
         return film
 
-    @check.named
+    @check.check_names
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the run in a browser; `clothsim.compare` plays
         several side by side.
@@ -496,7 +496,7 @@ class Run:
         page: Path = service("comparison_of")(self, title).to_html(path)
         return page
 
-    @check.named
+    @check.check_names
     def show(self, *, height: int = 760) -> Any:
         """Play the run in a notebook: the page of `to_html` in a frame of the cell.
 
@@ -517,7 +517,7 @@ class Run:
         bundle: dict[str, Any] = service("run_bundle")(self)
         return bundle
 
-    @check.named
+    @check.check_names
     def export(
         self, path: str | os.PathLike[str], fps: float | None = None, z_up: bool = False
     ) -> list[Path]:
@@ -573,7 +573,7 @@ class Run:
         return files
 
 
-@check.named
+@check.check_names
 def load_run(path: str | os.PathLike[str]) -> Run:
     """Read a run that `Run.save` wrote. Nothing in the file is executed.
 

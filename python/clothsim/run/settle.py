@@ -73,7 +73,7 @@ def settle(
 ) -> Run: ...
 @overload
 def settle(scene: Sequence[Scene], *arguments: Any, **options: Any) -> list[Run]: ...
-@check.named
+@check.check_names
 def settle(
     scene: Scene | Sequence[Scene],
     tolerance: float = 1e-6,

@@ -62,7 +62,7 @@ def simulate(
 def simulate(
     scene: Sequence[Scene], duration: float, *arguments: Any, **options: Any
 ) -> list[Run]: ...
-@check.named
+@check.check_names
 def simulate(
     scene: Scene | Sequence[Scene],
     duration: float,

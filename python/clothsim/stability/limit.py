@@ -80,7 +80,7 @@ def max_stable_dt(
 ) -> float: ...
 @overload
 def max_stable_dt(scene: Sequence[Scene], *arguments: Any, **options: Any) -> Floats: ...
-@check.named
+@check.check_names
 def max_stable_dt(
     scene: Scene | Sequence[Scene],
     integrator: Integrator = "rk4",
@@ -139,9 +139,9 @@ def max_stable_dt(
     """
     if not isinstance(scene, Scene):
         scenes = scenes_of(scene)
-        whole = (len(scenes), *scenes[0].cloth.shape, 3)
-        xs = repeat(None) if x is None else check.array("x", x, whole)
-        vs = repeat(None) if v is None else check.array("v", v, whole)
+        batch_shape = (len(scenes), *scenes[0].cloth.shape, 3)
+        xs = repeat(None) if x is None else check.array("x", x, batch_shape)
+        vs = repeat(None) if v is None else check.array("v", v, batch_shape)
         members = zip(scenes, xs, vs)
         return np.array([max_stable_dt(member, integrator, x, v, t) for member, x, v in members])
     integrator = integrator_name(integrator, fixed=True)
@@ -284,7 +284,7 @@ class SpaceLimit(NamedTuple):
     limit: float
     modes: npt.NDArray[Any]
     outside: npt.NDArray[Any]
-    whole: bool
+    for_cloth: bool
 
 
 class Subspace:
@@ -310,7 +310,7 @@ class Subspace:
             leaders = _sums(_parts(step.modes[:_BLOCK]), self.rows[0])
             settled = len(recent) == _ROUNDS and max(recent) <= min(recent) * (1 + _SETTLED)
             full = len(self.rows[0]) >= self.size or self.products >= _MOST_PRODUCTS
-            if full or not np.isfinite(step.limit) or (settled and step.whole):
+            if full or not np.isfinite(step.limit) or (settled and step.for_cloth):
                 break
             extension = _parts(step.outside)
             if len(self.rows[0]) + len(extension) > _MOST_VECTORS:
@@ -392,15 +392,15 @@ def _by_modes(integrator: str, space: Subspace) -> SpaceLimit:
     # |mu|^2 is off by no more than the residual, so the limit by no more than half of that part.
     size = np.abs(rate[:, 0]) ** 2 * np.linalg.norm(mode, axis=1)
     residual = np.linalg.norm(outside, axis=1) / size
-    whole = limits[:_BLOCK] * (1 - residual / 2) >= (1 - _DOUBT) * limit
-    return SpaceLimit(limit, modes=z, outside=outside, whole=bool(whole.all()))
+    reaches = limits[:_BLOCK] * (1 - residual / 2) >= (1 - _DOUBT) * limit
+    return SpaceLimit(limit, modes=z, outside=outside, for_cloth=bool(reaches.all()))
 
 
 def _by_steps(integrator: str, space: Subspace, guess: float) -> SpaceLimit:
     """Return the largest step at which the step matrix of a splitting method is stable."""
     limit = _limit_in(integrator, space.k, space.c, guess)
     if not np.isfinite(limit):
-        return SpaceLimit(limit, modes=space.k[:0], outside=space.k[:0], whole=True)
+        return SpaceLimit(limit, modes=space.k[:0], outside=space.k[:0], for_cloth=True)
     values, vectors = np.linalg.eig(
         matrix(integrator, space.k, space.c, limit * (1 + 10 * _PRECISION))
     )
@@ -416,17 +416,17 @@ def _by_steps(integrator: str, space: Subspace, guess: float) -> SpaceLimit:
         return -limit * limit * stiffness(x) - limit * damping(w)
 
     *end, stages = splitting_step(integrator, acceleration, x, w)
-    after, before = (
+    images, vectors = (
         part[: len(z)] + 1j * part[len(z) :] for part in (np.hstack(end), np.hstack([x, w]))
     )
-    residual = np.linalg.norm(after - values * before, axis=1) / np.linalg.norm(z, axis=1)
+    residual = np.linalg.norm(images - values * vectors, axis=1) / np.linalg.norm(z, axis=1)
     # The residuals of vectors that do not grow have no effect on the limit.
     grows = np.abs(values[:, 0]) > 1 + _GROWTH[-1]
     return SpaceLimit(
         limit,
         modes=np.concatenate(np.split(z, 2, axis=1)),
         outside=np.concatenate(stages),
-        whole=bool((residual <= _RESIDUAL)[grows].all()),
+        for_cloth=bool((residual <= _RESIDUAL)[grows].all()),
     )
 
 

@@ -63,7 +63,7 @@ def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **optio
     return True
 
 
-@check.named
+@check.check_names
 def stability_map(
     scene: Scene,
     stiffness: npt.ArrayLike,
@@ -159,7 +159,7 @@ def stability_map(
 
 def _positive(name: str, value: npt.ArrayLike) -> Floats:
     accepted = "a one-dimensional array of finite numbers > 0"
-    numbers = check.array(name, value, what=accepted)
+    numbers = check.array(name, value, kind=accepted)
     if numbers.ndim != 1 or not numbers.size:
         raise ValueError(f"{name} must be {accepted}, got shape {numbers.shape}")
     check.check_all(name, numbers, numbers > 0, accepted)

@@ -328,7 +328,7 @@ def differences(stored: Any, new: Any, path: str = "") -> list[str]:
     return [f"{path} ({stored_text:.60} in the store, {new_text:.60} given)"]
 
 
-@check.named
+@check.check_names
 def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     """Read the store of a sweep, finished or not.
 

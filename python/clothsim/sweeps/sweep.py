@@ -63,7 +63,7 @@ _WORKERS = 32  # number of workers of an executor that does not tell it
 _MOST_CHECKED = 2048  # members that are made before anything is run, to find errors
 
 
-@check.named
+@check.check_names
 def sweep(
     scene: Scene,
     over: Mapping[Any, Any] | Sequence[Mapping[str, Any]] | None = None,

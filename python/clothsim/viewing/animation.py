@@ -102,8 +102,13 @@ def shown_frames(t: Floats, fps: float, speed: float) -> list[int]:
     """Return the nearest stored frame for each picture of a film."""
     count = max(2, round((t[-1] - t[0]) / speed * fps) + 1)
     times = np.minimum(t[0] + np.arange(count) * speed / fps, t[-1])
-    after = np.searchsorted(t, times).clip(1, len(t) - 1)
-    return [int(k) for k in np.where(times - t[after - 1] <= t[after] - times, after - 1, after)]
+    following = np.searchsorted(t, times).clip(1, len(t) - 1)
+    return [
+        int(k)
+        for k in np.where(
+            times - t[following - 1] <= t[following] - times, following - 1, following
+        )
+    ]
 
 
 class _Reel:
@@ -113,13 +118,13 @@ class _Reel:
 
     def __init__(self, image: Any, film: Film) -> None:
         self._image, self._film, self.n_frames = image, film, len(film) - 1
-        self._now: Any = None
+        self._picture: Any = None
 
     def seek(self, k: int) -> None:
-        self._now = self._image.fromarray(self._film[k + 1])
+        self._picture = self._image.fromarray(self._film[k + 1])
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._now, name)
+        return getattr(self._picture, name)
 
 
 def _write_webp(path: Path, film: Film) -> None:
@@ -155,8 +160,8 @@ def _write_gif(part: Path, film: Film) -> None:
                 if last is None
                 else chops.difference(frame, last).getbbox() or (0, 0, 1, 1)
             )
-            whole = (0, 0, *frame.size) if last is None else box
-            file.writelines(gif.getdata(frame.crop(whole), whole[:2], duration=duration))
+            area = (0, 0, *frame.size) if last is None else box
+            file.writelines(gif.getdata(frame.crop(area), area[:2], duration=duration))
             last = frame
         file.write(b";")
 

@@ -126,8 +126,8 @@ class Camera:
         (2.0, 1.0)
         """
         axes = cls(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
-        seen = np.asarray(points, float).reshape(-1, 3) @ axes.T
-        low, high = seen.min(axis=0), seen.max(axis=0)
+        places = np.asarray(points, float).reshape(-1, 3) @ axes.T
+        low, high = places.min(axis=0), places.max(axis=0)
         extent = (high - low)[:2].max()
         width, height = (high - low)[:2] + 2 * margin * (extent if extent > 0 else 1.0)
         x, y, z = (float(k) for k in 0.5 * (low + high) @ axes)
@@ -168,19 +168,19 @@ def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[F
     # `@` would wake BLAS's threads, which then spin beside the picture.
     low, high = np.full((3, 1), np.inf), np.full((3, 1), -np.inf)
     for frame in x:
-        seen = np.einsum("pk,ak->ap", frame.reshape(-1, 3), axes)
+        places = np.einsum("pk,ak->ap", frame.reshape(-1, 3), axes)
         low, high = (
-            np.fmin(low, seen.min(axis=1, keepdims=True)),
-            np.fmax(high, seen.max(axis=1, keepdims=True)),
+            np.fmin(low, places.min(axis=1, keepdims=True)),
+            np.fmax(high, places.max(axis=1, keepdims=True)),
         )
-        yield seen
+        yield places
     side = max(scene.cloth.size)
     for sphere in scene.spheres:
         centers = np.einsum(
             "pk,ak->ap", np.atleast_2d(sphere.center_at(np.asarray(t, float))), axes
         )
-        away = centers - np.clip(centers, low - NEAR * side, high + NEAR * side)
-        near = (np.abs(away) <= sphere.radius).all(axis=0)
+        offsets = centers - np.clip(centers, low - NEAR * side, high + NEAR * side)
+        near = (np.abs(offsets) <= sphere.radius).all(axis=0)
         if near.any() and not is_wide(sphere, scene):
             ends = sphere.radius * np.concatenate([np.eye(3), -np.eye(3)]).T
             yield (centers[:, near, None] + ends[:, None]).reshape(3, -1)
@@ -224,7 +224,8 @@ def camera_for(value: Any, scene: Any, x: Floats, t: npt.ArrayLike) -> Camera:
     distance, middle = DISTANCE * max(camera.width, camera.height), axes @ camera.target
     parts = (part - middle[:, None] for part in _points(scene, x, t, axes))
     sides = np.max(
-        [np.abs(seen[:2] * distance / (distance - seen[2])).max(axis=1) for seen in parts], axis=0
+        [np.abs(places[:2] * distance / (distance - places[2])).max(axis=1) for places in parts],
+        axis=0,
     )
     # In a view of one place only, its sides would be rounding.
     if sides.max() < NARROWEST * max(scene.cloth.size):

@@ -224,11 +224,11 @@ def _rate(steps: Floats) -> float | None:
     return float(f"{len(steps) / steps.sum():.12g}")
 
 
-def between(run: Any, before: int, after: int, t: float) -> tuple[Floats, Floats]:
+def between(run: Any, first: int, second: int, t: float) -> tuple[Floats, Floats]:
     """Return the positions and velocities at a time `t` [s] between two stored frames."""
-    begin = float(run.t[before])
-    length = float(run.t[after]) - begin
-    ends = (run.x[before], run.v[before], run.x[after], run.v[after])
+    begin = float(run.t[first])
+    length = float(run.t[second]) - begin
+    ends = (run.x[first], run.v[first], run.x[second], run.v[second])
     return _core.interpolate(kept_plan(run.scene, Options()), t, begin, length, *ends)
 
 
@@ -247,10 +247,10 @@ def _check_interpolation(run: Any, fps: float) -> None:
             f"run must store frames between its first and last state to be exported at {fps:g} "
             f"frames a second, got {len(run.t)} frames; {cure}"
         )
-    away = (
+    ways = (
         between(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k] for k in range(1, len(run.t) - 1)
     )
-    error = max(float(np.linalg.norm(way, axis=-1).max()) for way in away)
+    error = max(float(np.linalg.norm(way, axis=-1).max()) for way in ways)
     spacing = min(run.scene.cloth.spacing)
     reason = (
         f"a stored frame interpolated from its neighbours is wrong by {error:.3g} m, with a "

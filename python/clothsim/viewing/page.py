@@ -139,7 +139,7 @@ class Comparison:
         return f"<Comparison of {', '.join(map(repr, self.runs))}>"
 
 
-@check.named
+@check.check_names
 def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
     r"""Put runs side by side, to play them with a common clock.
 
@@ -254,8 +254,8 @@ def page_body(
     )
 
 
-def page_text(title: str, body: str, after: str = "") -> str:
-    """Return a self-contained page that makes no request; `after` follows its scripts."""
+def page_text(title: str, body: str, scripts_after: str = "") -> str:
+    """Return a self-contained page that makes no request; `scripts_after` follow its scripts."""
     code = "\n".join(map(web_file, ("draw.js", "orbit.js", "charts.js", "page.js")))
     shading, style = json_text(SHADING), web_file("page.css")
     return fill(
@@ -265,7 +265,7 @@ def page_text(title: str, body: str, after: str = "") -> str:
         body=body,
         shading=shading,
         code=code,
-        after=after,
+        after=scripts_after,
     )
 
 
@@ -347,8 +347,8 @@ def _contents(
     ]
     lines = [curves(run) for run in runs.values()]
     if distances:
-        away = [d["distance"].reshape(len(d["t"]), -1) for d in distances]
-        values["difference"] = [np.zeros_like(values["speed"][0]), *away]
+        distances_of_runs = [d["distance"].reshape(len(d["t"]), -1) for d in distances]
+        values["difference"] = [np.zeros_like(values["speed"][0]), *distances_of_runs]
         for line, distance in zip(lines[1:], distances, strict=True):
             line["difference"] = distance["rms"]
     ends = {"max": 1.0, "top": TOP_PART}
@@ -488,11 +488,11 @@ def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
     data = [deflate.compress((codes & 255).astype(np.uint8).tobytes()) for codes in zigzag]
     data += [deflate.compress((codes >> 8).astype(np.uint8).tobytes()) for codes in zigzag]
     for values, top in zip(scalars, tops, strict=True):
-        before = np.zeros(values.shape[1:], np.uint8)
-        for one in values:
-            levels = np.round(255 * np.sqrt(np.clip(one / (top or 1.0), 0, 1))).astype(np.uint8)
-            data.append(deflate.compress((levels - before).tobytes()))
-            before = levels
+        last_levels = np.zeros(values.shape[1:], np.uint8)
+        for frame in values:
+            levels = np.round(255 * np.sqrt(np.clip(frame / (top or 1.0), 0, 1))).astype(np.uint8)
+            data.append(deflate.compress((levels - last_levels).tobytes()))
+            last_levels = levels
     return Packed(b"".join([*data, deflate.flush()]), low, step)
 
 
@@ -508,8 +508,8 @@ def as_ball(sphere: Sphere | Plane, t: Floats, x: Floats, cloth: Cloth) -> dict[
     lines = raster.lines_of(sphere.unit_normal)
     # By whole steps to the cloth's start, so that lines of the grid stay where they are.
     step = 10 * raster.PLANE_CELL
-    away = lines @ (x.mean(axis=(0, 1)) - sphere.center_at(0.0))
-    centers = centers + step * np.round(away / step) @ lines - radius * sphere.unit_normal
+    way = lines @ (x.mean(axis=(0, 1)) - sphere.center_at(0.0))
+    centers = centers + step * np.round(way / step) @ lines - radius * sphere.unit_normal
     return {
         "radius": radius,
         "centers": [_rounded(c, 15) for c in centers],

@@ -233,7 +233,7 @@ def file_path(name: str, value: Any) -> Path:
     return path
 
 
-@check.named
+@check.check_names
 def picture(
     scene: Scene,
     x: npt.ArrayLike | None = None,

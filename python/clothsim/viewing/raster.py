@@ -145,14 +145,14 @@ def _on_screen(
     points: Floats, camera: Camera, axes: Floats, scale: float, width: int, height: int
 ) -> Floats:
     """Return samples to the right and down, and nearness; see Sheet in cpp/picture/picture.hpp."""
-    seen = np.einsum("rck,ak->rca", points - camera.target, axes)
-    nearness = seen[..., 2]
+    places = np.einsum("rck,ak->rca", points - camera.target, axes)
+    nearness = places[..., 2]
     if camera.distance is not None:
-        ahead = camera.distance - nearness
-        nearness = 1 / np.where(ahead > 0, ahead, np.nan)
-        seen *= (camera.distance * nearness)[..., None]
+        distance = camera.distance - nearness
+        nearness = 1 / np.where(distance > 0, distance, np.nan)
+        places *= (camera.distance * nearness)[..., None]
     return np.stack(
-        [width / 2 + scale * seen[..., 0], height / 2 - scale * seen[..., 1], nearness], -1
+        [width / 2 + scale * places[..., 0], height / 2 - scale * places[..., 1], nearness], -1
     )
 
 

@@ -83,8 +83,8 @@ class _File:
         self, values: npt.NDArray[Any], target: int | None = None, bounds: bool = False
     ) -> int:
         """Add an accessor of float32, or of uint32 if `values` are integers; return its number."""
-        whole = values.dtype.kind == "i"
-        data = np.ascontiguousarray(values, "<u4" if whole else "<f4")
+        is_integer = values.dtype.kind == "i"
+        data = np.ascontiguousarray(values, "<u4" if is_integer else "<f4")
         view = {"buffer": 0, "byteOffset": self._length, "byteLength": data.nbytes}
         self._parts.append(data.tobytes())
         self._length += data.nbytes
@@ -92,7 +92,7 @@ class _File:
             "bufferView": self.add(
                 "bufferViews", view | ({} if target is None else {"target": target})
             ),
-            "componentType": UNSIGNED if whole else FLOAT,
+            "componentType": UNSIGNED if is_integer else FLOAT,
             "count": len(data),
             "type": KINDS[1 if data.ndim == 1 else data.shape[1]],
         }
@@ -162,8 +162,10 @@ def _cloth(file: _File, clip: Clip, times: int) -> int:
             tilted = normals + TILT * np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
             first = positions, tilted / np.linalg.norm(tilted, axis=-1, keepdims=True)
             continue
-        moved = file.accessor(positions - first[0], VERTICES, True)
-        targets.append({"POSITION": moved, "NORMAL": file.accessor(normals - first[1], VERTICES)})
+        displacements = file.accessor(positions - first[0], VERTICES, True)
+        targets.append(
+            {"POSITION": displacements, "NORMAL": file.accessor(normals - first[1], VERTICES)}
+        )
     # The origin of textures is their upper left corner. glTF has no empty list of targets.
     mesh = file.mesh("cloth", *first, clip.triangles, clip.uv * [1, -1] + [0, 1], targets or None)
     node = file.add("nodes", {"name": "cloth", "mesh": mesh})

@@ -15,12 +15,12 @@ def draw_difference(result: Mapping[str, Any], ax: Any = None) -> Any:
     """Draw `Difference.plot`."""
     (axes,) = shown_axes(ax)
     marks: dict[str, Any] = {"marker": "o", "ms": 3} if len(result["t"]) < FEW else {}
-    apart = bool((result["max"] > 0).any())
+    differ = bool((result["max"] > 0).any())
     for key, label, color, dash in (("max", "largest", RED, "-"), ("rms", "rms", BLUE, "--")):
-        values = np.where(result[key] > 0, result[key], np.nan) if apart else result[key]
+        values = np.where(result[key] > 0, result[key], np.nan) if differ else result[key]
         axes.plot(result["t"], values, label=label, color=color, ls=dash, **marks)
     axes.set(xlabel="time [s]", ylabel="distance of the mass points [m]")
-    if apart:
+    if differ:
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=0)

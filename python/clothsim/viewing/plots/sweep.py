@@ -83,13 +83,13 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     lines = [dataset]
     if along is not None:
         lines = [dataset.isel({along: k}) for k in range(dataset.sizes[along])]
-    many = along is not None and len(lines) > _MOST_LABELS and _numeric(dataset[along])
-    colors = _fan_colors(dataset[along], ax) if many else []
+    is_fan = along is not None and len(lines) > _MOST_LABELS and _numeric(dataset[along])
+    colors = _fan_colors(dataset[along], ax) if is_fan else []
     crosses = np.zeros(len(x))  # number at each step; they are put below each other
     for k, line in enumerate(lines):
         look = look_of(str(line[along].values)) if along == "integrator" else style(k)
-        label = None if along is None or many else _tick(line[along])
-        if many:
+        label = None if along is None or is_fan else _tick(line[along])
+        if is_fan:
             look = {"color": colors[k], "marker": "o", "ms": 3, "ls": "-"}
         error = line["error"].values
         unsure = _unsure(line)
@@ -112,7 +112,7 @@ def convergence(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     if _unsure(dataset).any():
         ax.plot([], [], "o", **_UNSURE_LOOK)
     ax.set(xlabel=_title(dataset[control]), ylabel="largest error at the end [m]")
-    if many:
+    if is_fan:
         ax.legend(fontsize="small", frameon=False)
     elif ax.get_legend_handles_labels()[0]:
         legend_beside(ax, None if along is None else _title(dataset[along]))
