@@ -131,7 +131,7 @@ def test_settings_of_openmp_mean_what_openmp_says(settings, available, threads):
 
 def test_more_threads_than_processors_warn_once(monkeypatch):
     monkeypatch.setattr("clothsim.engine.options.processors", lambda: 2)
-    monkeypatch.setattr("clothsim.engine.options._warned", set())
+    monkeypatch.setattr("clothsim.engine.options._past_warnings", set())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         for threads in (2, 3, 8):
