@@ -33,7 +33,7 @@ void bind_diagnostics(py::module_& m) {
         const Energy e = energy(plan, view(x), view(v), t);
         return py::make_tuple(e.kinetic, e.elastic, e.gravity, e.force, e.contact);
     });
-    // Minus the derivatives of contact by x and by v, of shape (points, 3, 3) each.
+    // It returns minus the derivatives of contact by x and by v, of shape (points, 3, 3) each.
     m.def("contact_derivatives",
           [](const Plan& plan, const Array<double>& x, const Array<double>& v, double t) {
               const py::ssize_t points = plan.cloth.points();
@@ -91,7 +91,7 @@ py::tuple reference_step(const Plan& plan, const Array<double>& x, const Array<d
     return py::make_tuple(array(position), array(velocity));
 }
 
-// How far it came [s], and states of shape (times, rows, columns, 3).
+// Return how far it came [s], and states of shape (times, rows, columns, 3).
 py::tuple extrapolate(const Plan& plan, const Array<double>& x, const Array<double>& v,
                       const std::vector<double>& times, int columns, double tolerance,
                       int threads) {

@@ -34,10 +34,10 @@ Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacin
     cloth.row_spacing = row_spacing;
     cloth.column_spacing = column_spacing;
     for (int f = 0; f < family_count; ++f) {
-        const auto found = stiffness.find(family_names[f]);
-        cloth.present[f] = found != stiffness.end();
+        const auto entry = stiffness.find(family_names[f]);
+        cloth.present[f] = entry != stiffness.end();
         if (!cloth.present[f]) continue;
-        cloth.stiffness[f] = found->second;
+        cloth.stiffness[f] = entry->second;
         const auto damping = spring_damping.find(family_names[f]);
         cloth.spring_damping[f] = damping == spring_damping.end() ? 0 : damping->second;
     }
@@ -54,7 +54,7 @@ Cloth make_cloth(int rows, int columns, double row_spacing, double column_spacin
     return cloth;
 }
 
-// `pieces`: the members of a MotionPiece one after the other, piece by piece.
+// `pieces` has the members of a MotionPiece one after the other, piece by piece.
 Motion make_motion(const Array<double>& pieces, double period, double phase, bool relative) {
     Motion motion{.period = period, .phase = phase, .relative = relative};
     motion.pieces.resize(std::size_t(pieces.nbytes()) / sizeof(MotionPiece));
@@ -62,7 +62,7 @@ Motion make_motion(const Array<double>& pieces, double period, double phase, boo
     return motion;
 }
 
-// Displacement and velocity at every time, shape (times, 6).
+// Return displacement and velocity at every time, shape (times, 6).
 Array<double> motion_states(const Motion& motion, const Array<double>& times) {
     Array<double> states({times.size(), py::ssize_t(6)});
     double* next = states.mutable_data();
@@ -128,23 +128,23 @@ std::shared_ptr<py::object> kept_object(py::object object) {
 
 // `function(t, x, v)` returns a C-contiguous float64 array of the shape of x.
 FunctionForce::Function python_function(py::object function, const Cloth& cloth) {
-    const std::shared_ptr<py::object> kept = kept_object(std::move(function));
+    const std::shared_ptr<py::object> owner_of_function = kept_object(std::move(function));
     const std::array<py::ssize_t, 3> shape{cloth.rows, cloth.columns, 3};
-    return
-        [kept, shape](double t, const double* x, const double* v, double* f, std::int64_t points) {
-            const Unlocked::Locked lock;
-            const auto array = [&](const double* values) {
-                py::array_t<double> copy(shape, values);
-                copy.attr("flags").attr("writeable") = false;
-                return copy;
-            };
-            const auto force = (*kept)(t, array(x), array(v)).cast<Array<double>>();
-            std::copy_n(force.data(), 3 * points, f);
+    return [owner_of_function, shape](double t, const double* x, const double* v, double* f,
+                                      std::int64_t points) {
+        const Unlocked::Locked lock;
+        const auto array = [&](const double* values) {
+            py::array_t<double> copy(shape, values);
+            copy.attr("flags").attr("writeable") = false;
+            return copy;
         };
+        const auto force = (*owner_of_function)(t, array(x), array(v)).cast<Array<double>>();
+        std::copy_n(force.data(), 3 * points, f);
+    };
 }
 
-// The address of a function void(double t, const double* x, const double* v, double* f, int64_t
-// points), with `data` as a last argument where there is some.
+// `address` is that of a function void(double t, const double* x, const double* v, double* f,
+// int64_t points), with `data` as a last argument where there is some.
 FunctionForce::Function c_function(std::uintptr_t address, std::optional<std::uintptr_t> data) {
     if (data)
         return [address, data = *data](double t, const double* x, const double* v, double* f,
@@ -162,7 +162,8 @@ Plan with_force(Plan plan, FunctionForce::Function function, bool by_caller) {
     return plan;
 }
 
-// The blocks of Force::each_damping: mass points, of shape (n, 2), and blocks, of shape (n, 3, 3).
+// Return the blocks of Force::each_damping: mass points, of shape (n, 2), and blocks, of shape
+// (n, 3, 3).
 py::tuple damping_blocks(const Force& force, const Cloth& cloth, const Array<double>& x,
                          const Array<double>& v, double t) {
     std::vector<std::int64_t> points;
@@ -178,12 +179,13 @@ py::tuple damping_blocks(const Force& force, const Cloth& cloth, const Array<dou
         py::array_t<double>({count, py::ssize_t(3), py::ssize_t(3)}, blocks.data()));
 }
 
-// A penalty obstacle in the step from t on, as gpu/shaders/penalty.wgsl takes it.
-void append_layer(std::vector<double>& values, const Sphere& s, double t, double dt, double unit) {
+// Append a penalty obstacle in the step from t on, as gpu/shaders/penalty.wgsl takes it.
+void append_layer(std::vector<double>& values, const Sphere& s, double t, double dt,
+                  const Vec3& origin, double unit) {
     const auto append = [&](const Vec3& v) { values.insert(values.end(), v.begin(), v.end()); };
     for (const double part : {0.0, 0.5, 1.0}) {
         const StageTime time = StageTime::of_stage(t, dt, part);
-        append(s.surface_at(time).place);
+        append(s.surface_at(time, origin).place);
         append(s.velocity_at(time));
     }
     append(s.normal);
@@ -192,11 +194,11 @@ void append_layer(std::vector<double>& values, const Sphere& s, double t, double
                    s.dissipation, s.friction, s.slip_speed * s.slip_speed, 2 * s.thickness});
 }
 
-// An obstacle with a response of the paper after the step that ends at the time t, as
+// Append an obstacle with a response of the paper after the step that ends at the time t, as
 // gpu/shaders/contact.wgsl takes it but for the rounded part of its place.
 void append_contact(std::vector<double>& values, const Sphere& sphere, const Cloth& cloth, double t,
-                    double dt, bool single) {
-    const Contact contact(sphere, t, dt);
+                    double dt, const Vec3& origin, bool single) {
+    const Contact contact(sphere, t, dt, origin);
     const NearLevel near(contact, cloth, single ? 0x1p-23 : 0x1p-52);
     const Surface& surface = contact.surface;
     for (const Vec3& vector : {surface.place, contact.velocity, surface.normal})
@@ -206,20 +208,19 @@ void append_contact(std::vector<double>& values, const Sphere& sphere, const Clo
                    near.curvature});
 }
 
-// Every obstacle at every time, shape (times, obstacles, values). `origin`: of the positions;
-// `normals`: of the surface points of penalty obstacles.
+// Return every obstacle at every time, shape (times, obstacles, values). Positions are relative to
+// `origin`; `normals` are those of the surface points of penalty obstacles.
 Array<double> contact_table(const Plan& plan, const std::vector<double>& times, const Vec3& origin,
                             const std::vector<Vec3>& normals, double dt, bool single) {
     std::vector<double> values;
     for (std::size_t i = 0; i < times.size(); ++i)
         for (std::size_t k = 0; k < plan.spheres.size(); ++k) {
             Sphere sphere = plan.spheres[k];
-            sphere.origin = origin;
             if (sphere.penalty()) {
                 sphere.normal = normals[k];
-                append_layer(values, sphere, times[i], dt, coefficient_scale(plan));
+                append_layer(values, sphere, times[i], dt, origin, coefficient_scale(plan));
             } else {
-                append_contact(values, sphere, plan.cloth, times[i], dt, single);
+                append_contact(values, sphere, plan.cloth, times[i], dt, origin, single);
             }
             values.resize((i * plan.spheres.size() + k + 1) * contact_values);
         }
@@ -228,14 +229,14 @@ Array<double> contact_table(const Plan& plan, const std::vector<double>& times, 
     return table;
 }
 
-// The normals of the obstacles, those of penalty spheres towards a place, as StateEngine has them.
+// Return the normals of the obstacles, those of penalty spheres towards a place, as StateEngine
+// does.
 std::vector<Vec3> normals_towards(const Plan& plan, const Vec3& place, const Vec3& origin,
                                   double t) {
     std::vector<Vec3> normals;
-    for (Sphere sphere : plan.spheres) {
-        sphere.origin = origin;
-        normals.push_back(sphere.penalty() ? normal_towards(sphere, place, t) : sphere.normal);
-    }
+    for (const Sphere& sphere : plan.spheres)
+        normals.push_back(sphere.penalty() ? normal_towards(sphere, place, t, origin)
+                                           : sphere.normal);
     return normals;
 }
 
@@ -246,7 +247,7 @@ py::tuple rows_of(const ExplicitMethod& method) {
     return py::tuple(rows);
 }
 
-// Families and coefficients of all methods, for Python's theory of stability.
+// Return families and coefficients of all methods, for Python's theory of stability.
 py::dict methods() {
     py::dict all;
     for (const Method& method : all_methods()) {
@@ -315,17 +316,18 @@ void bind_model(py::module_& m) {
              [](const Plan& plan, py::object function) {
                  return with_force(plan, python_function(std::move(function), plan.cloth), true);
              })
-        .def("with_c_force",
-             [](const Plan& plan, std::uintptr_t address, std::optional<std::uintptr_t> data,
-                py::object owner, std::optional<double> held) {
-                 return with_force(
-                     plan,
-                     [function = c_function(address, data), held,
-                      kept = kept_object(std::move(owner))](
-                         double t, const double* x, const double* v, double* f,
-                         std::int64_t points) { function(held.value_or(t), x, v, f, points); },
-                     false);
-             })
+        .def(
+            "with_c_force",
+            [](const Plan& plan, std::uintptr_t address, std::optional<std::uintptr_t> data,
+               py::object owner, std::optional<double> fixed_time) {
+                return with_force(
+                    plan,
+                    [function = c_function(address, data), fixed_time,
+                     owner_of_function = kept_object(std::move(owner))](
+                        double t, const double* x, const double* v, double* f,
+                        std::int64_t points) { function(fixed_time.value_or(t), x, v, f, points); },
+                    false);
+            })
         .def("contact_table", &contact_table)
         .def("normals_towards", &normals_towards)
         .def("runaway_speed",
@@ -335,13 +337,13 @@ void bind_model(py::module_& m) {
         .def_property_readonly("instruction_set",
                                [](const Plan& p) { return std::string(p.kernels->name); });
     m.def("edge_offset", &edge_offset);
-    // Of springs and forces: above every squared frequency [1/s^2] and damping rate [1/s].
+    // They lie above every squared frequency [1/s^2] and damping rate [1/s] of springs and forces.
     m.def("mode_bounds", [](const Cloth& cloth, const std::vector<std::shared_ptr<Force>>& forces) {
         ModeBounds bounds = mode_bounds(cloth);
         for (const auto& force : forces) bounds.damping += force->damping_bound(cloth, 0);
         return std::make_pair(bounds.stiffness, bounds.damping);
     });
-    // Signature, address and user data of a capsule, as scipy.LowLevelCallable has them.
+    // It returns signature, address and user data of a capsule, as scipy.LowLevelCallable has them.
     m.def("capsule_facts", [](const py::capsule& capsule) {
         const char* const signature = PyCapsule_GetName(capsule.ptr());
         return py::make_tuple(signature ? signature : "",

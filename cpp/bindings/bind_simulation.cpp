@@ -36,11 +36,11 @@ public:
         SharedSimulation& shared_;
     };
     Use use() { return Use(*this); }
-    void set_scene(std::vector<Plan> plans, std::vector<double> stable_dt) {
-        Use(*this)->set_plans(std::move(plans), std::move(stable_dt));
+    void set_scene(const std::vector<Plan>& plans, std::vector<double> stable_dt) {
+        Use(*this)->set_plans(plans, std::move(stable_dt));
         environment_ = kernel_environment();
     }
-    // Whether the environment would choose the same kernels now.
+    // Return whether the environment would choose the same kernels now.
     bool current() const { return environment_ == kernel_environment(); }
 
 private:
@@ -49,7 +49,7 @@ private:
     std::atomic<bool> busy_{false};
 };
 
-// Of a batch, arrays of one member after the other.
+// The arrays of a batch, which have one member after the other.
 template <class T>
 struct Members {
     T* x;
@@ -95,8 +95,8 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
         simulation->member(i).store(part(x, i), part(v, i));
 }
 
-// The events of a call for python/clothsim/engine/judge.py; None where all steps were done without
-// one: a call may be shorter than the making of a list.
+// Return the events of a call for python/clothsim/engine/judge.py; None where all steps were done
+// without one: a call may be shorter than the making of a list.
 py::object reported(const Outcome& outcome) {
     if (outcome.interrupted) throw py::error_already_set();
     if (outcome.complete()) return py::none();
@@ -115,8 +115,8 @@ py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int 
     return reported(outcome);
 }
 
-// A whole call: a state in, steps, and the state out if no event has to be reported. False, with
-// nothing done, where the state is not finite.
+// Load a state, take steps, and store the state if no event has to be reported. Return False, and
+// do nothing, where the state is not finite.
 template <class T>
 py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                 std::int64_t steps, double dt, int threads, Array<T>& x_out, Array<T>& v_out) {
@@ -140,7 +140,8 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
     return outcome ? reported(*outcome) : py::bool_(false);
 }
 
-// At a state, see `step`, which `a` does not share memory with; or at the present one.
+// Write the accelerations at a state, see `step`, which `a` does not share memory with; or at the
+// present one.
 template <class T>
 bool accelerations(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                    Array<double>& a, int threads) {
@@ -171,44 +172,152 @@ void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads)
     simulation->throw_force_failure();
 }
 
-py::object advance_adaptive(SharedSimulation& shared, AdaptiveRun& run, double until,
-                            std::int64_t steps, int threads) {
+// Arrays of frames, one for each member; none for members that no longer move.
+struct FramesOf {
+    FrameArrays to;
+    FramesOf(std::vector<Array<double>>& x, std::vector<Array<double>>& v,
+             const std::function<bool(std::size_t)>& moves) {
+        to.capacity = std::numeric_limits<std::size_t>::max();
+        for (std::size_t i = 0; i < x.size(); ++i) {
+            to.x.push_back(moves(i) ? x[i].mutable_data() : nullptr);
+            to.v.push_back(moves(i) ? v[i].mutable_data() : nullptr);
+            if (moves(i))
+                to.capacity =
+                    std::min({to.capacity, std::size_t(x[i].shape(0)), std::size_t(v[i].shape(0))});
+        }
+    }
+};
+
+// The cloths of the core.
+class CoreCloths : public Cloths {
+public:
+    CoreCloths(Simulation& simulation, int threads, Unlocked& unlocked)
+        : simulation_(simulation), threads_(threads), unlocked_(unlocked) {}
+
+    std::size_t size() const override { return simulation_.size(); }
+    bool moves(std::size_t i) const override { return !simulation_.frozen(i); }
+    const Scene& scene(std::size_t i) const override { return simulation_.plan(i); }
+    double now() const override { return simulation_.clock.now(); }
+    Outcome advance(std::int64_t steps, double dt) override {
+        return simulation_.advance(steps, dt, threads_,
+                                   [this] { return unlocked_.signal_pending(); });
+    }
+    void sample() override { simulation_.sample(); }
+    void store(const std::vector<double*>& x, const std::vector<double*>& v) override {
+        for (std::size_t i = 0; i < x.size(); ++i)
+            if (x[i]) simulation_.member(i).store(x[i], v[i]);
+    }
+
+private:
+    Simulation& simulation_;
+    int threads_;
+    Unlocked& unlocked_;
+};
+
+// The cloths of the graphics adapter, python/clothsim/gpu/simulation.py.
+class AdapterCloths : public Cloths {
+public:
+    explicit AdapterCloths(py::object simulation)
+        : simulation_(std::move(simulation)),
+          plans_(simulation_.attr("plans").cast<std::vector<Plan>>()),
+          frozen_(simulation_.attr("frozen").cast<std::vector<bool>>()) {}
+
+    std::size_t size() const override { return plans_.size(); }
+    bool moves(std::size_t i) const override { return !frozen_[i]; }
+    const Scene& scene(std::size_t i) const override { return plans_[i]; }
+    double now() const override { return simulation_.attr("time").cast<double>(); }
+    Outcome advance(std::int64_t steps, double dt) override {
+        Outcome outcome;
+        outcome.events = simulation_.attr("advance")(steps, dt, 1).cast<std::vector<Event>>();
+        outcome.steps = steps;
+        for (const Event& event : outcome.events)
+            if (event.failed()) outcome.steps = event.step - 1;
+        return outcome;
+    }
+    void sample() override { simulation_.attr("sample")(); }
+    void store(const std::vector<double*>& x, const std::vector<double*>& v) override {
+        const Cloth& cloth = plans_[0].cloth;
+        const py::ssize_t points = cloth.points();
+        const std::vector<py::ssize_t> shape{py::ssize_t(size()), points, 3};
+        const Array<double> xs(shape), vs(shape);
+        simulation_.attr("store")(xs, vs);
+        for (std::size_t i = 0; i < x.size(); ++i) {
+            if (!x[i]) continue;
+            std::copy_n(xs.data(py::ssize_t(i)), 3 * points, x[i]);
+            std::copy_n(vs.data(py::ssize_t(i)), 3 * points, v[i]);
+        }
+    }
+
+private:
+    py::object simulation_;
+    std::vector<Plan> plans_;
+    std::vector<bool> frozen_;
+};
+
+py::object record_fixed(SharedSimulation& shared, FixedRun& run, std::vector<Array<double>> x,
+                        std::vector<Array<double>> v, std::int64_t steps, std::size_t frames,
+                        int threads) {
     auto simulation = shared.use();
     threads = simulation->by_caller() ? 1 : granted_threads(threads);
+    const FramesOf arrays(x, v, [&](std::size_t i) { return !simulation->frozen(i); });
     Outcome outcome;
     {
         Unlocked unlocked;
-        outcome = simulation->advance_adaptive(run, until, steps, threads,
-                                               [&] { return unlocked.signal_pending(); });
+        CoreCloths cloths(*simulation, threads, unlocked);
+        outcome = run.record(cloths, arrays.to, steps, frames);
     }
     return reported(outcome);
 }
 
-void dense(SharedSimulation& shared, double t, Array<double>& x, Array<double>& v, int threads) {
+py::object record_adaptive(SharedSimulation& shared, AdaptiveRun& run, std::vector<Array<double>> x,
+                           std::vector<Array<double>> v, std::int64_t steps, std::size_t frames,
+                           int threads) {
     auto simulation = shared.use();
-    double* const px = x.mutable_data();
-    double* const pv = v.mutable_data();
     threads = simulation->by_caller() ? 1 : granted_threads(threads);
-    const Unlocked unlocked;
-    simulation->member(0).adaptive()->dense(t, px, pv, threads);
+    const FramesOf arrays(x, v, [](std::size_t) { return true; });
+    Outcome outcome;
+    {
+        Unlocked unlocked;
+        outcome = simulation->record(run, arrays.to, steps, frames, threads,
+                                     [&] { return unlocked.signal_pending(); });
+    }
+    return reported(outcome);
 }
 
-// Of a member: first contact, depth of mass points and of triangles, stretch, energy gained (NaN:
-// unknown); impulse on each sphere.
+py::object record_of_adapter(FixedRun& run, const py::object& simulation,
+                             std::vector<Array<double>> x, std::vector<Array<double>> v,
+                             std::int64_t steps, std::size_t frames) {
+    AdapterCloths cloths(simulation);
+    const FramesOf arrays(x, v, [&](std::size_t i) { return cloths.moves(i); });
+    return reported(run.record(cloths, arrays.to, steps, frames));
+}
+
+py::tuple interpolated(const Plan& plan, double t, double begin, double length,
+                       const Array<double>& x0, const Array<double>& v0, const Array<double>& x1,
+                       const Array<double>& v1) {
+    const std::vector<py::ssize_t> shape(x0.shape(), x0.shape() + x0.ndim());
+    Array<double> x(shape), v(shape);
+    interpolate(plan, t, {begin, length, x0.data(), v0.data(), x1.data(), v1.data()},
+                x.mutable_data(), v.mutable_data());
+    return py::make_tuple(x, v);
+}
+
+// Return the extremes of each member over its states. NaN stands for what is unknown.
 py::list watched(SharedSimulation& shared) {
     auto simulation = shared.use();
     constexpr double nan = std::numeric_limits<double>::quiet_NaN();
     py::list members;
     for (std::size_t i = 0; i < simulation->size(); ++i) {
         const Watched& w = simulation->watched(i);
-        py::dict one;
-        one["in_contact"] = w.in_contact();
-        one["responded"] = w.responded;
-        one["first_contact"] = w.in_contact() ? w.first_contact : nan;
-        one["point_depth"] = w.point_depth;
-        one["triangle_depth"] = std::max(w.triangle_depth, w.point_depth);
-        one["stretch"] = std::isfinite(w.stretch) ? w.stretch : 0.0;  // of a cloth without springs
-        one["energy_gained"] = simulation->energy_known(i) ? w.energy_gained : nan;
+        py::dict member;
+        member["in_contact"] = w.in_contact();
+        member["responded"] = w.responded;
+        member["first_contact"] = w.in_contact() ? w.first_contact : nan;
+        member["point_depth"] = w.point_depth;
+        member["triangle_depth"] = std::max(w.triangle_depth, w.point_depth);
+        member["stretch"] =
+            std::isfinite(w.stretch) ? w.stretch : 0.0;  // of a cloth without springs
+        member["energy_gained"] = simulation->energy_known(i) ? w.energy_gained : nan;
         std::vector<std::array<double, 3>> impulses;
         std::vector<double> work;
         for (std::size_t s = 0; s < simulation->plan(i).spheres.size(); ++s) {
@@ -221,10 +330,10 @@ py::list watched(SharedSimulation& shared) {
         py::dict force_work;
         for (const Engine::Work& work : simulation->member(i).works())
             force_work[py::str(work.force)] = work.work;
-        one["force_work"] = force_work;
-        one["impulse"] = impulses;
-        one["obstacle_work"] = work;
-        members.append(one);
+        member["force_work"] = force_work;
+        member["impulse"] = impulses;
+        member["obstacle_work"] = work;
+        members.append(member);
     }
     return members;
 }
@@ -235,8 +344,8 @@ void sample(SharedSimulation& shared) {
     simulation->sample();
 }
 
-// A simulation between steps as named fields. Arrays have an entry for each member, of the sums of
-// impulses one for each sphere of each member.
+// Return a simulation between steps as named fields. Arrays have an entry for each member; those of
+// the sums of impulses have one for each sphere of each member.
 constexpr std::array<const char*, 4> names_of_values{"positions", "velocities", "positions_low",
                                                      "velocities_low"};
 std::size_t parts_of(const Simulation& simulation) {
@@ -291,7 +400,7 @@ py::dict snapshot(SharedSimulation& shared) {
     return fields;
 }
 
-// Continue from fields. Throws, and changes nothing, where one is missing or has another size.
+// Continue from fields. Throw, and change nothing, where one is missing or has another size.
 void restore(SharedSimulation& shared, const py::dict& fields) {
     auto simulation = shared.use();
     const std::size_t members = simulation->size(),
@@ -346,7 +455,7 @@ void restore(SharedSimulation& shared, const py::dict& fields) {
     }
 }
 
-// `get(simulation, i)` of each member.
+// Return a function that calls `get(simulation, i)` for each member.
 template <class Get>
 auto of_members(Get get) {
     return [get](SharedSimulation& shared) {
@@ -362,26 +471,60 @@ auto of_members(Get get) {
 void bind_simulation(py::module_& m) {
     using S = SharedSimulation;
     const py::arg any, exact = py::arg().noconvert();  // an array of the very type
+    py::class_<Moment>(m, "Moment")
+        .def(py::init<double, double>(), py::arg("seconds"), py::arg("time"))
+        .def_readonly("seconds", &Moment::seconds)
+        .def_readonly("time", &Moment::time);
+    py::class_<Segment>(m, "Segment")
+        .def(py::init<Moment, Moment, double, std::int64_t, double>(), py::arg("begin"),
+             py::arg("end"), py::arg("dt"), py::arg("whole"), py::arg("rest") = 0.0);
+    py::class_<FixedRun>(m, "FixedRun")
+        .def(py::init<std::vector<Segment>, std::vector<Moment>>())
+        .def_property_readonly("dt", &FixedRun::dt)
+        .def_property_readonly("steps", &FixedRun::steps)
+        .def_property_readonly("complete", &FixedRun::complete)
+        .def_property_readonly("ahead",
+                               [](const FixedRun& r) { return r.frames.step != r.steps(); })
+        .def_property_readonly("frames", [](const FixedRun& r) { return r.frames.stored; })
+        .def("frame", [](const FixedRun& r, std::size_t k) { return r.frames.stored.at(k); })
+        .def_property_readonly("stored", [](const FixedRun& r) { return r.frames.stored.size(); })
+        .def("record", &record_of_adapter, any, exact, exact, any, any);
     py::class_<AdaptiveRun>(m, "AdaptiveRun")
         .def(py::init([](double tolerance_x, double tolerance_v, double near,
                          std::vector<double> stops, std::vector<double> grid,
-                         const std::tuple<double, double, bool>& controller) {
-            AdaptiveRun run;
-            run.tolerance = {tolerance_x, tolerance_v};
-            run.near = near;
-            run.stops = std::move(stops);
-            run.grid = std::move(grid);
-            std::tie(run.controller.h, run.controller.previous_error, run.controller.rejected) =
-                controller;
-            return run;
-        }))
+                         const std::tuple<double, double, bool>& controller,
+                         std::vector<Moment> moments, double start, std::int64_t every,
+                         std::int64_t since_frame) {
+                 AdaptiveRun run;
+                 run.tolerance = {tolerance_x, tolerance_v};
+                 run.near = near;
+                 run.stops = std::move(stops);
+                 run.grid = std::move(grid);
+                 std::tie(run.controller.h, run.controller.previous_error,
+                          run.controller.rejected) = controller;
+                 run.frames.moments = std::move(moments);
+                 run.start = start;
+                 run.every = every;
+                 run.since_frame = since_frame;
+                 return run;
+             }),
+             py::kw_only(), py::arg("tolerance_x"), py::arg("tolerance_v"), py::arg("near"),
+             py::arg("stops"), py::arg("grid"), py::arg("controller"), py::arg("moments"),
+             py::arg("start"), py::arg("every"), py::arg("since_frame"))
         .def_property_readonly("controller",
                                [](const AdaptiveRun& r) {
                                    const StepController& c = r.controller;
                                    return py::make_tuple(c.h, c.previous_error, c.rejected);
                                })
-        .def_property_readonly("steps", [](const AdaptiveRun& r) { return r.ends.size(); })
-        .def_readonly("begin", &AdaptiveRun::begin)
+        .def_property_readonly("dt", [](const AdaptiveRun& r) { return r.controller.h; })
+        .def_property_readonly("steps", &AdaptiveRun::steps)
+        .def_property_readonly("complete", &AdaptiveRun::complete)
+        .def_property_readonly("ahead",
+                               [](const AdaptiveRun& r) { return r.frames.step != r.steps(); })
+        .def_property_readonly("frames", [](const AdaptiveRun& r) { return r.frames.stored; })
+        .def("frame", [](const AdaptiveRun& r, std::size_t k) { return r.frames.stored.at(k); })
+        .def_property_readonly("stored",
+                               [](const AdaptiveRun& r) { return r.frames.stored.size(); })
         .def_readonly("ends", &AdaptiveRun::ends)
         .def_readonly("kinks", &AdaptiveRun::kinks)
         .def_readonly("rejected", &AdaptiveRun::rejected)
@@ -398,12 +541,15 @@ void bind_simulation(py::module_& m) {
         .def_readonly("value", &Event::value)
         .def_readonly("step", &Event::step)
         .def_readonly("time", &Event::time);
+    m.def("interpolate", &interpolated);
     // float64 comes first, so that what is not given keeps all its digits.
     py::class_<S>(m, "Simulation")
         .def(py::init<const std::vector<Plan>&, double, int>())
         .def("load", &load<double>, exact, exact, py::arg() = py::none())
         .def("load", &load<float>, exact, exact, py::arg() = py::none())
         .def_property_readonly("current", &S::current)
+        .def_property_readonly("instruction_set",
+                               [](S& s) { return s.use()->plan(0).kernels->name; })
         .def("set_scene", &S::set_scene)
         .def("step", &step<double>, any, exact, exact, any, any, any, exact, exact)
         .def("step", &step<float>, any, exact, exact, any, any, any, exact, exact)
@@ -436,8 +582,8 @@ void bind_simulation(py::module_& m) {
         .def("set_frozen", [](S& s, std::size_t i, bool frozen) { s.use()->set_frozen(i, frozen); })
         .def_property_readonly("frozen",
                                of_members([](Simulation& s, std::size_t i) { return s.frozen(i); }))
-        .def("advance_adaptive", &advance_adaptive)
-        .def("dense", &dense, any, exact, exact, any)
+        .def("record", &record_fixed, any, exact, exact, any, any, any)
+        .def("record", &record_adaptive, any, exact, exact, any, any, any)
         .def_property_readonly("contacts", of_members([](Simulation& s, std::size_t i) {
                                    return s.member(i).contact_responses;
                                }))

@@ -69,6 +69,7 @@ void bind_build(py::module_& m) {
                  "bytes_in_shared_cache"_a = heuristics::bytes_in_shared_cache,
                  "steps_of_block"_a = heuristics::steps_of_block,
                  "steps_of_short_block"_a = heuristics::steps_of_short_block,
+                 "negligible_step"_a = heuristics::negligible_step,
                  "negligible_depth"_a = heuristics::negligible_depth,
                  "extents_that_are_far"_a = heuristics::extents_that_are_far);
 }

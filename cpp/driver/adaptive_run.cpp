@@ -1,7 +1,7 @@
-// The loop of error control: try, judge, accept.
+// The loop of error control tries steps, judges and accepts them.
 //
-// The paper's responses follow each accepted step, as they follow each step of the fixed-step methods.
-// To skip no contact, AdaptiveEngine::contact_step bounds a step near the spheres, by the
+// The paper's responses follow each accepted step, as they follow each step of the fixed-step
+// methods. To skip no contact, AdaptiveEngine::contact_step bounds a step near the spheres, by the
 // velocities before the step, and after a trial by those after it: a step that was too long is
 // tried again. Every trial comes to an end. The velocities after an unstable step mean nothing, so
 // they ask for no step below `near`; from there on steps are stable, and a bound of the velocities
@@ -18,7 +18,7 @@ namespace {
 
 // A step this much smaller than the time span does not move the clock any more.
 constexpr double smallest_part = 1e-14;
-// A stop this near, over the time, is at the end of a step: above what the clock rounds.
+// A stop this near, over the time, is at the end of a step. The clock rounds by less.
 constexpr double rounding_of_stops = 1e-12;
 
 }  // namespace
@@ -28,8 +28,8 @@ double AdaptiveRun::target(double t) {
     const double rounding = rounding_of_stops * std::max(std::abs(t), std::abs(stops.back()));
     for (; next_stop + 1 < stops.size() && stops[next_stop] <= t + rounding; ++next_stop)
         kinks.push_back(std::int64_t(ends.size()));
-    const double given = next_given + 1 < grid.size() ? grid[next_given] : stops.back();
-    return std::min(given, stops[next_stop]);
+    const double end_of_grid = next_given + 1 < grid.size() ? grid[next_given] : stops.back();
+    return std::min(end_of_grid, stops[next_stop]);
 }
 
 Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps,
@@ -42,16 +42,18 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
     begin_watches();
     Poll poll(interrupted);
     bool first_trial = true;
-    int passed_in_a_row = 0;
+    int passages_in_a_row = 0;
     for (double t = clock.now(), end = t; t < until && outcome.steps < steps;) {
         if (first_trial) {
             end = run.target(t);
             if (!run.grid.empty()) controller.h = end - t;
         }
         const double left = end - t, smallest = smallest_part * std::max(std::abs(end), left);
-        const double wanted = controller.h;
-        // Two equal steps rather than a long one and a sliver.
-        double h = wanted >= left ? left : wanted > left / 2 ? left / 2 : wanted;
+        const double goal = controller.h;
+        // Two equal steps are better than a long one and a sliver.
+        double h = goal;
+        if (goal >= left) h = left;
+        else if (goal > left / 2) h = left / 2;
         h = adaptive.contact_step(t, h, run.near, false);
         if (!(h > smallest)) {
             if (left <= smallest) break;
@@ -63,24 +65,24 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         throw_force_failure();
         bool accepted = controller.judge(h, error, adaptive.order());
         const double bounded = accepted ? adaptive.contact_step(t, h, run.near, true) : h;
-        const Passed passed = accepted && bounded >= h && engine.has_penalty()
-            ? passed_in(adaptive.trial_depths(t + h), plans_[0])
-            : Passed{};
-        if (passed.obstacle >= 0) {
-            // Steps that meet the tolerance and still end beyond the layer: the solution does.
+        const Passage passage = accepted && bounded >= h && engine.has_penalty()
+            ? passage_in(adaptive.trial_depths(t + h), plan(0))
+            : Passage{};
+        if (passage.obstacle >= 0) {
+            // Where steps meet the tolerance and still end beyond the layer, the solution does too.
             constexpr int most_trials = 3;
-            if (++passed_in_a_row > most_trials) {
-                outcome.events.push_back({"passed", 0, passed.point, passed.obstacle, passed.depth,
-                                          outcome.steps + 1, t + h});
+            if (++passages_in_a_row > most_trials) {
+                outcome.events.push_back({"passed", 0, passage.point, passage.obstacle,
+                                          passage.depth, outcome.steps + 1, t + h});
                 return outcome;
             }
             controller.h = std::min(controller.h, h / 4);
             accepted = false;
         } else if (accepted) {
-            passed_in_a_row = 0;
+            passages_in_a_row = 0;
         }
         if (bounded < h) {
-            // A hair less than allowed, as rounding may ask for the same step again.
+            // The next step is a hair shorter, as rounding may ask for the same step again.
             controller.h = std::min(controller.h, 0.99 * bounded);
             accepted = false;
         }
@@ -110,12 +112,77 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
                 }
             }
             // A step cut short by the end says nothing against longer ones.
-            if (h < wanted) controller.h = std::max(controller.h, wanted);
+            if (h < goal) controller.h = std::max(controller.h, goal);
         } else {
             run.rejected += 1;
         }
         outcome.interrupted = poll.stopped();
         if (outcome.interrupted) return outcome;
+    }
+    return outcome;
+}
+
+void Simulation::store_within(const AdaptiveRun& run, double t, double* x, double* v, int threads) {
+    AdaptiveEngine& adaptive = *members_[0]->adaptive();
+    if (!members_[0]->watched.responded) return adaptive.dense(t, x, v, threads);
+    const std::size_t size = 3 * std::size_t(plan(0).cloth.points());
+    std::vector<double> x0(size), v0(size), x1(size), v1(size);
+    adaptive.dense(run.begin, x0.data(), v0.data(), threads);
+    members_[0]->store(x1.data(), v1.data());
+    interpolate(plan(0), t,
+                {run.begin, clock.now() - run.begin, x0.data(), v0.data(), x1.data(), v1.data()}, x,
+                v);
+}
+
+Outcome Simulation::record(AdaptiveRun& run, const FrameArrays& arrays, std::int64_t most_steps,
+                           std::size_t most_frames, int threads,
+                           const std::function<bool()>& interrupted) {
+    Frames& frames = run.frames;
+    const std::size_t size = 3 * std::size_t(plan(0).cloth.points());
+    const std::size_t last = std::min(arrays.capacity, frames.stored.size() + most_frames);
+    const auto store = [&](const Moment& moment) {
+        const std::size_t place = frames.stored.size() * size;
+        double* const x = arrays.x[0] + place;
+        double* const v = arrays.v[0] + place;
+        // The run begins at the present state, whatever its clock has rounded.
+        const bool within = !frames.stored.empty() && clock.now() > moment.time;
+        if (within) {
+            store_within(run, moment.time, x, v, threads);
+        } else {
+            sample();
+            members_[0]->store(x, v);
+        }
+        frames.step = within ? -1 : run.steps();
+        frames.stored.push_back(moment);
+    };
+    Outcome outcome;
+    while (!run.complete() && frames.stored.size() < last) {
+        const Moment& moment = frames.moments[run.next_moment];
+        if (!frames.stored.empty() && clock.now() < moment.time) {
+            std::int64_t steps = most_steps - outcome.steps;
+            if (steps <= 0) return outcome;
+            if (run.every) steps = std::min(steps, run.every - run.since_frame);
+            const std::int64_t start = run.steps();
+            Outcome part = advance_adaptive(run, moment.time, steps, threads, interrupted);
+            const std::int64_t count = run.steps() - start;
+            for (Event& event : part.events) {
+                event.step += outcome.steps;
+                outcome.events.push_back(std::move(event));
+            }
+            outcome.steps += count;
+            outcome.interrupted = part.interrupted;
+            run.since_frame += count;
+            if (!outcome.complete()) return outcome;
+            const bool arrived = clock.now() >= moment.time;
+            if (run.every && run.since_frame == run.every && !arrived) {
+                run.since_frame = 0;
+                store({clock.now() - run.start, clock.now()});
+            }
+            // Without a step, the remainder is rounding of the clock.
+            if (!arrived && count > 0) continue;
+        }
+        store(moment);
+        ++run.next_moment;
     }
     return outcome;
 }

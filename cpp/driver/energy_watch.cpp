@@ -45,9 +45,9 @@ bool EnergyWatch::begin(const Engine& engine, double t) {
 
 void EnergyWatch::change_scene(const Engine& engine, double t,
                                const std::function<void()>& change) {
-    const double before = started_ ? energy_of(engine, t).total() : 0;
+    const double start = started_ ? energy_of(engine, t).total() : 0;
     change();
-    if (started_) start_ += energy_of(engine, t).total() - before;
+    if (started_) start_ += energy_of(engine, t).total() - start;
 }
 
 void EnergyWatch::set_step(double dt, double stable_dt) {
@@ -70,24 +70,24 @@ bool EnergyWatch::guaranteed() const {
     return all;
 }
 
-bool EnergyWatch::beyond(double part, double made, double moving) const {
-    if (!(made > part * moving)) return false;
-    return !(guaranteed_ && swing_ > part && made <= swing_ * moving);
+bool EnergyWatch::exceeds(double part, double gain, double moving) const {
+    if (!(gain > part * moving)) return false;
+    return !(guaranteed_ && swing_ > part && gain <= swing_ * moving);
 }
 
 std::int64_t EnergyWatch::runaway_point(Engine& engine, double t, bool record) {
     if (!started_ || engine.watched.responded) return -1;
     const Energy now = energy_of(engine, t);
-    const double made = balance(engine, now) - start_;
+    const double gain = balance(engine, now) - start_;
     const double moving = now.kinetic + now.elastic + now.contact;
     guaranteed_ = guaranteed_ && swings() && guaranteed();
     if (record) {
-        engine.watched.energy_gained = std::max(engine.watched.energy_gained, made);
-        if (made > negligible_ && beyond(grown_part, made, moving) && !std::exchange(grown_, true))
+        engine.watched.energy_gained = std::max(engine.watched.energy_gained, gain);
+        if (gain > negligible_ && exceeds(grown_part, gain, moving) && !std::exchange(grown_, true))
             news_ = true;
     }
-    return made > negligible_ && beyond(runaway_part, made, moving) ? fastest_free_point(engine)
-                                                                    : -1;
+    return gain > negligible_ && exceeds(runaway_part, gain, moving) ? fastest_free_point(engine)
+                                                                     : -1;
 }
 
 std::int64_t EnergyWatch::fastest_free_point(const Engine& engine) {

@@ -13,32 +13,32 @@
 
 namespace clothsim {
 
-Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads) : plans_(plans) {
+Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads) {
     members_.reserve(plans.size());
     for (const Plan& plan : plans) members_.push_back(make_engine(plan));
     if (members_.size() == 1) members_[0]->threads = threads;
     stable_dt_.assign(plans.size(), std::numeric_limits<double>::infinity());
     frozen_.assign(plans.size(), 0);
     bad_points_.assign(plans.size(), -1);
-    passed_.assign(plans.size(), {});
+    passages_.assign(plans.size(), {});
     pinned_inside_.assign(plans.size(), -1);
-    told_below_.assign(plans.size(), 0);
-    told_stiff_.assign(plans.size(), 0);
+    silent_below_.assign(plans.size(), 0);
+    silent_stiff_.assign(plans.size(), 0);
     stable_depths_.resize(plans.size());
     all_.resize(plans.size());
     std::iota(all_.begin(), all_.end(), std::size_t(0));
-    for (const Plan& plan : plans_) watches_.emplace_back(plan);
+    for (const auto& member : members_) watches_.emplace_back(member->plan());
     clock.origin = time;
-    for (const Plan& plan : plans_) points_ += plan.cloth.points();
+    for (const Plan& plan : plans) points_ += plan.cloth.points();
     note_forces();
 }
 
 void Simulation::note_forces() {
     by_caller_ = false;
-    for (const Plan& plan : plans_)
-        for (const auto& force : plan.forces)
+    for (const auto& member : members_)
+        for (const auto& force : member->plan().forces)
             if (const auto* function = dynamic_cast<const FunctionForce*>(force.get()))
-                by_caller_ |= plans_.size() > 1 && function->by_caller;
+                by_caller_ |= members_.size() > 1 && function->by_caller;
 }
 
 void Simulation::set_stable_dt(std::vector<double> stable_dt) {
@@ -50,7 +50,7 @@ void Simulation::set_stable_depths(std::size_t i, std::vector<double> depths) {
     stable_depths_[i] = std::move(depths);
 }
 
-void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_dt) {
+void Simulation::set_plans(const std::vector<Plan>& plans, std::vector<double> stable_dt) {
     std::vector<std::unique_ptr<Engine>> members;
     std::vector<EnergyWatch> watches;
     watches.reserve(plans.size());
@@ -59,12 +59,11 @@ void Simulation::set_plans(std::vector<Plan> plans, std::vector<double> stable_d
         Engine& member = *members.back();
         member.threads = members_[i]->threads;
         SavedState state = members_[i]->saved_state();
-        state.normals.clear();  // of other obstacles
+        state.normals.clear();  // They belong to other obstacles.
         member.set_saved_state(state, clock.now());
         if (!frozen_[i]) member.place_pins(clock.now());
-        watches.emplace_back(plans[i]);  // refers to the plan, which stays where it is
+        watches.emplace_back(member.plan());
     }
-    plans_.swap(plans);
     members_.swap(members);
     watches_.swap(watches);
     note_forces();
@@ -81,8 +80,8 @@ void Simulation::restart(std::size_t i) {
     members_[i]->contacts.forget_extremes();
     age_ = 0;
     bad_points_[i] = -1;
-    passed_[i] = {};
-    told_below_[i] = told_stiff_[i] = 0;
+    passages_[i] = {};
+    silent_below_[i] = silent_stiff_[i] = 0;
     end_block();
 }
 
@@ -105,7 +104,7 @@ std::optional<Outcome> Simulation::call(double time, const Load& load, std::int6
     });
     for (const std::size_t i : all_) {
         restart(i);
-        if (passed_point(i, time).obstacle >= 0) finite = false;
+        if (find_passage(i, time).obstacle >= 0) finite = false;
     }
     if (!finite) return {};
     in_block_ = true;
@@ -122,20 +121,13 @@ std::optional<Outcome> Simulation::call(double time, const Load& load, std::int6
 
 void Simulation::set_sphere(std::size_t i, std::size_t sphere, const Vec3& center,
                             const Motion& motion) {
-    watches_[i].change_scene(*members_[i], clock.now(), [&] {
-        plans_[i].spheres[sphere].center = center;
-        plans_[i].spheres[sphere].motion = motion;
-        plans_[i].spheres[sphere].speed = motion.at(0).velocity.norm();
-        members_[i]->set_sphere(sphere, center, motion);
-    });
+    watches_[i].change_scene(*members_[i], clock.now(),
+                             [&] { members_[i]->set_sphere(sphere, center, motion); });
     end_block();
 }
 
 void Simulation::set_force(std::size_t i, const double* force) {
-    watches_[i].change_scene(*members_[i], clock.now(), [&] {
-        plans_[i].force = PointsView(force, plans_[i].cloth.points(), 3);
-        members_[i]->set_force(force);
-    });
+    watches_[i].change_scene(*members_[i], clock.now(), [&] { members_[i]->set_force(force); });
     end_block();
 }
 
@@ -150,12 +142,12 @@ void Simulation::set_step(double dt) {
     clock.set_step(dt);
     end_block();
     speed_limits_.clear();
-    for (std::size_t i = 0; i < plans_.size(); ++i)
-        speed_limits_.push_back(runaway_speed(plans_[i].cloth, dt, stable_dt_[i]));
-    for (std::size_t i = 0; i < plans_.size(); ++i) watches_[i].set_step(dt, stable_dt_[i]);
+    for (std::size_t i = 0; i < members_.size(); ++i)
+        speed_limits_.push_back(runaway_speed(plan(i).cloth, dt, stable_dt_[i]));
+    for (std::size_t i = 0; i < members_.size(); ++i) watches_[i].set_step(dt, stable_dt_[i]);
 }
 
-// All of it member by member, so that the state of a member is in cache for it.
+// Everything is done member by member, so that the state of a member is in cache.
 void Simulation::run_member(std::size_t i, const Steps& steps, bool copy, int threads) {
     Engine& member = *members_[i];
     member.threads = threads;
@@ -166,11 +158,11 @@ void Simulation::run_member(std::size_t i, const Steps& steps, bool copy, int th
         sample(i, clock.at(steps.count));
 }
 
-// A straight path between two places outside the layer goes through an obstacle only if it is longer
-// than the chord of a sphere at the depth h in it.
+// A straight path between two places outside the layer goes through an obstacle only if it is
+// longer than the chord of a sphere at the depth h in it.
 bool Simulation::may_pass(std::size_t i, double dt) const {
     const double speed = members_[i]->has_penalty() ? members_[i]->speed_bound() : 0;
-    return std::any_of(plans_[i].spheres.begin(), plans_[i].spheres.end(), [&](const Sphere& s) {
+    return std::any_of(plan(i).spheres.begin(), plan(i).spheres.end(), [&](const Sphere& s) {
         const double chord =
             std::min(2 * s.radius, std::sqrt(8 * s.radius * std::max(s.thickness, 0.0)));
         // A point may double its speed within a block.
@@ -181,7 +173,7 @@ bool Simulation::may_pass(std::size_t i, double dt) const {
 void Simulation::advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads) {
     Engine& member = *members_[i];
     if (!may_pass(i, from.dt)) return member.advance_and_respond(steps, from, threads);
-    const Plan& plan = plans_[i];
+    const Plan& plan = this->plan(i);
     Points before(plan.cloth.points(), 3), after = before;
     member.store(after.data(), nullptr);
     Clock now = from;
@@ -201,27 +193,27 @@ void Simulation::advance_member(std::size_t i, const Clock& from, std::int64_t s
                 const double length2 = way.squaredNorm();
                 const double part = length2 > 0 ? std::clamp(-a.dot(way) / length2, 0.0, 1.0) : 0;
                 if ((a + part * way).squaredNorm() >= least * least) continue;
-                passed_[i] = {p, std::int64_t(s), std::sqrt(length2)};
+                passages_[i] = {p, std::int64_t(s), std::sqrt(length2)};
                 return;
             }
         }
     }
 }
 
-Simulation::Passed Simulation::passed_in(const std::vector<Depth>& depths, const Plan& plan) {
-    Passed passed;
+Simulation::Passage Simulation::passage_in(const std::vector<Depth>& depths, const Plan& plan) {
+    Passage passage;
     for (std::size_t s = 0; s < depths.size(); ++s)
-        if (beyond_layer(plan.spheres[s], depths[s].depth) && depths[s].depth > passed.depth)
-            passed = {depths[s].point, std::int64_t(s), depths[s].depth};
-    return passed;
+        if (beyond_layer(plan.spheres[s], depths[s].depth) && depths[s].depth > passage.depth)
+            passage = {depths[s].point, std::int64_t(s), depths[s].depth};
+    return passage;
 }
 
-Simulation::Passed Simulation::passed_point(std::size_t i, double t) const {
-    if (!members_[i]->has_penalty() || passed_[i].obstacle >= 0) return passed_[i];
+Simulation::Passage Simulation::find_passage(std::size_t i, double t) const {
+    if (!members_[i]->has_penalty() || passages_[i].obstacle >= 0) return passages_[i];
     std::vector<Depth> depths = members_[i]->depths(t);
     for (std::size_t s = 0; s < depths.size(); ++s)
         depths[s].depth = std::max(depths[s].depth, members_[i]->contacts.of(s).deepest);
-    return passed_in(depths, plans_[i]);
+    return passage_in(depths, plan(i));
 }
 
 void Simulation::each_member_of(const std::vector<std::size_t>& members, int threads,
@@ -230,14 +222,14 @@ void Simulation::each_member_of(const std::vector<std::size_t>& members, int thr
     // other where that is faster.
     const std::size_t team = std::size_t(threads), left = members.size() % team;
     const bool shared = 4 * left <= 3 * team &&
-        plans_[0].cloth.points() >= heuristics::points_per_thread_of_step * threads;
-    const std::size_t alone = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);
+        plan(0).cloth.points() >= heuristics::points_per_thread_of_step * threads;
+    const std::size_t single_count = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);
     std::atomic<std::size_t> next{0};
-    if (alone > 0)
-        in_team(int(std::min(team, alone)), [&](int, int) {
-            for (std::size_t i; (i = next++) < alone;) work(members[i], 1);
+    if (single_count > 0)
+        in_team(int(std::min(team, single_count)), [&](int, int) {
+            for (std::size_t i; (i = next++) < single_count;) work(members[i], 1);
         });
-    for (std::size_t i = alone; i < members.size(); ++i) work(members[i], threads);
+    for (std::size_t i = single_count; i < members.size(); ++i) work(members[i], threads);
 }
 
 void Simulation::run(const Steps& steps, int threads) {
@@ -249,7 +241,7 @@ void Simulation::run(const Steps& steps, int threads) {
         each_member_of(moving_, threads,
                        [&](std::size_t i, int team) { run_member(i, steps, copy, team); });
     } catch (...) {
-        end_block();  // some members have a copy of another step
+        end_block();  // Some members have a copy of another step.
         throw;
     }
     steps_in_block_ += steps.count;
@@ -283,7 +275,7 @@ void Simulation::back_to_start_of_block() {
         if (!frozen_[i]) back_to_start_of_block(i);
         pinned_inside_[i] = -1;
         bad_points_[i] = -1;
-        passed_[i] = {};
+        passages_[i] = {};
     }
     clock.steps -= steps_in_block_;
     age_ -= steps_in_block_;
@@ -293,7 +285,7 @@ void Simulation::back_to_start_of_block() {
 void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) {
     const std::int64_t all = steps_in_block_, steps = std::min(all, outcome.steps);
     back_to_start_of_block();
-    begin_watches();  // at the input, if it did not pay
+    begin_watches();  // They begin at the input, if that did not pay.
     if (all > steps) run({all - steps, false}, threads);
     outcome.steps -= steps;
     for (std::int64_t k = 0; k < steps; ++k, ++outcome.steps) {
@@ -304,10 +296,10 @@ void Simulation::repeat_step_by_step(Outcome& outcome, int threads, Poll& poll) 
         const std::int64_t bad = first_bad_member();
         if (bad < 0) continue;
         const std::int64_t point = bad_points_[std::size_t(bad)];
-        const Passed passed = passed_[std::size_t(bad)];
+        const Passage passage = passages_[std::size_t(bad)];
         back_to_start_of_block();
         Event event{"unstable", bad, point};
-        if (point < 0) event = {"passed", bad, passed.point, passed.obstacle, passed.depth};
+        if (point < 0) event = {"passed", bad, passage.point, passage.obstacle, passage.depth};
         event.step = outcome.steps + 1;
         event.time = clock.at(1);
         outcome.events.push_back(std::move(event));
@@ -340,7 +332,7 @@ void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
     const double now = clock.at(age - age_);
     if (members_[i]->has_penalty() && bad_points_[i] < 0) {
         members_[i]->note_contacts();
-        passed_[i] = passed_point(i, now);
+        passages_[i] = find_passage(i, now);
         note_pinned_inside(i, now);
     }
     const bool due = age % energy_period(i) == 0;
@@ -351,7 +343,7 @@ void Simulation::inspect(std::size_t i, std::int64_t age, bool each) {
 }
 
 void Simulation::sample(std::size_t i, double t) {
-    const Plan& plan = plans_[i];
+    const Plan& plan = this->plan(i);
     Engine& member = *members_[i];
     Points x(plan.cloth.points(), 3);
     member.store(x.data(), static_cast<double*>(nullptr));
@@ -378,7 +370,7 @@ void Simulation::sample() {
 
 std::int64_t Simulation::first_bad_member() const {
     for (std::size_t i = 0; i < members_.size(); ++i)
-        if (bad_points_[i] >= 0 || passed_[i].obstacle >= 0) return std::int64_t(i);
+        if (bad_points_[i] >= 0 || passages_[i].obstacle >= 0) return std::int64_t(i);
     return -1;
 }
 
@@ -399,14 +391,14 @@ void Simulation::report_depths(std::size_t i, Outcome& outcome, double t) {
     const std::int64_t member = std::int64_t(i);
     const Watched& watched = members_[i]->watched;
     const double below = std::max(watched.point_depth, watched.triangle_depth);
-    if (!told_below_[i] && below > heuristics::negligible_depth) {
-        told_below_[i] = 1;
+    if (!silent_below_[i] && below > heuristics::negligible_depth) {
+        silent_below_[i] = 1;
         outcome.add({"below", member, -1, -1, below}, t);
     }
-    for (std::size_t s = 0; s < stable_depths_[i].size() && !told_stiff_[i]; ++s) {
+    for (std::size_t s = 0; s < stable_depths_[i].size() && !silent_stiff_[i]; ++s) {
         const double deepest = members_[i]->contacts.of(s).deepest;
         if (!(deepest > stable_depths_[i][s])) continue;
-        told_stiff_[i] = 1;
+        silent_stiff_[i] = 1;
         outcome.add({"stiff", member, -1, std::int64_t(s), deepest}, t);
     }
 }

@@ -7,13 +7,15 @@
 #include <vector>
 
 #include "driver/energy_watch.hpp"
+#include "driver/frames.hpp"
 #include "engines/engine.hpp"
 #include "integrators/adaptive.hpp"
 #include "memory/poll.hpp"
 
 namespace clothsim {
 
-// What a user should know of a call. engine/judge.py makes an error or a warning of each kind:
+// What a user should know of a call. engine/judge.py makes an error or a warning of each of these
+// kinds:
 //
 //     "unstable"       the state is not finite or has run away; it is the last good one again
 //     "passed"         the point has gone through the layer of the obstacle; likewise
@@ -29,6 +31,8 @@ struct Event {
     double value = 0;  // depth [m]
     std::int64_t step = 0;  // of the call, counted from 1
     double time = 0;  // at the end of that step [s]
+
+    bool failed() const { return kind == "unstable" || kind == "passed"; }
 };
 
 // How a call of `advance` ended, at a whole step in every case.
@@ -37,7 +41,7 @@ struct Outcome {
     bool interrupted = false;
     std::vector<Event> events;  // at most one of each kind
 
-    // All steps were done, and no event has to be reported.
+    // Return whether all steps were done, and no event has to be reported.
     bool complete() const { return !interrupted && events.empty(); }
     // Add an event after the steps so far, unless there is one of its kind.
     void add(Event event, double time);
@@ -52,13 +56,14 @@ struct Outcome {
 //      |<~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~~| a bad state: all members repeat them one by one,
 //                                             each inspected
 //
-// A bad state is not finite, runs away, or holds a mass point that has gone through a layer. A block
-// goes on over several calls of `advance`, as a call may be one step long. In the first block of a
-// call with arrays, these take the place of the copies, and stay unchanged until the call has
+// A bad state is not finite, runs away, or holds a mass point that has gone through a layer. A
+// block goes on over several calls of `advance`, as a call may be one step long. In the first block
+// of a call with arrays, these take the place of the copies, and stay unchanged until the call has
 // succeeded.
 
-// The steps of one run with error control: what is asked of them, and what they were so far.
+// A run with error control: the steps that are asked of it, and the steps so far.
 struct AdaptiveRun {
+    Frames frames;
     Tolerance tolerance;
     double near = 0;  // longest step in reach of a sphere that responds after it [s], stable
     // Rising times [s] at which a step ends; the last is the end of the run.
@@ -71,55 +76,61 @@ struct AdaptiveRun {
     std::int64_t rejected = 0;  // steps tried in vain
     double begin = 0;  // of the last step [s]
     double local_error = 0;  // sum of the method's estimates, in units of the tolerance
+    double start = 0;  // time at the start of the run [s]
+    std::int64_t every = 0;  // steps after which there is a frame too; 0: none
+    std::int64_t since_frame = 0;  // steps
 
-    // Where the step from the time t has to end at the latest.
+    // Return where the step from the time t has to end at the latest.
     double target(double t);
     std::size_t next_stop = 0, next_given = 0;
+
+    std::int64_t steps() const { return std::int64_t(ends.size()); }  // accepted
+    bool complete() const { return next_moment == frames.moments.size(); }
+    std::size_t next_moment = 0;
 };
 
 class Simulation {
 public:
-    // `threads`: that steps, and so copies of the state, may use.
+    // Steps, and so copies of the state, may use so many `threads`.
     Simulation(const std::vector<Plan>& plans, double time, int threads);
 
     std::size_t size() const { return members_.size(); }
     Engine& member(std::size_t i) { return *members_[i]; }
     const Engine& member(std::size_t i) const { return *members_[i]; }
-    // To be called when a member's state was set from outside.
+    // The caller has set the state of a member.
     void restart(std::size_t i);
 
     Clock clock;
 
-    const Plan& plan(std::size_t i) const { return plans_[i]; }
+    const Plan& plan(std::size_t i) const { return members_[i]->plan(); }
     // Replace the scenes of all members, by scenes of the same shape, precision and integrator.
     // State and clock stay; points that are now pinned stop. An exception leaves everything as it
     // was.
-    void set_plans(std::vector<Plan> plans, std::vector<double> stable_dt);
+    void set_plans(const std::vector<Plan>& plans, std::vector<double> stable_dt);
 
-    // One call, arrays in and arrays out: start anew at a time from the state that `load` brings
-    // into a member, and advance. None if `load` finds that a state is not finite.
+    // Start anew at a time from the state that `load` brings into a member, and advance. Return
+    // nothing if `load` finds that a state is not finite.
     using Load = std::function<bool(std::size_t i)>;
     std::optional<Outcome> call(double time, const Load& load, std::int64_t steps, double dt,
                                 int threads, const std::function<bool()>& interrupted);
 
-    // Work for every member, shared among threads like steps: for member i by a team of so many
-    // threads.
+    // Does work for member i with a team of so many threads.
     using MemberWork = std::function<void(std::size_t i, int threads)>;
     void each_member(int threads, const MemberWork& work) { each_member_of(all_, threads, work); }
 
-    // The guaranteed time step of each member [s]: only above it a point can be too fast. Default:
-    // infinite.
+    // Set the guaranteed time step of each member [s]: only above it a point can be too fast. It is
+    // infinite until it is set.
     void set_stable_dt(std::vector<double> stable_dt);
-    // The depths in the layers of a member's obstacles up to which the time step is stable [m].
+    // Set the depths in the layers of a member's obstacles up to which the time step is stable [m].
     void set_stable_depths(std::size_t i, std::vector<double> depths);
 
-    // From now on.
+    // Change an obstacle, or the force on points, from now on.
     void set_sphere(std::size_t i, std::size_t sphere, const Vec3& center, const Motion& motion);
     void set_force(std::size_t i, const double* force);
 
-    // Whether a batch has forces that only the thread of the call may ask.
+    // Return whether a batch has forces that only the thread of the call may ask.
     bool by_caller() const { return by_caller_; }
-    // What a force of a member has thrown, which is taken from all members.
+    // Take from all members what their forces have thrown, and return the first of it.
     std::exception_ptr take_force_failure();
     void throw_force_failure() {
         if (const std::exception_ptr failure = take_force_failure())
@@ -135,10 +146,12 @@ public:
     Outcome advance(std::int64_t steps, double dt, int threads,
                     const std::function<bool()>& interrupted);
 
-    // Error control, for one member whose integrator has it: at most `steps` steps of `run`, until
-    // a frame at the time `until` is reached or passed.
-    Outcome advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps, int threads,
-                             const std::function<bool()>& interrupted);
+    // Error control, for one member whose integrator has it: take steps and store frames, at most
+    // so many of either. It ends sooner at an event, which the caller has to report before he goes
+    // on. Dense output gives frames within steps until an obstacle responds after a step, and from
+    // then on `interpolate`.
+    Outcome record(AdaptiveRun& run, const FrameArrays& arrays, std::int64_t most_steps,
+                   std::size_t most_frames, int threads, const std::function<bool()>& interrupted);
 
     // Sample depths of triangles and stretches after every `every` steps; an adaptive run also
     // after `interval` [s].
@@ -150,8 +163,8 @@ public:
     // Sample the present state of every member, and its energy, whenever that is due.
     void sample();
     const Watched& watched(std::size_t i) const { return members_[i]->watched; }
-    // Whether Watched::energy_gained has a meaning: until a sphere responds, from the first step
-    // on.
+    // Return whether Watched::energy_gained has a meaning: until a sphere responds, from the first
+    // step on.
     bool energy_known(std::size_t i) const {
         return watches_[i].begun() && !members_[i]->watched.responded;
     }
@@ -160,66 +173,71 @@ private:
     struct Steps {
         std::int64_t count;
         bool inspect;  // at the state after them
-        // Of steps that are repeated one by one, to find the one that went wrong.
+        // The steps are repeated one by one, to find the one that went wrong.
         bool each = false;
     };
     void each_member_of(const std::vector<std::size_t>& members, int threads,
                         const MemberWork& work);
+    // Take at most `steps` steps of `run`, until one ends at the time `until` or after it.
+    Outcome advance_adaptive(AdaptiveRun& run, double until, std::int64_t steps, int threads,
+                             const std::function<bool()>& interrupted);
+    // Write the state at a time within the last step of `run`.
+    void store_within(const AdaptiveRun& run, double t, double* x, double* v, int threads);
     void run(const Steps& steps, int threads);
     void note_forces();
     void run_member(std::size_t i, const Steps& steps, bool copy, int threads);
     void set_step(double dt);
-    // Add what the steps so far, up to the time t, found of contacts.
+    // Add the events of contacts in the steps so far, up to the time t.
     void report_contacts(Outcome& outcome, double t);
     void note_pinned_inside(std::size_t i, double t);
     void report_depths(std::size_t i, Outcome& outcome, double t);
-    // Steps of a member, one by one and by their paths where a point may pass an obstacle in one.
+    // Take steps of a member, one by one where a point may pass an obstacle in one: their paths
+    // tell.
     void advance_member(std::size_t i, const Clock& from, std::int64_t steps, int threads);
     bool may_pass(std::size_t i, double dt) const;
     // A point that has left a layer on its inner side.
-    struct Passed {
+    struct Passage {
         std::int64_t point = -1, obstacle = -1;
         double depth = 0;
     };
-    static Passed passed_in(const std::vector<Depth>& depths, const Plan& plan);
-    // At the time t, or in a step before.
-    Passed passed_point(std::size_t i, double t) const;
-    // Whether a member's state is finite, and its energy where that is due, at the end of a call
-    // above the guaranteed time step, and after `each` repeated step.
+    static Passage passage_in(const std::vector<Depth>& depths, const Plan& plan);
+    // Return the passage at the time t, or in a step before.
+    Passage find_passage(std::size_t i, double t) const;
+    // Look whether a member's state is finite. The energy is looked at where that is due, at the
+    // end of a call above the guaranteed time step, and after `each` repeated step.
     void inspect(std::size_t i, std::int64_t age, bool each);
-    // Steps between two inspections of the energy of a member, and of all.
+    // Return the steps between two inspections of the energy of a member, and of all.
     std::int64_t energy_period(std::size_t i) const;
     std::int64_t energy_period() const;
     void begin_watches();
-    // A member's state, of time t.
+    // Sample a member's state, of time t.
     void sample(std::size_t i, double t);
     void sample_accepted(double t);
     std::int64_t first_bad_member() const;  // as last inspected, or -1
     void end_block();
     void back_to_start_of_block();
     void back_to_start_of_block(std::size_t i);
-    // A state is bad: the steps of this call in the block again one by one, up to the last good
-    // state.
+    // A state is bad: take the steps of this call in the block again one by one, up to the last
+    // good state.
     void repeat_step_by_step(Outcome& outcome, int threads, Poll& poll);
 
     bool by_caller_ = false;
     std::int64_t chunk_ = 1;  // steps between two questions for Ctrl-C
-    std::vector<Plan> plans_;
     std::vector<std::unique_ptr<Engine>> members_;
     std::int64_t points_ = 0;  // of all members
     std::vector<double> stable_dt_;
     std::vector<std::uint8_t> frozen_;
     std::vector<std::size_t> all_, moving_;  // members; those that are not frozen, in this block
-    // The first of each member at its last inspection, or -1.
+    // The first bad mass point of each member at its last inspection, or -1.
     std::vector<std::int64_t> bad_points_;
     bool in_block_ = false;
     std::int64_t steps_in_block_ = 0;  // so far
     // Brings the state at the start of the block; null: copies in the engines.
     const Load* input_ = nullptr;
     std::vector<EnergyWatch> watches_;
-    std::vector<Passed> passed_;
+    std::vector<Passage> passages_;
     std::vector<std::vector<double>> stable_depths_;
-    std::vector<std::uint8_t> told_below_, told_stiff_;
+    std::vector<std::uint8_t> silent_below_, silent_stiff_;
     std::vector<std::int64_t> pinned_inside_;  // a point of each member below a surface, or -1
     bool watch_energy_ = true;
     std::int64_t age_ = 0;  // steps since the state was set

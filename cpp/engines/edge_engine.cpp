@@ -68,13 +68,13 @@ struct HaloSlot {
     int vectors = 0;
     int lanes = 0;
     int row_count = 0;
-    int seen = 0;
+    int values_read = 0;
 
     void prepare(const TransposedLayout& layout, const Features& features) {
         vectors = layout.vectors;
         lanes = layout.lanes;
         row_count = features.family[bend] ? 2 : 1;
-        seen = (features.spring_damping ? 6 : 3) * lanes;
+        values_read = (features.spring_damping ? 6 : 3) * lanes;
         rows.assign(slots * 2 * row_size() + lanes, Real(0));
     }
     std::ptrdiff_t row_size() const { return std::ptrdiff_t(vectors) * WorkRecord::count * lanes; }
@@ -86,7 +86,7 @@ struct HaloSlot {
         const int stride = (stage % 4 == 0 ? StateRecord::count : WorkRecord::count) * lanes;
         for (int which = 0; which < row_count; ++which)
             for (int k = 0; k < vectors; ++k)
-                std::copy_n((which == 0 ? border : second) + k * stride, seen,
+                std::copy_n((which == 0 ? border : second) + k * stride, values_read,
                             row(stage, which) + k * stride);
     }
 };
@@ -132,8 +132,8 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     // Let the rows behind the last be those of the neighbour at a stage.
     void fetch_beyond_far(std::int64_t number) {
         for (int i = 0; i < 2; ++i) {
-            EdgeRowPointers<Real>& beyond = rows[std::size_t(size() + i)];
-            beyond.state = beyond.work = from_far.row(number, i);
+            EdgeRowPointers<Real>& row_after = rows[std::size_t(size() + i)];
+            row_after.state = row_after.work = from_far.row(number, i);
         }
     }
     // Versions are the stages of a call's steps, from 1 on.
@@ -231,10 +231,10 @@ void EdgeEngine<Real>::build_coefficients() {
     // all.
     std::map<std::vector<int>, int> classes;
     const auto class_of = [&](const std::vector<int>& reach) {
-        const auto [found, is_new] = classes.try_emplace(reach, int(classes.size()));
-        if (!is_new) return found->second;
+        const auto [place_of_class, is_new] = classes.try_emplace(reach, int(classes.size()));
+        if (!is_new) return place_of_class->second;
         for (const Neighbour& neighbour : spring_kinds)
-            for (const int what : {0, 1, 2})
+            for (const int field : {0, 1, 2})
                 for (const int follow : reach) {
                     const bool exists = follow >= neighbour.column;
                     const double stiffness = cloth.stiffness[neighbour.family] * scale / unit_;
@@ -242,13 +242,13 @@ void EdgeEngine<Real>::build_coefficients() {
                         Real(stiffness * cloth.rest_length(neighbour) / root_scale);
                     const double damping = cloth.spring_damping[neighbour.family] * scale /
                         (root_scale * root_scale) / unit_;
-                    const Real value = what == EdgeCoefficientIndex::stiffness
+                    const Real value = field == EdgeCoefficientIndex::stiffness
                         ? stiffness_at_rest<Real>(plan_, neighbour, Real(stiffness), tension)
-                        : what == EdgeCoefficientIndex::tension ? tension
-                                                                : Real(damping);
+                        : field == EdgeCoefficientIndex::tension ? tension
+                                                                 : Real(damping);
                     coefficients_.push_back(exists ? value : Real(0));
                 }
-        return found->second;
+        return place_of_class->second;
     };
     class_of(std::vector<int>(std::size_t(layout_.lanes), 2));
     for (int k = 0; k < layout_.vectors; ++k) {
@@ -473,9 +473,10 @@ void EdgeEngine<Real>::step_band(Band& band) {
         }
         // A row is finished with the next one, the last by itself.
         const int front_row = std::min(front - 3 * band.lag + band.several, n);
-        const int finished = front_row == n ? n : std::max(front_row - 1, 0);
-        for (int row = done; strips && row < finished; ++row) band.give_border(row, band.step + 1);
-        done = finished;
+        const int last_complete = front_row == n ? n : std::max(front_row - 1, 0);
+        for (int row = done; strips && row < last_complete; ++row)
+            band.give_border(row, band.step + 1);
+        done = last_complete;
     }
     ++band.step;
 }
@@ -533,7 +534,7 @@ void EdgeEngine<Real>::advance(std::int64_t steps, const Clock& clock, int threa
 template <class Real>
 void EdgeEngine<Real>::accelerations(double t, double* a) {
     const FieldLayout f = field();
-    AlignedVector<Real> found(std::size_t(f.acceleration_size), Real(0));
+    AlignedVector<Real> accelerations(std::size_t(f.acceleration_size), Real(0));
     const bool strips = layout_.strips > 1;
     for (int strip = 0; strips && strip < layout_.strips; ++strip) {
         Band& band = *bands(1)[std::size_t(strip)];
@@ -550,7 +551,8 @@ void EdgeEngine<Real>::accelerations(double t, double* a) {
     this->act(memory_, StageTime::at_rest(t), 0, rows(), single);
     for (int strip = 0; strip < layout_.strips; ++strip) {
         for (int r = 0; strips && r < rows(); ++r) bands(1)[std::size_t(strip)]->take_border(r);
-        begin_sweep(memory_.data() + strip * layout_.strip_size(), found.data(), all, strip);
+        begin_sweep(memory_.data() + strip * layout_.strip_size(), accelerations.data(), all,
+                    strip);
         sweep_rows(0, rows(), all);
         const int own = layout_.own(strip);
         const int own_end = layout_.own(strip + 1);
@@ -561,8 +563,8 @@ void EdgeEngine<Real>::accelerations(double t, double* a) {
             double* to = a + 3 * (std::ptrdiff_t(r) * columns() + own);
             for (const std::ptrdiff_t place : places)
                 for (int k = 0; k < 3; ++k)
-                    *to++ = double(
-                        found[std::size_t(r * f.acceleration_row + place + k * layout_.lanes)]);
+                    *to++ = double(accelerations[std::size_t(r * f.acceleration_row + place +
+                                                             k * layout_.lanes)]);
         }
     }
 }

@@ -109,6 +109,9 @@ public:
     // caller.
     virtual void place_pins(double t) = 0;
 
+    // Return what the engine computes, with the changes of `set_sphere` and `set_force`.
+    virtual const Plan& plan() const = 0;
+
     // Set a sphere's centre and motion from now on; the state stays.
     virtual void set_sphere(std::size_t sphere, const Vec3& center, const Motion& motion) = 0;
 

@@ -248,7 +248,7 @@ private:
     // Advances conservatively: a point closes on the surface by its gap and half the layer at most.
     double penalty_step(const Sphere& sphere, double t, double h, bool after_trial) {
         const Travel travel = travel_of(sphere, t, h);
-        const PenaltyContact contact(sphere, StageTime::of_stage(t, h, 0));
+        const PenaltyContact contact(sphere, StageTime::of_stage(t, h, 0), this->origin_);
         const auto speed_of = [&](const Vec3& velocity) {
             const Vec3 relative = velocity - travel.velocity;
             return sphere.flat() ? std::max(-relative.dot(sphere.normal), 0.0) : relative.norm();
@@ -268,7 +268,7 @@ private:
         return allowed;
     }
     double contact_step(const Sphere& sphere, double t, double h, double near, bool after_trial) {
-        const Surface surface = sphere.surface_at(t);
+        const Surface surface = sphere.surface_at(t, this->origin_);
         const Travel moved = travel_of(sphere, t, h);
         const Vec3& travel = moved.velocity;
         const Cloth& cloth = this->plan_.cloth;
@@ -537,10 +537,10 @@ private:
     // Returns the cubic polynomial through both ends of the step with their slopes, at a part of
     // it.
     ChebyshevSum<Real> hermite_sum(double part) {
-        const double left = 1 - part;
+        const double remainder = 1 - part;
         planned_step_ = step_;
-        return sum_of(part * part * (3 - 2 * part), 0, -part * part * left, part * left * left,
-                      stages());
+        return sum_of(part * part * (3 - 2 * part), 0, -part * part * remainder,
+                      part * remainder * remainder, stages());
     }
     ModeBounds modes_with_forces() const {
         ModeBounds modes = modes_;
@@ -632,8 +632,8 @@ private:
         for (std::size_t s = 0; s < this->plan_.spheres.size(); ++s) {
             const Sphere& sphere = this->plan_.spheres[s];
             if (!sphere.penalty()) continue;
-            const PenaltyContact begin(sphere, StageTime::of_stage(t, h, 0));
-            const PenaltyContact middle(sphere, StageTime::of_stage(t, h, 0.5));
+            const PenaltyContact begin(sphere, StageTime::of_stage(t, h, 0), this->origin_);
+            const PenaltyContact middle(sphere, StageTime::of_stage(t, h, 0.5), this->origin_);
             for (int i = 0; i < x0.rows(); ++i) {
                 if (this->plan_.cloth.pinned[std::size_t(i)]) continue;
                 double* const record = this->contacts.record(s, i / this->columns());

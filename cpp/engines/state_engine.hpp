@@ -55,7 +55,7 @@ public:
         auto next = state.values.begin();
         each_value([&](std::ptrdiff_t at) { memory_[at] = Real(*next++); });
         stop_held_pins();
-        set_origin(state.origin);
+        origin_ = state.origin;
         if (state.normals.empty()) choose_normals(t);
         else if (compensated)
             for (std::size_t s = 0; s < plan_.spheres.size(); ++s)
@@ -88,6 +88,7 @@ public:
         if (has_responses()) respond(t1, t1 - t0, threads);
     }
 
+    const Plan& plan() const final { return plan_; }
     void set_sphere(std::size_t sphere, const Vec3& center, const Motion& motion) final {
         plan_.spheres[sphere].center = center;
         plan_.spheres[sphere].motion = motion;
@@ -141,7 +142,7 @@ public:
     int pinned_below(double t) const final {
         for (const std::size_t number : penalty_) {
             const Sphere& sphere = plan_.spheres[number];
-            const PenaltyContact contact(sphere, StageTime::at_rest(t));
+            const PenaltyContact contact(sphere, StageTime::at_rest(t), origin_);
             for (const int i : pins_)
                 if (contact.at(points_.position(memory_, i)).depth > sphere.reach()) return i;
         }
@@ -253,7 +254,7 @@ protected:
         for (const std::size_t number : penalty_) {
             Sphere& sphere = plan_.spheres[number];
             if (sphere.flat()) continue;
-            const Vec3 center = sphere.center_at(t);
+            const Vec3 center = sphere.center_at(t) - origin_;
             int most = -1;
             for (int side = 0; side < 6; ++side) {
                 int clear = 0;
@@ -411,7 +412,7 @@ private:
     PenaltyArguments<Real> penalty_arguments(const Sphere& sphere, std::size_t number,
                                              const StageTime& time, double unit, double factor,
                                              bool between_steps) const {
-        const Surface surface = sphere.surface_at(time);
+        const Surface surface = sphere.surface_at(time, origin_);
         const Vec3 velocity = sphere.velocity_at(time);
         PenaltyArguments<Real> p{};
         for (int k = 0; k < 3; ++k) {
@@ -482,10 +483,11 @@ private:
         for (int i = 0; i < plan_.cloth.points(); ++i) sum += points_.position(memory_, i);
         const Vec3 middle = sum / plan_.cloth.points();
         for (const std::size_t number : penalty_)
-            set_normal(plan_.spheres[number], normal_towards(plan_.spheres[number], middle, t));
+            set_normal(plan_.spheres[number],
+                       normal_towards(plan_.spheres[number], middle, t, origin_));
     }
     void respond(double t, double dt, int threads) {
-        const Responses responses = responses_.respond(memory_, t, dt, threads);
+        const Responses responses = responses_.respond(memory_, t, dt, origin_, threads);
         contact_responses += responses.count;
         if (responses.changed) {
             state_known_ = false;
@@ -542,7 +544,7 @@ private:
 
     template <class In>
     bool load_any(double t, const In* x, const In* v) {
-        set_origin(compensated ? far_origin(x) : Vec3(Vec3::Zero()));
+        origin_ = compensated ? far_origin(x) : Vec3(Vec3::Zero());
         state_known_ = false;
         in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
             for (int r = int(begin); r < int(end); ++r) {
@@ -588,12 +590,12 @@ private:
         const std::ptrdiff_t size = layout_.component();
         const std::ptrdiff_t low = layout_.compensation();
         const Real* const row = memory_.data() + layout_.at(r, 0, first);
-        const Vec3 back = Vec3::Zero() - origin;
+        const Vec3 shift = Vec3::Zero() - origin;
         for (int c = 0; c < columns(); ++c, to += 3) {
             const Real* const from = row + layout_.in_row(c);
             for (int k = 0; k < 3; ++k) {
                 if constexpr (compensated)
-                    to[k] = Out(double(from[k * size]) + double(from[k * size + low]) - back[k]);
+                    to[k] = Out(double(from[k * size]) + double(from[k * size + low]) - shift[k]);
                 else to[k] = Out(from[k * size]);
             }
         }
@@ -628,11 +630,6 @@ private:
             ? middle
             : Vec3(Vec3::Zero());
     }
-    void set_origin(const Vec3& origin) {
-        origin_ = origin;
-        for (Sphere& sphere : plan_.spheres) sphere.origin = origin;
-    }
-
     Points sum_;  // of several forces [N]
     Points acting_x_, acting_v_;  // of the state on which forces act
     std::vector<int> pins_, held_pins_;

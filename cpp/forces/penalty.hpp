@@ -28,10 +28,11 @@
 
 namespace clothsim {
 
-// Returns the normal of a sphere at the surface point nearest to a place, or that which it has in
-// its centre.
-inline Vec3 normal_towards(const Sphere& sphere, const Vec3& place, double t) {
-    const Vec3 away = place - sphere.center_at(t);
+// Returns the normal of a sphere at the surface point nearest to a place relative to an origin, or
+// that which it has in its centre.
+inline Vec3 normal_towards(const Sphere& sphere, const Vec3& place, double t, const Vec3& origin) {
+    const Vec3 center = sphere.center_at(t) - origin;
+    const Vec3 away = place - center;
     const double distance = away.norm();
     const bool has_direction = !sphere.flat() && std::isfinite(distance) && distance > 0;
     return has_direction ? Vec3(away / distance) : sphere.normal;
@@ -43,8 +44,11 @@ struct PenaltyContact {
     Surface surface;
     Vec3 velocity;  // of the obstacle [m/s]
 
-    PenaltyContact(const Sphere& sphere, const StageTime& time)
-        : obstacle(sphere), surface(sphere.surface_at(time)), velocity(sphere.velocity_at(time)) {}
+    // `origin`: of the places of points [m].
+    PenaltyContact(const Sphere& sphere, const StageTime& time, const Vec3& origin = Vec3::Zero())
+        : obstacle(sphere),
+          surface(sphere.surface_at(time, origin)),
+          velocity(sphere.velocity_at(time)) {}
 
     // Returns whether a point is so far off that it cannot be in the layer, quicker than its gap.
     bool is_clear(const Vec3& x) const {

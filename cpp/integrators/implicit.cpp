@@ -201,10 +201,7 @@ int ImplicitMidpoint::solve(Points& x, Points& v, double t, double h) {
                            });
     contacts_.clear();
     for (const Sphere& sphere : scene_.spheres)
-        if (sphere.penalty()) {
-            contacts_.emplace_back(sphere, middle_);
-            contacts_.back().surface.place += sphere.origin;  // states come relative to 0 here
-        }
+        if (sphere.penalty()) contacts_.emplace_back(sphere, middle_);
     int evaluations = 1;
     Vector u(3 * unknowns_);
     for (int i = 0; i < cloth_.points(); ++i)

@@ -81,6 +81,8 @@ inline constexpr int halo_slots = 4;
 
 // Accuracy
 
+// A remainder below this part of a step is rounding of the caller's numbers, and no step.
+inline constexpr double negligible_step = 1e-9;
 // Depth below a true surface up to which nobody is warned [m]: places are rounded by less.
 inline constexpr double negligible_depth = 1e-9;
 // Extents of a cloth from the origin to its middle, from which on single keeps positions relative

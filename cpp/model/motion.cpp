@@ -10,9 +10,9 @@ MotionState Motion::at(double t, double inside) const {
     double part = inside;
     if (period > 0) {
         const double cycles = inside / period + phase;
-        const double whole = std::floor(cycles);
-        part = cycles - whole;
-        t = t / period + phase - whole;
+        const double cycle = std::floor(cycles);
+        part = cycles - cycle;
+        t = t / period + phase - cycle;
     }
     const MotionPiece& p = *(
         std::upper_bound(pieces.begin() + 1, pieces.end(), part,

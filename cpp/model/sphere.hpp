@@ -56,7 +56,6 @@ struct Sphere {
     bool as_printed = false;  // Kim et al. word for word: absolute velocity, approaching or not
     Motion motion;
     Vec3 normal = Vec3::UnitY();  // at the place of the surface from which points are measured
-    Vec3 origin = Vec3::Zero();   // m, of the positions that the centre is compared with
 
     bool penalty() const { return response == Response::penalty; }
     bool flat() const { return std::isinf(radius); }
@@ -65,16 +64,19 @@ struct Sphere {
     double reach() const { return offset + thickness; }
     Vec3 center_at(double t) const { return center_at(StageTime::at_rest(t)); }
     Vec3 center_at(const StageTime& time) const {
-        return motion.place(center, motion.at(time.t, time.inside)) - origin;
+        return motion.place(center, motion.at(time.t, time.inside));
     }
     Vec3 velocity_at(double t) const { return motion.at(t).velocity; }
     // Where a velocity jumps, the piece of the motion that lies in the step counts.
     Vec3 velocity_at(const StageTime& time) const {
         return motion.at(time.t, time.inside).velocity;
     }
-    Surface surface_at(double t) const { return surface_at(StageTime::at_rest(t)); }
-    Surface surface_at(const StageTime& time) const {
-        const Vec3 middle = center_at(time);
+    // Relative to an origin [m].
+    Surface surface_at(double t, const Vec3& origin = Vec3::Zero()) const {
+        return surface_at(StageTime::at_rest(t), origin);
+    }
+    Surface surface_at(const StageTime& time, const Vec3& origin = Vec3::Zero()) const {
+        const Vec3 middle = center_at(time) - origin;
         return {flat() ? middle : Vec3(middle + radius * normal), normal, 1 / radius};
     }
 };

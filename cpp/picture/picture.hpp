@@ -108,7 +108,8 @@ struct Plane {
     double radius = 0;  // m around `point`, where it has faded
     Triple color{};
     bool solid = false;  // cloth below is shown
-    // A grid has lines along these two unit vectors, and a crossing at `node` [m]; zero vectors: none.
+    // A grid has lines along these two unit vectors, and a crossing at `node` [m]; zero vectors:
+    // none.
     std::array<Triple, 2> lines{};
     Triple node{};
 };

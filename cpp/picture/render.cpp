@@ -167,10 +167,10 @@ private:
     // First the mean height of the cover between point and light. Then the covered part of a disc
     // as wide as the light's edge seems at that height.
     double past_sheet(const Triple& point) const {
-        const Triple seen = view_.to_view(point);
-        const float x = float(map_size / 2.0 + view_.scale * seen[0]);
-        const float y = float(map_size / 2.0 - view_.scale * seen[1]);
-        const float slack = float(map_slack / view_.scale), height = float(seen[2]);
+        const Triple place = view_.to_view(point);
+        const float x = float(map_size / 2.0 + view_.scale * place[0]);
+        const float y = float(map_size / 2.0 - view_.scale * place[1]);
+        const float slack = float(map_slack / view_.scale), height = float(place[2]);
         const float edge = float(light_size * view_.scale), least = float(map_slack);
         const float reach = edge * (highest_ - height) + least;
         constexpr float middle = map_size / 2.0f;
@@ -183,7 +183,7 @@ private:
         if (between == 0) return 1;
         const float width = std::max(edge * (sum / between), least);
         look_up(heights_.data(), disc, x, y, width, height, taps, above);
-        for (const float one : above) covered += std::clamp(one / slack - 1, 0.0f, 1.0f);
+        for (const float gap : above) covered += std::clamp(gap / slack - 1, 0.0f, 1.0f);
         return 1 - double(covered) / taps;
     }
 

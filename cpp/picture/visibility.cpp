@@ -26,9 +26,9 @@ CLOTHSIM_VERSIONS void cover(const Facet& facet, double number, int column, doub
     for (int k = 0; k < count; ++k) {
         const double x = column + k + 0.5 - facet.x;
         const double b = facet.b(x, dy), c = facet.c(x, dy);
-        const double here = facet.nearness + b * facet.b_nearness + c * facet.c_nearness;
-        const bool covered = (b >= 0) & (c >= 0) & (b + c <= 1) & (here > nearness[k]);
-        nearness[k] = covered ? here : nearness[k];
+        const double nearness_here = facet.nearness + b * facet.b_nearness + c * facet.c_nearness;
+        const bool covered = (b >= 0) & (c >= 0) & (b + c <= 1) & (nearness_here > nearness[k]);
+        nearness[k] = covered ? nearness_here : nearness[k];
         nearest[k] = covered ? number : nearest[k];
     }
 }

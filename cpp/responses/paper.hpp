@@ -23,9 +23,10 @@ struct Contact {
     double top;  // level below which points are in contact
     double dt;  // of the step that ends then [s]
 
-    Contact(const Sphere& s, double t, double step)
+    // `origin`: of the places of points [m].
+    Contact(const Sphere& s, double t, double step, const Vec3& origin)
         : sphere(s),
-          surface(s.surface_at(t)),
+          surface(s.surface_at(t, origin)),
           velocity(s.velocity_at(t)),
           top(surface.level_at(s.offset)),
           dt(step) {}
@@ -166,15 +167,18 @@ public:
           geometry_(layout.geometry(kernels_.lanes)) {}
     PaperResponses(const PaperResponses&) = delete;
 
-    // Respond after the step of dt that ends at the time t.
-    Responses respond(AlignedVector<Real>& memory, double t, double dt, int threads) {
+    // Respond after the step of dt that ends at the time t; positions are relative to an origin
+    // [m].
+    Responses respond(AlignedVector<Real>& memory, double t, double dt, const Vec3& origin,
+                      int threads) {
         std::vector<int> near_points;
         std::vector<std::vector<int>> of_parts;
         Responses all;
         for (std::size_t number = 0; number < plan_.spheres.size(); ++number) {
             const Sphere& sphere = plan_.spheres[number];
             if (sphere.penalty()) continue;
-            const Contact contact(sphere, t, 2 * double(Real(dt / 2)));  // as the shader has it
+            const double step = 2 * double(Real(dt / 2));  // as the shader has it
+            const Contact contact(sphere, t, step, origin);
             const SurfaceLevel<Real> level = level_of(contact);
             const std::int64_t most =
                 plan_.cloth.points() / heuristics::points_per_thread_of_response;
@@ -207,7 +211,7 @@ public:
         // Depths count pinned points too; no other point can be inside.
         for (const Sphere& sphere : plan_.spheres) {
             if (sphere.penalty()) continue;
-            const Surface surface = sphere.surface_at(t);
+            const Surface surface = sphere.surface_at(t, origin);
             for (const int i : near_points) {
                 const double level = surface.level(points_.position(memory, i) - surface.place);
                 all.depth = std::max(all.depth, -surface.height(level));

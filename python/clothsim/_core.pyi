@@ -1,4 +1,4 @@
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -74,23 +74,56 @@ class Plan:
     @property
     def instruction_set(self) -> str: ...
 
+class Moment:
+    seconds: float
+    time: float
+    def __init__(self, seconds: float, time: float) -> None: ...
+
+class Segment:
+    def __init__(
+        self, *, begin: Moment, end: Moment, dt: float, whole: int, rest: float = 0.0
+    ) -> None: ...
+
+class FixedRun:
+    dt: float
+    steps: int
+    complete: bool
+    ahead: bool
+    frames: list[Moment]
+    stored: int
+    def __init__(self, segments: list[Segment], moments: list[Moment]) -> None: ...
+    def frame(self, k: int) -> Moment: ...
+    def record(
+        self, simulation: object, x: list[Floats], v: list[Floats], steps: int, frames: int
+    ) -> list[Event] | None: ...
+
 class AdaptiveRun:
     controller: tuple[float, float, bool]
+    dt: float
     steps: int
-    begin: float
+    complete: bool
+    ahead: bool
+    frames: list[Moment]
+    stored: int
     ends: list[float]
     kinks: list[int]
     rejected: int
     local_error: float
     def __init__(
         self,
+        *,
         tolerance_x: float,
         tolerance_v: float,
         near: float,
         stops: list[float],
         grid: list[float],
         controller: tuple[float, float, bool],
+        moments: list[Moment],
+        start: float,
+        every: int,
+        since_frame: int,
     ) -> None: ...
+    def frame(self, k: int) -> Moment: ...
 
 class Event:
     kind: str
@@ -117,7 +150,9 @@ class Simulation:
     def load(self, x: State, v: State, time: float | None = None) -> None: ...
     @property
     def current(self) -> bool: ...
-    def set_scene(self, plans: list[Plan], stable_dt: list[float]) -> None: ...
+    @property
+    def instruction_set(self) -> str: ...
+    def set_scene(self, plans: Sequence[Plan], stable_dt: list[float]) -> None: ...
     def step(
         self,
         time: float,
@@ -145,10 +180,15 @@ class Simulation:
     def set_frozen(self, i: int, frozen: bool) -> None: ...
     @property
     def frozen(self) -> list[bool]: ...
-    def advance_adaptive(
-        self, run: AdaptiveRun, until: float, steps: int, threads: int
+    def record(
+        self,
+        run: FixedRun | AdaptiveRun,
+        x: list[Floats],
+        v: list[Floats],
+        steps: int,
+        frames: int,
+        threads: int,
     ) -> list[Event] | None: ...
-    def dense(self, t: float, x: Floats, v: Floats, threads: int) -> None: ...
     @property
     def evaluations(self) -> list[int]: ...
     @property
@@ -170,6 +210,16 @@ def granted_threads(threads: int) -> int: ...
 def render(**values: Any) -> npt.NDArray[np.uint8]: ...
 def thread_ids(rows: int, columns: int) -> npt.NDArray[np.void]: ...
 def methods() -> dict[str, dict[str, Any]]: ...
+def interpolate(
+    plan: Plan,
+    t: float,
+    begin: float,
+    length: float,
+    x0: Floats,
+    v0: Floats,
+    x1: Floats,
+    v1: Floats,
+) -> tuple[Floats, Floats]: ...
 def mode_bounds(cloth: Cloth, forces: list[Force]) -> tuple[float, float]: ...
 def capsule_facts(capsule: object) -> tuple[str, int, int]: ...
 def edge_offset(radius: float, rest_length: float) -> float: ...

@@ -39,10 +39,12 @@ class StabilityWarning(UserWarning):
 
 def warn_caller(message: str, category: type[Warning]) -> None:
     """Give a warning that points to the caller's code, outside this package."""
-    frame, level = sys._getframe(1), 2
+    frame = sys._getframe(1)
+    level = 2
     package = __name__.partition(".")[0]
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
-        frame, level = frame.f_back, level + 1
+        frame = frame.f_back
+        level += 1
     warnings.warn(message, category, stacklevel=level)
 
 
@@ -141,11 +143,12 @@ class _StepError(ArithmeticError):
     runs: Any = field(default=None, init=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        values = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
+        names = [argument.name for argument in fields(self) if argument.init]
+        values = {name: getattr(self, name) for name in names}
         return partial(type(self), **values), (), self.__dict__
 
     @property
-    def _which(self) -> str:
+    def _of_member(self) -> str:
         return "" if self.member is None else f" of batch member {self.member}"
 
 
@@ -176,7 +179,7 @@ class ContactError(_StepError):
 
     def __post_init__(self) -> None:
         self.args = (
-            f"mass point {self.point}{self._which} has gone through the layer of "
+            f"mass point {self.point}{self._of_member} has gone through the layer of "
             f"spheres[{self.obstacle}] at step {self.step} (t = {self.time:g} s); {self.remedy}",
         )
 
@@ -265,6 +268,6 @@ more mass
                 "else take a smaller dt"
             )
         self.args = (
-            f"unstable at step {self.step} (t = {self.time:g} s){where}{self._which}: "
+            f"unstable at step {self.step} (t = {self.time:g} s){where}{self._of_member}: "
             f"{cause}; {remedy}",
         )

@@ -1,5 +1,7 @@
-"""Every test here needs wgpu and an adapter, and is skipped with the reason where one is missing;
-CLOTHSIM_TEST_GPU=1 (as `make test-gpu` sets it) makes that a failure.
+"""Every test of this folder needs wgpu and an adapter.
+
+It is skipped with the reason where these are missing. CLOTHSIM_TEST_GPU=1, as `make test-gpu` sets
+it, makes that a failure.
 """
 
 import os
@@ -7,7 +9,7 @@ import pathlib
 
 import pytest
 
-# lavapipe's threads wait for each other after every dispatch: on a busy machine one is faster.
+# Threads of lavapipe wait for each other after every dispatch: on a busy machine one is faster.
 os.environ.setdefault("LP_NUM_THREADS", "1")
 
 
@@ -18,17 +20,19 @@ def pytest_configure(config):
 def pytest_collection_modifyitems(items):
     from clothsim.gpu.device import opened
 
-    here = pathlib.Path(__file__).parent
-    mine = [
-        i for i in items if here in i.path.parents and not i.get_closest_marker("needs_no_adapter")
+    folder = pathlib.Path(__file__).parent
+    needy_items = [
+        item
+        for item in items
+        if folder in item.path.parents and not item.get_closest_marker("needs_no_adapter")
     ]
     try:
-        if mine:
+        if needy_items:
             opened()
     except (ImportError, RuntimeError) as error:
         if os.environ.get("CLOTHSIM_TEST_GPU") == "1":
             raise pytest.UsageError(f"CLOTHSIM_TEST_GPU=1, but {error}") from error
-        for item in mine:
+        for item in needy_items:
             item.add_marker(pytest.mark.skip(reason=str(error)))
 
 
@@ -41,7 +45,7 @@ def device():
 
 @pytest.fixture
 def narrow(device, monkeypatch):
-    """The adapter without its float64, as Metal's, for all that is made in a test."""
+    """Hide the float64 of the adapter in a test, as shaders of Metal have none."""
     from clothsim.gpu import device as devices
 
     narrow = devices.Device(device.adapter, float64=False)
@@ -58,12 +62,13 @@ def rounding():
 
 @pytest.fixture(scope="session")
 def exact(rounding):
-    """Whether every operation that the shader relies on is correctly rounded."""
+    """Tell whether every operation that the shader relies on is correctly rounded."""
     return all(
         error == 0
-        for found in rounding.values()
-        for operation, error in found.items()
-        if operation not in ("compensation", "product and sum")  # the shader keeps these apart
+        for errors in rounding.values()
+        for operation, error in errors.items()
+        # The shader keeps these apart.
+        if operation not in ("compensation", "product and sum")
     )
 
 

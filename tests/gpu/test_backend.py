@@ -1,4 +1,4 @@
-"""`backend="gpu"` is `backend="cpu"` in all but where it computes, and refuses what it lacks."""
+"""The backend "gpu" differs from "cpu" only in where it computes, and refuses what it lacks."""
 
 import pickle
 
@@ -38,10 +38,10 @@ def test_a_new_scene_keeps_the_state_and_one_that_is_refused_changes_nothing(cru
         arrays(stepper), cs.step(scene, x, v, dt, 80, t=0.0, **GPU)
     )
     stepper.set_scene(scene.replace(cloth=scene.cloth.replace(pins=((3, 3),))))
-    held = stepper.positions[3, 3]
+    pin = stepper.positions[3, 3]
     assert not stepper.velocities[3, 3].any()
     stepper.advance(40, dt)
-    np.testing.assert_array_equal(stepper.positions[3, 3], held)
+    np.testing.assert_array_equal(stepper.positions[3, 3], pin)
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.ContactWarning")
@@ -63,35 +63,36 @@ def test_a_batch_of_different_scenes_is_each_scene_bit_for_bit(ball, crumpled, s
     dt = min(s.dt for s in states)
     result = cs.step(scenes, x, v, dt, 60, t=0.2, **GPU)
     for k, scene in enumerate(scenes):
-        alone = cs.step(scene, x[k], v[k], dt, 60, t=0.2, **GPU)
-        assert same_bits([part[k] for part in result], alone), k
+        single = cs.step(scene, x[k], v[k], dt, 60, t=0.2, **GPU)
+        assert same_bits([part[k] for part in result], single), k
 
 
 def test_a_frozen_member_rests_and_a_restored_snapshot_continues_with_the_same_bits(
     crumpled, same_bits
 ):
     states = [crumpled(seed=seed, spheres=BALL) for seed in (1, 2, 3)]
-    scenes, dt = [s.scene for s in states], min(s.dt for s in states)
+    scenes = [s.scene for s in states]
+    dt = min(s.dt for s in states)
     x, v = np.stack([s.x for s in states]), np.stack([s.v for s in states])
-    frozen, whole = (cs.Stepper(scenes, x, v, t=0.0, **GPU) for _ in range(2))
-    for stepper in (frozen, whole):
+    frozen, free = (cs.Stepper(scenes, x, v, t=0.0, **GPU) for _ in range(2))
+    for stepper in (frozen, free):
         stepper.advance(20, dt)
     at_rest = arrays(frozen)
     frozen.freeze(0)
     assert same_bits(arrays(frozen), at_rest)
-    for stepper in (frozen, whole):
+    for stepper in (frozen, free):
         stepper.advance(30, dt)
     other = cs.Stepper.restore(pickle.loads(pickle.dumps(frozen.snapshot())))
-    for stepper in (frozen, whole, other):
+    for stepper in (frozen, free, other):
         stepper.advance(20, dt)
     assert frozen.frozen.tolist() == other.frozen.tolist() == [True, False, False]
-    assert frozen.time == whole.time == other.time
+    assert frozen.time == free.time == other.time
     for stepper in (frozen, other):
-        for now, rest, all_go in zip(arrays(stepper), at_rest, arrays(whole)):
-            assert same_bits([now[0]], [rest[0]]) and same_bits([now[1:]], [all_go[1:]])
-            assert not same_bits([now[0]], [all_go[0]])
+        for array, rest, moving in zip(arrays(stepper), at_rest, arrays(free)):
+            assert same_bits([array[0]], [rest[0]]) and same_bits([array[1:]], [moving[1:]])
+            assert not same_bits([array[0]], [moving[0]])
     frozen.freeze(1)
-    frozen.freeze(2)  # all
+    frozen.freeze(2)  # Now all members are frozen.
     frozen.advance(10, dt)
     assert frozen.time > other.time
 
@@ -132,15 +133,15 @@ def test_simulate_tells_contact_with_layers_as_far_as_frames_show_it():
 def test_a_point_that_goes_through_a_layer_is_named_as_on_the_cpu():
     scene = cs.Scene(CLOTH, (cs.Plane((0, -9, 0)), LAYER.replace(stiffness=500.0)))
     scenes = [scene.replace(spheres=()).replace(spheres=scene.spheres), scene]
-    found = []
+    errors = []
     for options in (GPU, {"precision": "single", "kernel": "gather"}):
         stepper = cs.Stepper(scenes, **options)
         with pytest.raises(cs.ContactError, match=r"spheres\[1\]") as error:
             stepper.advance(2000, 4e-4)
         names = "step", "time", "point", "obstacle", "member"
-        found.append([getattr(error.value, name) for name in names])
-        found[-1].append(error.value.x.tobytes())
-    assert found[0] == found[1]
+        errors.append([getattr(error.value, name) for name in names])
+        errors[-1].append(error.value.x.tobytes())
+    assert errors[0] == errors[1]
 
 
 def test_a_batch_of_layers_is_each_scene_bit_for_bit(same_bits):
@@ -151,23 +152,23 @@ def test_a_batch_of_layers_is_each_scene_bit_for_bit(same_bits):
     x = np.stack([scene.initial_position for scene in scenes])
     result = cs.step(scenes, x, 0 * x, 4e-4, 400, t=0.0, **GPU)
     for k, scene in enumerate(scenes):
-        alone = cs.step(scene, x[k], 0 * x[k], 4e-4, 400, t=0.0, **GPU)
-        assert same_bits([part[k] for part in result], alone), k
-        energy = cs.energy(scene, *alone, 0.16)
+        single = cs.step(scene, x[k], 0 * x[k], 4e-4, 400, t=0.0, **GPU)
+        assert same_bits([part[k] for part in result], single), k
+        energy = cs.energy(scene, *single, 0.16)
         assert energy["contact"] > 0
 
 
 @pytest.mark.parametrize(
-    "change, dt, told",
+    "change, dt, warning",
     [
         ({"offset": "none", "thickness": 0.004, "stiffness": 40_000.0}, 2e-4, "below the true"),
         ({"stiffness": 3e6, "dissipation": 20.0}, 5e-3, "deep in the layer"),
     ],
 )
-def test_a_deep_contact_is_warned_of_as_on_the_cpu(change, dt, told):
+def test_a_deep_contact_is_warned_of_as_on_the_cpu(change, dt, warning):
     scene = cs.Scene(CLOTH, LAYER.replace(**change))
     for options in (GPU, {"precision": "single", "kernel": "gather"}):
-        with pytest.warns(UserWarning, match=told):
+        with pytest.warns(UserWarning, match=warning):
             cs.simulate(scene, 0.16, dt=dt, every=10, **options)
 
 
@@ -181,7 +182,7 @@ def test_a_pin_in_an_obstacle_is_warned_of():
 
 
 @pytest.mark.parametrize(
-    "asked, accepted",
+    "options, message",
     [
         ({"rtol": 1e-3}, "rtol and atol must be None"),
         ({"integrator": "auto"}, "integrator must be 'rk4' with backend 'gpu'"),
@@ -193,9 +194,9 @@ def test_a_pin_in_an_obstacle_is_warned_of():
     ],
 )
 @pytest.mark.needs_no_adapter
-def test_an_option_that_it_does_not_have_is_refused(asked, accepted):
-    with pytest.raises(ValueError, match=accepted):
-        cs.simulate(cs.scenes.paper_swing(), 0.01, backend="gpu", **asked)
+def test_an_option_that_it_does_not_have_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        cs.simulate(cs.scenes.paper_swing(), 0.01, backend="gpu", **options)
 
 
 SWING = cs.scenes.paper_swing()
@@ -210,10 +211,10 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("told", REFUSED)
-def test_a_scene_that_it_does_not_have_is_refused(told):
-    with pytest.raises(ValueError, match=told):
-        cs.Stepper(REFUSED[told], **GPU)
+@pytest.mark.parametrize("message", REFUSED)
+def test_a_scene_that_it_does_not_have_is_refused(message):
+    with pytest.raises(ValueError, match=message):
+        cs.Stepper(REFUSED[message], **GPU)
 
 
 @pytest.mark.needs_no_adapter

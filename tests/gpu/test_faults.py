@@ -27,7 +27,7 @@ def stiff(shape=(9, 20)):
     return cs.Scene(cs.Cloth(shape, damping=0.0))
 
 
-def disturbed(scene):
+def noisy_position(scene):
     noise = np.random.default_rng(2).normal(size=scene.initial_position.shape)
     return scene.initial_position + 1e-3 * noise
 
@@ -39,8 +39,10 @@ def test_an_unstable_run_has_the_error_of_the_core(same_bits):
     """
     ball = cs.Sphere((0.5, -0.2, 0.5), 0.21, response="ray", offset="edge")
     scene = stiff().replace(spheres=ball)
-    x, dt = disturbed(scene), 1.9 * cs.max_stable_dt(scene)
-    errors, steppers = [], []
+    x = noisy_position(scene)
+    dt = 1.9 * cs.max_stable_dt(scene)
+    errors = []
+    steppers = []
     for backend in ("cpu", "gpu"):
         stepper = cs.Stepper(scene, x, t=0.5, precision="single", kernel="gather", backend=backend)
         stepper.advance(1, dt)
@@ -74,7 +76,7 @@ def test_an_unstable_batch_names_its_member_and_goes_on_without_it(same_bits):
     bad = stiff()
     dt = 1.9 * cs.max_stable_dt(bad)
     soft = bad.replace(cloth=bad.cloth.replace(stiffness=1.0))
-    x = disturbed(bad)
+    x = noisy_position(bad)
     stepper = cs.Stepper([soft, bad], np.stack([x, x]), np.zeros((2, *x.shape)), t=0.0, **GPU)
     with pytest.raises(cs.UnstableError, match="of batch member 1") as raised:
         stepper.advance(5000, dt)
@@ -82,29 +84,30 @@ def test_an_unstable_batch_names_its_member_and_goes_on_without_it(same_bits):
     assert same_bits([raised.value.x], [stepper.positions[1]])
     stepper.freeze(1)
     stepper.advance(5, dt)
-    alone = cs.step(soft, x, 0 * x, dt, raised.value.step + 4, **GPU)
+    single = cs.step(soft, x, 0 * x, dt, raised.value.step + 4, **GPU)
     assert (
-        same_bits([stepper.positions[0]], [alone[0]])
+        same_bits([stepper.positions[0]], [single[0]])
         and stepper.time == (raised.value.step + 4) * dt
     )
 
 
 def test_ctrl_c_ends_a_long_advance_at_a_whole_step(same_bits):
-    scene, dt = cs.scenes.paper_swing(), 1e-4
-    before = signal.getsignal(signal.SIGINT)
+    scene = cs.scenes.paper_swing()
+    dt = 1e-4
+    handler = signal.getsignal(signal.SIGINT)
     stepper = cs.Stepper(scene, **GPU)
-    stepper.advance(1, dt)  # compiles
+    stepper.advance(1, dt)  # This compiles the shader.
     timer = threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     with pytest.raises(KeyboardInterrupt):
         stepper.advance(10**9, dt)
     timer.join()
-    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(signal.SIGINT) is handler
     steps = round(stepper.time / dt)
     assert steps > 1 and stepper.time == steps * dt
-    again = cs.Stepper(scene, **GPU)
-    again.advance(steps, dt)
-    assert same_bits(arrays(again), arrays(stepper))
+    second = cs.Stepper(scene, **GPU)
+    second.advance(steps, dt)
+    assert same_bits(arrays(second), arrays(stepper))
 
 
 def test_a_lost_adapter_is_an_error_that_asks_for_another_process(device, monkeypatch):
@@ -135,11 +138,11 @@ def test_a_forked_process_gets_an_error_that_asks_for_spawn(monkeypatch):
 
 def test_a_cloth_of_more_bytes_than_a_buffer_is_refused(device):
     cloth = cs.Cloth((1000, device.adapter.largest_buffer // (6 * 4 * 1000) + 1))
-    told = (
+    message = (
         "too large for the graphics adapter: 1 of shape 1000 x .* "
         f"at most {device.adapter.largest_buffer:,}"
     )
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         Simulation([cs.Scene(cloth)], 0.0, "single")
 
 
@@ -154,9 +157,9 @@ def test_it_warns_as_the_core_does():
 
 
 @pytest.mark.parametrize(
-    "asked, name", [("", "RTX"), ("0", "RTX"), ("2", "soft"), ("iris", "Iris Xe"), ("sof", "soft")]
+    "choice, name", [("", "RTX"), ("0", "RTX"), ("2", "soft"), ("iris", "Iris Xe"), ("sof", "soft")]
 )
-def test_the_best_adapter_is_used_or_the_one_that_is_asked_for(asked, name, device, monkeypatch):
+def test_the_best_adapter_is_used_or_the_one_that_is_asked_for(choice, name, device, monkeypatch):
     def handle(name, kind):
         info = {"device": name, "adapter_type": kind, "backend_type": "Vulkan", "description": ""}
         return SimpleNamespace(info=info, features=(), limits=device.adapter.handle.limits)
@@ -168,7 +171,7 @@ def test_the_best_adapter_is_used_or_the_one_that_is_asked_for(asked, name, devi
     ]
     wgpu = SimpleNamespace(gpu=SimpleNamespace(enumerate_adapters_sync=lambda: handles))
     monkeypatch.setattr(devices, "load_wgpu", lambda: wgpu)
-    monkeypatch.setenv("CLOTHSIM_GPU_ADAPTER", asked)
+    monkeypatch.setenv("CLOTHSIM_GPU_ADAPTER", choice)
     assert [adapter.name for adapter in devices.adapters()] == ["RTX", "Iris Xe", "soft"]
     assert devices.chosen_adapter().name == name
 
@@ -177,19 +180,14 @@ def test_the_best_adapter_is_used_or_the_one_that_is_asked_for(asked, name, devi
 def test_without_an_adapter_tests_skip_and_commands_report_the_reason():
     env = {k: v for k, v in os.environ.items() if k != "CLOTHSIM_TEST_GPU"}
     env |= {"VK_ICD_FILENAMES": "/nonexistent", "VK_DRIVER_FILES": "/nonexistent"}
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-rs",
-        "-p",
-        "no:cacheprovider",
-        "tests/gpu/test_backend.py",
-    ]
-    done = subprocess.run(
+    options = ["-rs", "-p", "no:cacheprovider"]
+    command = [sys.executable, "-m", "pytest", *options, "tests/gpu/test_backend.py"]
+    process = subprocess.run(
         command, cwd=Path(__file__).parents[2], env=env, capture_output=True, text=True, timeout=300
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "backend 'gpu' found no Vulkan, Metal or Direct3D 12 adapter; install" in done.stdout
-    counts = {word: int(n) for n, word in re.findall(r"(\d+) (passed|skipped|failed)", done.stdout)}
-    assert counts["skipped"] == 14 and counts["passed"] >= 4 and "failed" not in counts
+    assert process.returncode == 0, process.stdout + process.stderr
+    assert "backend 'gpu' found no Vulkan, Metal or Direct3D 12 adapter; install" in process.stdout
+    counts = {
+        word: int(n) for n, word in re.findall(r"(\d+) (passed|skipped|failed)", process.stdout)
+    }
+    assert counts["skipped"] >= 14 and counts["passed"] >= 4 and "failed" not in counts

@@ -1,6 +1,4 @@
-"""The shader's results are those of the core's gather kernel, bit for bit where the adapter rounds
-correctly.
-"""
+"""The shader has the results of the gather kernel, bit for bit where the adapter rounds right."""
 
 import clothsim as cs
 import numpy as np
@@ -8,17 +6,17 @@ import pytest
 from gpu_probe import thread_ids
 
 DT = 4e-4
-# Furthest that a point of the paper's swing may be from the core's after 0.04 s [m]. WGSL lets a
-# root be wrong by 4.5 units in the last place; every spring longer by as much moves a point by
-# 4.9e-7 m.
+# A point of the paper's swing may be so far from the core's after 0.04 s [m]. WGSL lets a root be
+# wrong by 4.5 units in the last place; every spring longer by as much moves a point by 4.9e-7 m.
 WGSL_BOUND = 2e-6
 
 
 def pair(scene, precision="single", x=None, v=None, steps=0):
-    """The core and the adapter, with the state of the core after some steps."""
+    """Make a stepper of the core and one of the adapter, with the core's state after some steps."""
     options = {"precision": precision, "kernel": "gather"}
     core = cs.Stepper(scene, x, v, t=0.0, threads=1, **options)
-    core.advance(steps, DT)  # the adapter, which may be a CPU, need not do that too
+    # The adapter, which may be a CPU, need not take these steps too.
+    core.advance(steps, DT)
     state = core.positions, core.velocities
     return [
         cs.Stepper(scene, *state, t=core.time, backend=backend, **options)
@@ -27,9 +25,10 @@ def pair(scene, precision="single", x=None, v=None, steps=0):
 
 
 def assert_same_bits(cpu, gpu):
-    """Positions and velocities with their compensation, and the clock."""
+    """Compare positions and velocities, with their compensation, and the clock."""
     gpu, cpu = gpu.snapshot().core, cpu.snapshot().core
-    assert cpu.keys() - gpu.keys() == {"impulses", "contacts"}  # which the adapter does not sum
+    # The adapter does not sum these.
+    assert cpu.keys() - gpu.keys() == {"impulses", "contacts"}
     for name, value in gpu.items():
         assert np.asarray(value).tobytes() == np.asarray(cpu[name]).tobytes(), name
 
@@ -38,10 +37,10 @@ def test_lavapipe_rounds_correctly_and_contracts_nothing(device, rounding, exact
     if "llvmpipe" not in device.adapter.name:
         pytest.skip(f"{device.adapter.name} is not lavapipe")
     assert exact
-    for found in rounding.values():
-        assert found["product and sum"] == 0
+    for errors in rounding.values():
+        assert errors["product and sum"] == 0
         # It does carry (a + b) - a = b through; `keep` is there for that.
-        assert found["compensation"] > 1 and found["compensation, kept"] == 0
+        assert errors["compensation"] > 1 and errors["compensation, kept"] == 0
 
 
 def ball(height=-0.29, **changes):
@@ -138,12 +137,12 @@ def test_a_layer_has_the_bits_of_the_core(name, precision, needs_exact):
     free = cs.Stepper(
         scene.replace(spheres=()), cpu.positions, cpu.velocities, t=cpu.time, precision=precision
     )
-    for one in (cpu, gpu, free):
-        one.advance(200, DT)
-    again = cs.Stepper.restore(gpu.snapshot())
-    for one in (cpu, again, free):
-        one.advance(100, DT)
-    assert_same_bits(cpu, again)
+    for stepper in (cpu, gpu, free):
+        stepper.advance(200, DT)
+    second = cs.Stepper.restore(gpu.snapshot())
+    for stepper in (cpu, second, free):
+        stepper.advance(100, DT)
+    assert_same_bits(cpu, second)
     assert np.abs(free.positions - cpu.positions).max() > 1e-3
 
 
@@ -154,13 +153,13 @@ def test_a_layer_has_the_bits_of_the_core(name, precision, needs_exact):
 )
 def test_a_response_has_the_bits_of_the_core(name, precision, needs_exact):
     scene = RESPONSES[name]
-    falls = scene.velocity is not None  # through everything within some steps
-    cpu, gpu = pair(scene, precision, steps=0 if falls else 150)
+    # A scene with velocities falls through everything within some steps.
+    cpu, gpu = pair(scene, precision, steps=150 if scene.velocity is None else 0)
     free = cs.Stepper(
         scene.replace(spheres=()), cpu.positions, cpu.velocities, t=cpu.time, precision=precision
     )
-    for one in (cpu, gpu, free):
-        one.advance(300, DT)
+    for stepper in (cpu, gpu, free):
+        stepper.advance(300, DT)
     assert_same_bits(cpu, gpu)
     assert cpu._state.core.contacts[0] > 0 and cpu._state.core.contacts == gpu._state.core.contacts
     assert np.abs(free.positions - cpu.positions).max() > 1e-3
@@ -181,15 +180,15 @@ FEATURES = [
 def test_every_feature_has_the_bits_of_the_core(features, precision, crumpled, needs_exact):
     scene, x, v, dt = crumpled(**features)
     cpu, gpu = pair(scene, precision, x, v)
-    for one in (cpu, gpu):
-        one.advance(100, dt)
+    for stepper in (cpu, gpu):
+        stepper.advance(100, dt)
     assert_same_bits(cpu, gpu)
 
 
 def test_the_swing_is_within_the_stated_bound_on_any_adapter(exact):
     cpu, gpu = pair(cs.scenes.paper_swing())
-    for one in (cpu, gpu):
-        one.advance(400, 1e-4)
+    for stepper in (cpu, gpu):
+        stepper.advance(400, 1e-4)
     assert np.abs(gpu.positions - cpu.positions).max() <= (0 if exact else WGSL_BOUND)
 
 
@@ -201,19 +200,20 @@ def test_far_away_single_has_the_bits_of_the_core(crumpled, needs_exact):
         spheres=cs.Sphere(center, 0.25, cs.Linear((0, 0.5, 0.1)), "ray", offset="edge")
     )
     cpu, gpu = pair(scene, "single", x + far, v)
-    for one in (cpu, gpu):
-        one.advance(60, dt)
+    for stepper in (cpu, gpu):
+        stepper.advance(60, dt)
     assert_same_bits(cpu, gpu)
     assert gpu._state.core.contacts[0] > 50
-    again = cs.Stepper.restore(gpu.snapshot())
-    for one in (cpu, again):
-        one.advance(40, dt)
-    assert_same_bits(cpu, again)
+    second = cs.Stepper.restore(gpu.snapshot())
+    for stepper in (cpu, second):
+        stepper.advance(40, dt)
+    assert_same_bits(cpu, second)
 
 
 @pytest.mark.parametrize("shape", [(32, 32), (16, 48), (1, 2), (17, 16), (20, 33)], ids=str)
 def test_every_point_has_the_same_ids_on_the_adapter_and_in_the_core(shape):
-    written, expected = thread_ids(shape), cs.thread_grid(shape)
+    written = thread_ids(shape)
+    expected = cs.thread_grid(shape)
     assert written.dtype == expected.dtype and written.shape == shape
     for name in expected.dtype.names:
         np.testing.assert_array_equal(written[name], expected[name], err_msg=name)

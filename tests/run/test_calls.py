@@ -16,17 +16,17 @@ MOVING = FREE.replace(spheres=cs.Sphere((0.5, -0.6, 0.5), 0.2, cs.Linear((0.0, 0
 
 
 def calls(function):
-    """Python functions that run within a second call, as the first may build what is kept."""
+    """List the Python functions that run in a second call: a first may build what is kept."""
     function()
-    found = []
+    names = []
     sys.setprofile(
-        lambda frame, event, argument: event == "call" and found.append(frame.f_code.co_name)
+        lambda frame, event, argument: event == "call" and names.append(frame.f_code.co_name)
     )
     try:
         function()
     finally:
         sys.setprofile(None)
-    return found[1:]
+    return names[1:]
 
 
 @pytest.mark.parametrize(
@@ -44,15 +44,14 @@ def test_a_warm_step(scene):
 )
 def test_a_run(scene):
     assert len(calls(lambda: cs.simulate(scene, 0.2, rtol=1e-6))) <= 400
-    few = len(calls(lambda: cs.simulate(scene, 0.2, dt=2e-4)))
-    assert few <= 160
-    assert (
-        len(calls(lambda: cs.simulate(scene, 2.0, dt=2e-4))) <= few + 2
-    )  # whatever the number of steps
+    count = len(calls(lambda: cs.simulate(scene, 0.2, dt=2e-4)))
+    assert count <= 160
+    # The number of steps adds no calls.
+    assert len(calls(lambda: cs.simulate(scene, 2.0, dt=2e-4))) <= count + 2
 
 
 class Inline(Executor):
-    """Runs a task when it is submitted, in this thread, where its calls are seen."""
+    """An executor that runs a task when it is submitted, in this thread, where calls are seen."""
 
     _max_workers = 1
 
@@ -67,15 +66,10 @@ def test_a_further_member_of_a_sweep():
 
     def members(count):
         over = {"stiffness": np.linspace(1e3, 2e3, count)}
-        return len(
-            calls(
-                lambda: cs.sweep(
-                    BALL, over, duration=0.002, dt=1e-4, executor=Inline(), progress=False
-                )
-            )
-        )
+        options = {"duration": 0.002, "dt": 1e-4, "executor": Inline(), "progress": False}
+        return len(calls(lambda: cs.sweep(BALL, over, **options)))
 
-    members(128)  # what is imported and cached once
+    members(128)  # This imports and caches.
     assert members(128) - members(64) <= 60 * 64
 
 

@@ -65,26 +65,28 @@ def test_first_contact_is_the_time_of_the_touch():
         assert 0 <= run.report["first_contact"]["time"] - expected <= slack
 
 
-def lifted(depth):
-    """A flat sheet so deep below the top of a plane."""
+def sheet_below_surface(depth):
+    """Put a flat sheet at a depth [m] below the surface of a plane."""
     return cs.Scene(SMALL, cs.Plane((0.0, depth, 0.0)))
 
 
 def test_a_start_below_the_surface_is_refused_and_changes_nothing():
-    told = r"position must have the free mass points .* got mass point \(0, 0\) 0.01 m below"
+    message = r"position must have the free mass points .* got mass point \(0, 0\) 0.01 m below"
     for call in (lambda s: cs.simulate(s, 0.1, dt=1e-4), cs.Stepper):
-        with pytest.raises(ValueError, match=told):
-            call(lifted(0.01))
-    stepper = cs.Stepper(lifted(-1.0))
+        with pytest.raises(ValueError, match=message):
+            call(sheet_below_surface(0.01))
+    stepper = cs.Stepper(sheet_below_surface(-1.0))
     stepper.advance(10, 1e-3)
-    x, scene = stepper.x, stepper.scene
+    x = stepper.x
+    scene = stepper.scene
     with pytest.raises(ValueError, match=r"below the true surface of spheres\[0\]"):
-        stepper.set_scene(lifted(0.01))
+        stepper.set_scene(sheet_below_surface(0.01))
     assert np.array_equal(stepper.x, x) and stepper.scene == scene
 
 
 def test_states_may_be_as_deep_as_the_layer():
-    scene, h = lifted(-0.5), cs.Plane().layer(SMALL)["thickness"]
+    scene = sheet_below_surface(-0.5)
+    h = cs.Plane().layer(SMALL)["thickness"]
     v = np.zeros((8, 8, 3))
     x = SMALL.rest_positions - (0.0, 0.5 + 0.9 * h, 0.0)
     cs.step(scene, x, v, 1e-4)
@@ -135,15 +137,15 @@ def test_a_point_that_passes_ends_the_run_with_what_would_hold_it():
     floor = cs.Plane((0.0, -0.5, 0.0), stiffness=1.0, dissipation=0.0)
     scene = cs.Scene(SMALL, floor)
     for options in ({"dt": 1e-3}, {"rtol": 1e-4}):
-        with pytest.raises(cs.ContactError, match=r"layer of spheres\[0\].* is held by") as found:
+        with pytest.raises(cs.ContactError, match=r"layer of spheres\[0\].* is held by") as raised:
             cs.simulate(scene, 1.0, **options)
-        speed = np.linalg.norm(found.value.v[found.value.point])
+        speed = np.linalg.norm(raised.value.v[raised.value.point])
         h = floor.layer(SMALL)["thickness"]
-        assert f"stiffness of {2 / 64 * (speed / h) ** 2:.3g} N/m" in str(found.value)
-        held = floor.replace(stiffness=4 / 64 * (speed / h) ** 2)
+        assert f"stiffness of {2 / 64 * (speed / h) ** 2:.3g} N/m" in str(raised.value)
+        stiff_floor = floor.replace(stiffness=4 / 64 * (speed / h) ** 2)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            cs.simulate(cs.Scene(SMALL, held), 0.5, **options)
+            cs.simulate(cs.Scene(SMALL, stiff_floor), 0.5, **options)
 
 
 def test_depths_judge_the_time_step():
@@ -161,23 +163,23 @@ def test_a_step_that_gains_energy_in_contact_ends_with_the_depth_named():
     floor = cs.Plane((0.0, -0.05, 0.0), stiffness=1e7, dissipation=0.0, thickness=0.05)
     scene = cs.Scene(SMALL.replace(damping=0.0), floor)
     dt = 0.95 * cs.max_stable_dt(scene, "velocity_verlet")
-    told = r"at step \d+ .* deep in the layer of spheres"
+    message = r"at step \d+ .* deep in the layer of spheres"
     with (
         pytest.warns(cs.StabilityWarning, match="deep in"),
-        pytest.raises(cs.UnstableError, match=told),
+        pytest.raises(cs.UnstableError, match=message),
     ):
         cs.simulate(scene, 2.0, dt=dt, integrator="velocity_verlet")
 
 
 def test_arguments_name_what_serves():
-    for arguments, told in (
+    for arguments, message in (
         ({"restitution": 0.5}, "dissipation takes its place"),
         ({"response": "ray", "thickness": 0.01}, "it belongs to response 'penalty'"),
         ({"thickness": 0.0}, "thickness must be"),
         ({"dissipation": -1.0}, "dissipation must be"),
         ({"as_printed": True}, "accepted with 'ray' and 'reflect'"),
     ):
-        with pytest.raises(ValueError, match=told):
+        with pytest.raises(ValueError, match=message):
             cs.Sphere(**arguments)
     loose = cs.Cloth((4, 4), stiffness=0.0, pins=())
     with pytest.raises(ValueError, match="stiffness must be given"):
@@ -227,9 +229,9 @@ def test_a_sphere_that_runs_into_a_pinned_point_warns_once_and_the_point_stays()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         stepper.advance(499, 1e-3)
-    with pytest.warns(cs.ContactWarning, match=r"pinned mass point \(0, 0\)") as seen:
+    with pytest.warns(cs.ContactWarning, match=r"pinned mass point \(0, 0\)") as record:
         stepper.advance(101, 1e-3)
-    assert len(seen) == 1 and seen[0].filename == __file__
+    assert len(record) == 1 and record[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         stepper.advance(100, 1e-3)

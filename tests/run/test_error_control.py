@@ -1,4 +1,4 @@
-"""Runs by tolerance: the error asked for is had, the estimate is true, and every call ends."""
+"""Runs by tolerance reach the error asked for, estimate it well, and end."""
 
 import functools
 import json
@@ -13,46 +13,45 @@ import numpy as np
 import pytest
 from clothsim.engine.options import Options
 from clothsim.run.reasons import Reason
-from clothsim.run.trajectory import Job, Recorder, Watch
+from clothsim.run.trajectory import Job, Recording, Watch
 from random_cloths import draw, rms, truth
 
-SWING, OSCILLATOR, DAMPED = (
-    cs.scenes.paper_swing(bend=True),
-    cs.scenes.oscillator(),
-    cs.scenes.oscillator(damping=3.0),
-)
+SWING = cs.scenes.paper_swing(bend=True)
+OSCILLATOR = cs.scenes.oscillator()
+DAMPED = cs.scenes.oscillator(damping=3.0)
 
 
 @functools.cache
-def exact(scene, duration):
-    """x at the end by small fixed steps of dop853."""
+def exact_positions(scene, duration):
+    """Return the positions at the end, by small fixed steps of dop853."""
     state = scene.initial_position, scene.initial_velocity
     return cs.step(scene, *state, duration / 1000, 1000, integrator="dop853")[0]
 
 
-def true_within(run, error, least=0.5, most=3.0):
+def check_estimate(run, error, least=0.5, most=3.0):
     estimate = run.report["error_estimate"]
     assert estimate["reason"] == ""
     assert least * error <= estimate["rms"] <= most * error
     assert estimate["rms"] <= estimate["max"]
 
 
-# Scenes of the benchmark's stream that tunes: crumpled, moving, stretched and flat starts.
+# The scenes are those of the benchmark's stream that tunes; their starts are crumpled, moving,
+# stretched and flat.
 @pytest.mark.parametrize("number", [3, 6, 25, 28, 41, 46])
 def test_random_scenes_against_another_model(number, tmp_path):
     case = draw(1, number)
-    x, known = truth(case, tmp_path)
+    x, accuracy = truth(case, tmp_path)
     size = max(case.scene.cloth.size)
-    for asked in (1e-3, 1e-5, 1e-7):
-        run = cs.simulate(case.scene, case.duration, rtol=asked)
+    for rtol in (1e-3, 1e-5, 1e-7):
+        run = cs.simulate(case.scene, case.duration, rtol=rtol)
         error = rms(run.x[-1] - x)
-        assert error <= asked * size
-        if error > 10 * known:
-            true_within(run, error)
+        assert error <= rtol * size
+        if error > 10 * accuracy:
+            check_estimate(run, error)
 
 
 @pytest.mark.parametrize(
-    "integrator, asked",
+    "integrator, rtol",
     [
         ("rk4", 1e-6),
         ("velocity_verlet", 1e-4),
@@ -63,27 +62,27 @@ def test_random_scenes_against_another_model(number, tmp_path):
         ("implicit_midpoint", 1e-3),
     ],
 )
-def test_every_named_method_runs_by_tolerance(integrator, asked):
-    """... pefrl too, which has order 1 with damping."""
+def test_every_named_method_runs_by_tolerance(integrator, rtol):
+    """Run pefrl too, which has order 1 with damping."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        run = cs.simulate(DAMPED, 1.0, rtol=asked, integrator=integrator)
+        run = cs.simulate(DAMPED, 1.0, rtol=rtol, integrator=integrator)
     assert run.report["integrator"] == integrator
-    error = rms(run.x[-1] - exact(DAMPED, 1.0))
-    assert error <= asked
-    true_within(run, error)
+    error = rms(run.x[-1] - exact_positions(DAMPED, 1.0))
+    assert error <= rtol
+    check_estimate(run, error)
 
 
 def test_the_estimate_of_a_given_step(precision):
     scene = SWING
     run = cs.simulate(scene, 0.5, dt=8e-4, precision=precision, estimate_error=True)
-    true_within(run, rms(run.x[-1] - exact(SWING, 0.5)))
+    check_estimate(run, rms(run.x[-1] - exact_positions(SWING, 0.5)))
     assert math.isnan(run.report["tolerance"]["asked"])
 
 
 @functools.cache
-def endless(name):
-    """A scene whose errors grow at least 1e12 times, or one of stiff springs, and its duration."""
+def hard_case(name):
+    """Return a scene and a duration: errors grow at least 1e12 times, or springs are stiff."""
     rng = np.random.default_rng(5)
     cloth = cs.Cloth(shape=(5, 5), mass=1.0, stiffness=1e3, damping=0.0, pins=())
     if name == "chaotic":
@@ -98,8 +97,8 @@ def endless(name):
 
 @functools.cache
 def plain_evaluations(name):
-    """Force evaluations of a run of dop853 at the smallest tolerance of a step."""
-    scene, duration = endless(name)
+    """Count the force evaluations of a run of dop853 at the smallest tolerance of a step."""
+    scene, duration = hard_case(name)
     job = Job(
         [scene],
         False,
@@ -107,14 +106,14 @@ def plain_evaluations(name):
         Options("dop853", "double", 1),
         tolerance=1e-14 * max(scene.cloth.size),
     )
-    return Recorder(job, Watch()).run().trajectory().evaluations
+    return Recording(job, Watch()).run().trajectory().evaluations
 
 
 @pytest.mark.parametrize("options", [{}, {"rtol": 1e-4}, {"rtol": 1e-9}, {"rtol": 1e-15}], ids=str)
 @pytest.mark.parametrize("name", ["chaotic", "collapsed", "stiff"])
 def test_no_call_is_without_an_end(name, options):
     """It costs less than three plain runs; an estimate and a reason tell what it returns."""
-    scene, duration = endless(name)
+    scene, duration = hard_case(name)
     run = cs.simulate(scene, duration, threads=1, **options)
     plain = max(plain_evaluations(name), run.report["solution_evaluations"])
     assert run.report["force_evaluations"] < 3 * plain
@@ -123,24 +122,26 @@ def test_no_call_is_without_an_end(name, options):
     if name == "stiff" and options != {"rtol": 1e-15}:
         assert estimate["reason"] == "" and estimate["rms"] < 1e-4
     elif name != "stiff":
-        parted = "do not approach each other" in estimate["reason"]
-        assert parted or estimate["reason"].startswith("runs with more steps come no closer")
-        assert np.isnan(estimate["rms"]) if parted else estimate["rms"] > 1e-4
+        if "do not approach each other" in estimate["reason"]:
+            assert np.isnan(estimate["rms"])
+        else:
+            assert estimate["reason"].startswith("runs with more steps come no closer")
+            assert estimate["rms"] > 1e-4
 
 
 def test_an_interrupt_hands_over_the_run_that_is_whole():
     scene = SWING
-    seen = []
+    times = []
 
-    def interrupt_the_second(t, x, v):
-        seen.append(t)
-        if seen.count(0.0) == 2 and t > 0.1:
+    def interrupt(t, x, v):
+        times.append(t)
+        if times.count(0.0) == 2 and t > 0.1:
             os.kill(os.getpid(), signal.SIGINT)
 
     if threading.current_thread() is not threading.main_thread():
         pytest.skip("signals go to the main thread")
     with pytest.raises(cs.RunInterrupted) as caught:
-        cs.simulate(scene, 0.5, rtol=1e-6, times=[0.2, 0.3, 0.4], callback=interrupt_the_second)
+        cs.simulate(scene, 0.5, rtol=1e-6, times=[0.2, 0.3, 0.4], callback=interrupt)
     run = caught.value.run
     assert run.t[-1] == 0.5 and len(run.t) == 5
     assert run.report["stopped"] == "interrupted"
@@ -151,10 +152,10 @@ def test_an_interrupt_hands_over_the_run_that_is_whole():
 def test_frames_do_not_shorten_steps(integrator):
     scene = SWING
     options = {"rtol": 1e-8, "integrator": integrator}
-    alone = cs.simulate(scene, 0.1, **options)
+    plain = cs.simulate(scene, 0.1, **options)
     run = cs.simulate(scene, 0.1, every=0.0013, **options)
-    assert run.report["steps"] == alone.report["steps"]
-    assert run.x[-1].tobytes() == alone.x[-1].tobytes()
+    assert run.report["steps"] == plain.report["steps"]
+    assert run.x[-1].tobytes() == plain.x[-1].tobytes()
     np.testing.assert_allclose(run.t[:-1], 0.0013 * np.arange(len(run.t) - 1), rtol=1e-15)
     assert run.x[0].tobytes() == scene.initial_position.tobytes()
     for k in (1, 10, 40, 76):
@@ -179,10 +180,10 @@ def test_after_contact_no_error_is_told():
     assert report["force_evaluations"] < 2 * report["solution_evaluations"]
     fixed = cs.simulate(scene, 0.3, dt=1e-4).report
     assert abs(report["first_contact"]["time"] - fixed["first_contact"]["time"]) < 5e-4
-    before = cs.simulate(scene, 0.2, rtol=1e-5).report
-    assert before["error_estimate"]["rms"] < 1e-5
+    free = cs.simulate(scene, 0.2, rtol=1e-5).report
+    assert free["error_estimate"]["rms"] < 1e-5
     assert fixed["error_estimate"]["reason"] == Reason.NOT_ASKED
-    assert report.keys() == before.keys() == fixed.keys()
+    assert report.keys() == free.keys() == fixed.keys()
     assert json.loads(json.dumps(report)).keys() == report.keys()
 
 

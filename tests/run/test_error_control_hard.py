@@ -8,7 +8,7 @@ import functools
 import clothsim as cs
 import pytest
 from clothsim.engine.options import Options
-from clothsim.run.trajectory import Job, Recorder, Watch
+from clothsim.run.trajectory import Job, Recording, Watch
 from random_cloths import draw, rms
 
 
@@ -20,9 +20,10 @@ def case_of(number):
 @functools.cache
 def exact(number):
     case = case_of(number)
-    options, tolerance = Options("dop853", "double", 1), 1e-13 * max(case.scene.cloth.size)
+    options = Options("dop853", "double", 1)
+    tolerance = 1e-13 * max(case.scene.cloth.size)
     return (
-        Recorder(Job([case.scene], False, case.duration, options, tolerance=tolerance), Watch())
+        Recording(Job([case.scene], False, case.duration, options, tolerance=tolerance), Watch())
         .run()
         .trajectory()
         .x[-1]
@@ -58,7 +59,8 @@ def test_error_control_reaches_and_reports_the_requested_error(number, options):
     case = case_of(number)
     size = max(case.scene.cloth.size)
     run = cs.simulate(case.scene, case.duration, threads=1, **options)
-    error, estimate = rms(run.x[-1] - exact(number)), run.report["error_estimate"]
+    error = rms(run.x[-1] - exact(number))
+    estimate = run.report["error_estimate"]
     assert estimate["reason"] == ""
     assert error <= options.get("rtol", 1e-3) * size
     assert 0.5 * error <= estimate["rms"] <= 3 * error

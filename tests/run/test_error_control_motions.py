@@ -1,5 +1,6 @@
-"""Error control where pins and spheres move: no motion is stepped over, contact is as with short
-steps, every call ends.
+"""Error control where pins and spheres move.
+
+No motion is stepped over, contact is as with short steps, and every call ends.
 """
 
 import clothsim as cs
@@ -21,13 +22,11 @@ def side(rows):
     return [(r, 0) for r in range(rows)]
 
 
-def pulsed(smooth=False):
-    """A sheet at rest, one side of which goes out and back in 10 ms, in a run whose steps are ten
-    times as long.
-    """
-    times = (
-        np.array([0, *(np.arange(95, 108) if smooth else (100, 101, 102)), 200]) / 200
-    )  # in which a spline calms down
+def pulse_scene(smooth=False):
+    """Move a side of a sheet at rest out and back in 10 ms, where steps are ten times as long."""
+    # A spline calms down within the further places.
+    places = np.arange(95, 108) if smooth else (100, 101, 102)
+    times = np.array([0, *places, 200]) / 200
     pull = cs.Keyframes(times, offsets=np.outer(times == 0.505, (0.05, 0, 0)), smooth=smooth)
     cloth = cs.Cloth(
         (8, 8), (0.7, 0.7), mass=0.64, stiffness=1.0, damping=0.0, pins=dict.fromkeys(side(8), pull)
@@ -35,8 +34,8 @@ def pulsed(smooth=False):
     return cs.Scene(cloth, gravity=(0, 0, 0))
 
 
-def jump(start=0.5, response="penalty"):
-    """A sphere that comes up and goes back in 20 ms, from out of reach of a sheet at rest."""
+def jumping_ball(start=0.5, response="penalty"):
+    """Let a sphere out of reach of a sheet at rest come up and go back in 20 ms."""
     low, up = (0.4, -0.3, 0.4), (0.4, -0.05, 0.4)
     motion = cs.Keyframes([0, start, start + 0.01, start + 0.02, 1], [low, low, up, low, low])
     cloth = cs.Cloth(
@@ -50,8 +49,8 @@ def jump(start=0.5, response="penalty"):
     return cs.Scene(cloth, cs.Sphere(low, 0.1, motion, response, "none"), gravity=(0, 0, 0))
 
 
-def rising():
-    """A sphere that meets a sheet at rest, whose steps before are as long as the run."""
+def rising_ball():
+    """Let a sphere meet a sheet at rest, whose earlier steps are as long as the run."""
     sides = tuple((r, c) for r in (0, 8) for c in range(9))
     cloth = cs.Cloth((9, 9), mass=0.3, stiffness=500.0, damping=0.02, pins=sides)
     return cs.Scene(
@@ -59,29 +58,31 @@ def rising():
     )
 
 
-def honest(run, right, asked):
-    """The error is at most what was asked and the estimate is true, or the report says why not."""
-    error, bound = right.error_of(run.x[-1])["rms"], right.error_bound["rms"][-1]
-    told = run.report["error_estimate"]
-    assert told["reason"] or error <= asked + bound
-    assert told["rms"] >= 0.5 * (error - 10 * bound)
-    return told["reason"] == ""
+def check_error(run, solution, request):
+    """Check that the error is as asked and the estimate true, or that the report says why not."""
+    error = solution.error_of(run.x[-1])["rms"]
+    bound = solution.error_bound["rms"][-1]
+    estimate = run.report["error_estimate"]
+    assert estimate["reason"] or error <= request + bound
+    assert estimate["rms"] >= 0.5 * (error - 10 * bound)
+    return estimate["reason"] == ""
 
 
 @pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("options", REQUESTS, ids=str)
 def test_a_pulse_within_a_step_is_seen(options, smooth):
-    scene = pulsed(smooth)
+    scene = pulse_scene(smooth)
     run = cs.simulate(scene, 1.0, **options)
-    assert honest(run, cs.reference(scene, 1.0), options.get("rtol", 1e-3) * 0.7)
+    assert check_error(run, cs.reference(scene, 1.0), options.get("rtol", 1e-3) * 0.7)
     if options.get("integrator") != "rk4":
         assert {0.5, 0.505, 0.51} <= set(cs.simulate(scene, 1.0, every=1, **options).t)
         assert run.report["force_evaluations"] < (7000 if smooth else 1500)
 
 
 def random_scene(number):
-    """Pins with a pulse, a short reciprocation, both or smooth motions in turn; a cloth of random
-    stiffness and damping.
+    """Draw a cloth of random stiffness and damping.
+
+    Its pins move by a pulse, by a short reciprocation, by both or smoothly, in turn.
     """
     rng = np.random.default_rng([51, number])
     rows = int(rng.integers(3, 7))
@@ -120,7 +121,7 @@ def test_random_motions_of_pins(number):
     scene = random_scene(number)
     right = cs.reference(scene, 0.5)
     for options in ({"rtol": 1e-7}, {"rtol": 1e-4, "integrator": "dopri5"}, {}):
-        assert honest(cs.simulate(scene, 0.5, **options), right, options.get("rtol", 1e-3))
+        assert check_error(cs.simulate(scene, 0.5, **options), right, options.get("rtol", 1e-3))
 
 
 @pytest.mark.parametrize("response", ["penalty", "ray"])
@@ -131,9 +132,10 @@ def test_random_motions_of_pins(number):
 )
 def test_a_sphere_that_comes_and_goes_within_a_step_is_met(options, response):
     dt = 1e-4 if response == "ray" else 2e-5
-    short = cs.simulate(jump(response=response), 1.0, dt=dt).report
-    report = cs.simulate(jump(response=response), 1.0, **options).report
-    first = 0.508 if response == "ray" else 0.507 + dt  # the first state in a layer of 0.025 m
+    short = cs.simulate(jumping_ball(response=response), 1.0, dt=dt).report
+    report = cs.simulate(jumping_ball(response=response), 1.0, **options).report
+    # This is the time of the first state in contact, for "penalty" in a layer of 0.025 m.
+    first = 0.508 if response == "ray" else 0.507 + dt
     assert short["first_contact"]["time"] == pytest.approx(first)
     assert report["first_contact"]["time"] == pytest.approx(first, abs=5e-4)
     if response == "penalty":
@@ -145,19 +147,21 @@ def test_a_sphere_that_comes_and_goes_within_a_step_is_met(options, response):
 
 @pytest.mark.parametrize("response", ["penalty", "reflect"])
 def test_frames_never_change_a_run_with_contact(response):
-    scene = rising().replace(spheres=rising().spheres[0].replace(response=response))
-    alone, often = (cs.simulate(scene, 0.4, rtol=1e-4, **frames) for frames in ({}, {"fps": 300}))
-    assert often.report["first_contact"]["time"] < 0.3
-    assert alone.x[-1].tobytes() == often.x[-1].tobytes()
-    assert often.penetration()["triangles"].max() <= 1.01 * often.report["penetration"]["triangles"]
-    assert len(often.t) == 121
+    scene = rising_ball().replace(spheres=rising_ball().spheres[0].replace(response=response))
+    plain, framed = (cs.simulate(scene, 0.4, rtol=1e-4, **frames) for frames in ({}, {"fps": 300}))
+    assert framed.report["first_contact"]["time"] < 0.3
+    assert plain.x[-1].tobytes() == framed.x[-1].tobytes()
+    assert (
+        framed.penetration()["triangles"].max() <= 1.01 * framed.report["penetration"]["triangles"]
+    )
+    assert len(framed.t) == 121
 
 
 @pytest.mark.parametrize(
     ("period", "smooth"), [(0.003, False), (0.05, False), (1.0, False), (0.003, True), (0.05, True)]
 )
 def test_a_sphere_that_goes_up_and_down_is_met(period, smooth):
-    """... by its way over the step: the speeds at two turning points say little of it."""
+    """Its way over the step counts: the speeds at two turning points say little of it."""
     cloth = cs.Cloth(
         (9, 9), (0.8, 0.8), mass=0.81, stiffness=10.0, damping=0.0, pins=((0, 0), (-1, -1))
     )
@@ -179,17 +183,17 @@ def test_a_sphere_that_goes_up_and_down_is_met(period, smooth):
 
 @pytest.mark.parametrize("options", [{"rtol": 1e-3}, *REQUESTS], ids=str)
 def test_a_run_ends_where_a_sphere_meets_a_still_sheet(options):
-    scene = rising()
+    scene = rising_ball()
     report = cs.simulate(scene, 0.6, **options).report
     assert report["steps"] < 5000
     (sphere,) = scene.spheres
     thickness = sphere.layer(scene.cloth)["thickness"]
     touch = (0.3 - sphere.contact_radius(scene.cloth) - thickness) / 0.5
-    # A step with error control may end up to half the layer deep in it.
-    late = thickness / 2 / 0.5
+    # A step with error control may end in the layer, as deep as half of it.
+    delay = thickness / 2 / 0.5
     if report["integrator"] == "rk4":
-        late = cs.max_stable_dt(scene) / 2
-    assert touch <= report["first_contact"]["time"] <= touch + late
+        delay = cs.max_stable_dt(scene) / 2
+    assert touch <= report["first_contact"]["time"] <= touch + delay
 
 
 @pytest.mark.filterwarnings("error::clothsim.StabilityWarning")
@@ -202,15 +206,16 @@ def test_no_warning_of_time_steps_that_nobody_gave(options):
 
 def test_the_default_call_is_that_of_its_tolerance():
     case = draw(1, 3)
-    default, asked = (cs.simulate(case.scene, case.duration, **one) for one in ({}, {"rtol": 1e-3}))
-    assert default.x.tobytes() == asked.x.tobytes()
-    assert default.report["error_estimate"] == asked.report["error_estimate"]
+    default = cs.simulate(case.scene, case.duration)
+    run = cs.simulate(case.scene, case.duration, rtol=1e-3)
+    assert default.x.tobytes() == run.x.tobytes()
+    assert default.report["error_estimate"] == run.report["error_estimate"]
 
 
 def test_reasons_of_one_report_agree():
     """Steps of Verlet pass over a fast sphere, which the better run meets."""
     sphere = cs.Sphere((0.4, -5.0, 0.4), 0.05, cs.Linear((0, 50.0, 0)), "reflect", "none")
-    scene = jump().replace(spheres=sphere)
+    scene = jumping_ball().replace(spheres=sphere)
     run = cs.simulate(scene, 1.0, rtol=0.3, integrator="velocity_verlet")
     assert run.report["first_contact"]["reason"] == "no sphere responded"
     assert run.report["error_estimate"]["reason"].startswith("this run misses a sphere")
@@ -221,17 +226,17 @@ def test_reasons_of_one_report_agree():
 )
 def test_more_stops_than_steps_are_refused_before_any_run(motion, monkeypatch):
     monkeypatch.setattr(
-        "clothsim.run.trajectory.Recorder.run", lambda self: pytest.fail("a run was begun")
+        "clothsim.run.trajectory.Recording.run", lambda self: pytest.fail("a run was begun")
     )
     scene = cs.Scene(cs.Cloth((3, 3), pins={(0, 0): motion}))
     name = type(motion).__name__
-    told = rf"period must be at least 2e-06 s.* got 1e-07 s of {name}.*: give dt"
-    with pytest.raises(ValueError, match=told):
+    message = rf"period must be at least 2e-06 s.* got 1e-07 s of {name}.*: give dt"
+    with pytest.raises(ValueError, match=message):
         cs.simulate(scene, 1.0, rtol=1e-3)
 
 
 def test_frames_between_steps_have_driven_pins_where_they_are():
-    scene = pulsed()
+    scene = pulse_scene()
     run = cs.simulate(scene, 1.0, dt=0.02, times=[0.503, 0.505, 0.507])
     (pins,) = scene.driven_pins
     for k, t in enumerate(run.t[1:-1], 1):

@@ -10,38 +10,38 @@ from clothsim import _core
 from clothsim.engine.options import Options
 from clothsim.methods.bound import damping_ratio, least_rtol_of_rkc2
 from clothsim.run.error_control import rms
-from clothsim.run.trajectory import Frames, Job, Recorder, Watch
+from clothsim.run.trajectory import Frames, Job, Recording, Watch
 
 LOSS = 2.9e-3  # s
 EDGE = [(0, column) for column in range(12)]
 
 
-def damped(**changes):
+def damped_scene(**changes):
     cloth = {"shape": (12, 12), "mass": 0.2, "stiffness": 1000.0, "damping": 1000.0 * LOSS}
     return cs.Scene(cs.Cloth(**{"pins": EDGE, **cloth, **changes}))
 
 
-def on_ball(**changes):
+def scene_on_ball(**changes):
     ball = cs.Sphere((0.5, -0.32, 0.5), 0.25, friction=0.3)
-    return damped(pins=(), **changes).replace(spheres=[ball])
+    return damped_scene(pins=(), **changes).replace(spheres=[ball])
 
 
 def grid_run(scene, ends, precision="double", start=0.0):
-    """A run of rkc2 whose steps end at these times."""
+    """Run rkc2 with steps that end at these times."""
     options = Options("rkc2", precision)
     job = Job([scene], False, ends[-1] - start, options, start, tolerance=1.0, grid=tuple(ends))
-    return Recorder(job, Watch()).run().trajectory()
+    return Recording(job, Watch()).run().trajectory()
 
 
 def chebyshev(s, kind, z):
-    """T, its derivative or its second derivative, of degree s."""
+    """Evaluate the polynomial of degree `s`, or a derivative of it (`kind` 1 or 2)."""
     unit = np.zeros(s + 1)
     unit[s] = 1
     return np.polynomial.Chebyshev(unit).deriv(kind)(z)
 
 
 def numpy_step(scene, x, v, t, h, stages):
-    """A step after Sommeijer, Shampine and Verwer, in their form and notation, and its estimate."""
+    """Take a step in the notation of Sommeijer, Shampine and Verwer, and estimate its error."""
     w0 = 1 + 2 / 13 / stages**2
     w1 = chebyshev(stages, 1, w0) / chebyshev(stages, 2, w0)
     b = [chebyshev(j, 2, w0) / chebyshev(j, 1, w0) ** 2 for j in range(2, stages + 1)]
@@ -71,7 +71,7 @@ def numpy_step(scene, x, v, t, h, stages):
     return y, 0.8 * (y0 - y) + 0.4 * h * (f0 + slope(y, 1))
 
 
-def moving(scene):
+def with_motion(scene):
     rng = np.random.default_rng(3)
     shape = scene.initial_position.shape
     x = scene.initial_position + 0.005 * rng.normal(size=shape)
@@ -83,7 +83,7 @@ def moving(scene):
 @pytest.mark.parametrize("h, stages", [(1e-5, 2), (1e-4, 3), (2e-3, 11)])
 @pytest.mark.parametrize("wind", [None, cs.Wind((3.0, 1.0, 0.0))])
 def test_a_step_is_that_of_the_paper(h, stages, wind):
-    scene = moving(damped()).replace(wind=wind)
+    scene = with_motion(damped_scene()).replace(wind=wind)
     start = scene.initial_position, scene.initial_velocity
     (x, v), estimate = numpy_step(scene, *start, 0.0, h, stages)
     run = grid_run(scene, [h])
@@ -100,8 +100,8 @@ def test_a_step_is_that_of_the_paper(h, stages, wind):
 
 
 def test_its_order_is_two():
-    """With steps so short that all of them take two stages; each number has its own constant."""
-    scene = damped(stiffness=100.0, damping=0.3)
+    """Steps are so short that all take two stages: each number has its own constant."""
+    scene = damped_scene(stiffness=100.0, damping=0.3)
     exact = cs.reference(scene, 0.2).x[-1]
     errors = []
     for n in (400, 800, 1600):
@@ -113,30 +113,30 @@ def test_its_order_is_two():
 
 
 def test_frames_within_a_step_are_of_its_order():
-    scene = damped(stiffness=100.0, damping=0.3)
+    scene = damped_scene(stiffness=100.0, damping=0.3)
     at = tuple(np.linspace(0.011, 0.189, 20).tolist())
     exact = cs.simulate(scene, 0.2, rtol=1e-9, integrator="dop853", times=at)
     errors = []
     for n in (400, 800):
         grid = tuple((0.2 * np.arange(1, n + 1) / n).tolist())
         job = Job([scene], False, 0.2, Options("rkc2"), 0.0, Frames(times=at))
-        run = Recorder(replace(job, tolerance=1.0, grid=grid), Watch()).run().trajectory()
+        run = Recording(replace(job, tolerance=1.0, grid=grid), Watch()).run().trajectory()
         errors.append([rms(x - y) for x, y in zip(run.x[1:-1], exact.x[1:-1], strict=True)])
     np.testing.assert_allclose(np.log2(np.divide(*errors)), 2, atol=0.2)
 
 
-@pytest.mark.parametrize("make", [damped, on_ball])
+@pytest.mark.parametrize("make", [damped_scene, scene_on_ball])
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5])
 def test_the_error_is_told(make, rtol):
     scene = make()
     run = cs.simulate(scene, 0.4, rtol=rtol, integrator="rkc2")
-    true = rms(run.x[-1] - cs.simulate(scene, 0.4, rtol=1e-9, integrator="dop853").x[-1])
-    assert true <= run.report["error_estimate"]["rms"] <= rtol
+    error = rms(run.x[-1] - cs.simulate(scene, 0.4, rtol=1e-9, integrator="dop853").x[-1])
+    assert error <= run.report["error_estimate"]["rms"] <= rtol
     assert run.report["integrator"] == "rkc2"
 
 
 def test_it_takes_a_tenth_of_the_evaluations():
-    scene = damped(shape=(32, 32), pins=[(0, column) for column in range(32)])
+    scene = damped_scene(shape=(32, 32), pins=[(0, column) for column in range(32)])
     runs = [
         cs.simulate(scene, 0.1, rtol=1e-3, integrator=name).report["force_evaluations"]
         for name in ("rkc2", "dop853")
@@ -145,27 +145,27 @@ def test_it_takes_a_tenth_of_the_evaluations():
 
 
 def test_threads_batches_and_frames_change_no_bit(precision, same_bits):
-    scene = damped(shape=(40, 33), pins=[(0, 0)])
+    scene = damped_scene(shape=(40, 33), pins=[(0, 0)])
     options = {"rtol": 1e-3, "integrator": "rkc2", "precision": precision}
-    alone = cs.simulate(scene, 0.02, threads=1, **options)
+    expected = cs.simulate(scene, 0.02, threads=1, **options)
     for other in (
         cs.simulate(scene, 0.02, threads=2, **options),
         cs.simulate([scene, scene], 0.02, **options)[1],
         cs.simulate(scene, 0.02, fps=333, **options),
     ):
-        assert same_bits([other.x[-1], other.v[-1]], [alone.x[-1], alone.v[-1]])
+        assert same_bits([other.x[-1], other.v[-1]], [expected.x[-1], expected.v[-1]])
 
 
 def test_single_adds_its_rounding_alone():
     """Increments from the start of the step keep it below that of some positions."""
-    scene = damped()
+    scene = damped_scene()
     ends = np.linspace(0, 0.2, 101)[1:].tolist()
     single, double = (grid_run(scene, ends, precision) for precision in ("single", "double"))
     assert rms(single.x[-1] - double.x[-1]) < 3e-7
 
 
 def test_momentum_and_work_are_counted():
-    scene = moving(on_ball())
+    scene = with_motion(scene_on_ball())
     mass = scene.cloth.mass_per_point[..., None]
     run = cs.simulate(scene, 0.3, rtol=1e-4, integrator="rkc2")
     gained = (mass * (run.v[-1] - run.v[0])).sum((0, 1))
@@ -181,19 +181,19 @@ def test_momentum_and_work_are_counted():
 
 
 def test_auto_takes_it_by_the_damping_of_springs_and_drag():
-    scene = damped()
+    scene = damped_scene()
     assert damping_ratio(scene) == pytest.approx(
-        cs.max_stable_dt(damped(damping=0.0)) / cs.max_stable_dt(scene)
+        cs.max_stable_dt(damped_scene(damping=0.0)) / cs.max_stable_dt(scene)
     )
     assert least_rtol_of_rkc2(scene) == 1e-5
     for rtol, expected in ((1e-3, "rkc2"), (1e-5, "rkc2"), (9e-6, "dop853")):
         assert cs.simulate(scene, 0.05, rtol=rtol).report["integrator"] == expected
     assert cs.simulate(scene, 0.05).report["integrator"] == "rkc2"
     assert "rkc2 from rtol 1e-05 on" in scene.explain()["with_tolerance"]
-    strong = damped(damping=20e-3 * 1000)
+    strong = damped_scene(damping=20e-3 * 1000)
     assert damping_ratio(strong) > 20
     assert cs.simulate(strong, 0.05, rtol=1e-6).report["integrator"] == "rkc2"
-    weak = damped(damping=0.1)
+    weak = damped_scene(damping=0.1)
     assert weak.explain()["with_tolerance"] == "dop853"
     windy = weak.replace(wind=cs.Wind((200.0, 0, 0)))
     assert cs.simulate(windy, 0.01, rtol=1e-3).report["integrator"] != "rkc2"
@@ -218,7 +218,7 @@ def test_auto_takes_it_by_the_damping_of_springs_and_drag():
 )
 def test_steps_of_a_given_length_are_refused(call):
     with pytest.raises(ValueError, match="rkc2.*takes no steps of a given length"):
-        call(damped())
+        call(damped_scene())
 
 
 def test_a_function_may_be_stiffer_than_the_bounds():
@@ -228,6 +228,6 @@ def test_a_function_may_be_stiffer_than_the_bounds():
         return -10.0 * v
 
     options = {"force": brake}
-    run = cs.simulate(damped(), 0.02, rtol=1e-3, integrator="rkc2", **options)
-    better = cs.simulate(damped(), 0.02, rtol=1e-6, integrator="dop853", **options)
+    run = cs.simulate(damped_scene(), 0.02, rtol=1e-3, integrator="rkc2", **options)
+    better = cs.simulate(damped_scene(), 0.02, rtol=1e-6, integrator="dop853", **options)
     assert rms(run.x[-1] - better.x[-1]) <= run.report["error_estimate"]["rms"] <= 1e-3

@@ -15,9 +15,6 @@ def frame(run, k):
     return run.x[k], run.v[k]
 
 
-# Frames
-
-
 @pytest.mark.parametrize(
     "options",
     [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}, {"rtol": 1e-4, "integrator": "rk4"}],
@@ -28,8 +25,8 @@ def test_times_are_stored_as_given_between_the_ends(options):
     run = cs.simulate(SCENE, 0.01, times=times, **options)
     assert run.t.tolist() == [0.0, *times, 0.01]
     for k, t in enumerate(times, 1):
-        alone = cs.simulate(SCENE, t, rtol=1e-9)
-        assert abs(run.x[k] - alone.x[-1]).max() < 1e-5
+        expected = cs.simulate(SCENE, t, rtol=1e-9)
+        assert abs(run.x[k] - expected.x[-1]).max() < 1e-5
 
 
 def test_times_at_the_ends_are_not_stored_twice():
@@ -53,15 +50,12 @@ def test_fps_are_frames_a_second(same_bits):
 def test_frames_of_accepted_steps_also_after_a_first_contact(count):
     """The steps before the first contact are taken one by one."""
     scene = cs.scenes.paper_static().replace(velocity=None)
-    each = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every=1)
-    assert each.report["first_contact"]["time"] < 0.28
-    assert len(each.t) == each.report["steps"] + 1 and (np.diff(each.t) > 0).all()
-    some = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every=count)
-    expected = each.t[::count].tolist()
-    assert some.t.tolist() == expected + ([] if expected[-1] == 0.3 else [0.3])
-
-
-# Start time
+    run = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every=1)
+    assert run.report["first_contact"]["time"] < 0.28
+    assert len(run.t) == run.report["steps"] + 1 and (np.diff(run.t) > 0).all()
+    part = cs.simulate(scene, 0.3, rtol=1e-3, integrator="dopri5", every=count)
+    expected = run.t[::count].tolist()
+    assert part.t.tolist() == expected + ([] if expected[-1] == 0.3 else [0.3])
 
 
 @pytest.mark.parametrize(
@@ -76,7 +70,7 @@ def test_frames_of_accepted_steps_also_after_a_first_contact(count):
     ids=str,
 )
 def test_a_run_starts_at_its_time(options):
-    """With the sphere's motion shifted by the same time it is the run from 0."""
+    """It is the run from 0 if the sphere's motion is shifted by the same time."""
     start, duration = 0.3125, 0.25
     x = SCENE.initial_position
     ball = cs.Sphere(
@@ -86,20 +80,19 @@ def test_a_run_starts_at_its_time(options):
         response="ray" if "dt" in options else "penalty",
         offset="edge",
     )
-    early = SCENE.replace(spheres=ball)
-    late = SCENE.replace(
-        spheres=ball.replace(center=tuple(ball.center - start * np.array([0, 2, 0])))
-    )
-    one = cs.simulate(early, duration, every=0.05, **options)
-    two = cs.simulate(late, duration, every=0.05, t=start, **options)
-    assert two.t[0] == start and two.t[-1] == start + duration
-    np.testing.assert_allclose(two.t, one.t + start, rtol=1e-15)
-    assert abs(one.x[-1] - x).max() > 0.1
-    # Rounding of the clock, which a contact magnifies; with the sphere at t = 0 it is 0.2 m.
-    assert abs(two.x - one.x).max() < 1e-7
-    assert two.report["steps"] == one.report["steps"]
-    ours, theirs = two.report["penetration"]["points"], one.report["penetration"]["points"]
-    assert abs(ours - theirs) < 1e-7
+    scene_from_0 = SCENE.replace(spheres=ball)
+    center = ball.center - start * np.array([0, 2, 0])
+    scene = SCENE.replace(spheres=ball.replace(center=tuple(center)))
+    run_from_0 = cs.simulate(scene_from_0, duration, every=0.05, **options)
+    run = cs.simulate(scene, duration, every=0.05, t=start, **options)
+    assert run.t[0] == start and run.t[-1] == start + duration
+    np.testing.assert_allclose(run.t, run_from_0.t + start, rtol=1e-15)
+    assert abs(run_from_0.x[-1] - x).max() > 0.1
+    # A contact magnifies the rounding of the clock. With the sphere at t = 0 this would be 0.2 m.
+    assert abs(run.x - run_from_0.x).max() < 1e-7
+    assert run.report["steps"] == run_from_0.report["steps"]
+    depth, expected = (r.report["penetration"]["points"] for r in (run, run_from_0))
+    assert abs(depth - expected) < 1e-7
 
 
 @pytest.mark.parametrize("duration, dt", [(0.3, 0.1), (0.7, 0.1), (1.0, 1 / 3), (0.05, 5e-4)])
@@ -111,23 +104,20 @@ def test_rounding_makes_no_extra_step_at_any_start(duration, dt, start):
     assert run.t[-1] == start + duration
 
 
-# Callback
-
-
 @pytest.mark.parametrize("options", [{"dt": 1e-3}, {"rtol": 1e-3, "integrator": "dop853"}], ids=str)
 def test_the_callback_sees_every_frame(options, same_bits):
-    seen = []
+    calls = []
 
     def callback(t, x, v):
         assert not (x.flags.writeable or v.flags.writeable)
-        seen.append((t, x, v))
+        calls.append((t, x, v))
 
     run = cs.simulate(SMALL, 0.1, fps=50, callback=callback, **options)
     # Error control repeats the run on a finer grid, and the calls begin again.
-    assert len(seen) == len(run.t) * (1 if "dt" in options else 2)
-    seen = seen[: len(run.t)]
-    assert [t for t, _, _ in seen] == run.t.tolist()
-    assert same_bits([x for _, x, _ in seen], run.x) and same_bits([v for _, _, v in seen], run.v)
+    assert len(calls) == len(run.t) * (1 if "dt" in options else 2)
+    calls = calls[: len(run.t)]
+    assert [t for t, _, _ in calls] == run.t.tolist()
+    assert same_bits([x for _, x, _ in calls], run.x) and same_bits([v for _, _, v in calls], run.v)
     assert run.report["stopped"] == ""
     assert same_bits([run.x], [cs.simulate(SMALL, 0.1, fps=50, **options).x])
 
@@ -150,12 +140,9 @@ def test_the_callback_stops_the_run(options):
     assert run.t[:4].tolist() == [0.0, 0.02, 0.04, 0.06] and run.t[-1] <= 0.06 + run.report["dt"]
     assert run.report["stopped"] == "callback"
     assert run.report["error_estimate"]["reason"] == "the run ended early: callback"
-    whole = cs.simulate(SMALL, 0.1, fps=50, **options)
-    assert abs(run.x[:4] - whole.x[:4]).max() < 1e-4
-    assert 0 < run.report["steps"] < whole.report["steps"]
-
-
-# Early ends
+    expected = cs.simulate(SMALL, 0.1, fps=50, **options)
+    assert abs(run.x[:4] - expected.x[:4]).max() < 1e-4
+    assert 0 < run.report["steps"] < expected.report["steps"]
 
 
 @pytest.mark.parametrize("options", [{"dt": 5e-5}, {"rtol": 1e-6, "integrator": "dop853"}], ids=str)

@@ -1,4 +1,4 @@
-"""Measures over frames, spheres at the time of a state, and what is shown of a run."""
+"""Measures over frames, spheres at the time of a state, and the print of a run."""
 
 import io
 import re
@@ -23,9 +23,6 @@ def run():
     return cs.simulate(SCENE, 0.6, t=0.1, dt=1e-3, fps=40)
 
 
-# Time where a sphere moves
-
-
 def test_penetration_at_the_times_of_a_batch():
     """The level sheet is below the top of the sphere by as much as the sphere has risen."""
     sphere = cs.Sphere(
@@ -39,9 +36,9 @@ def test_penetration_at_the_times_of_a_batch():
         np.testing.assert_allclose(depths[name], 0.5 * times, rtol=1e-12)
         np.testing.assert_allclose(cs.penetration(x, sphere, 0.4)[name], [0.2] * 3)
         assert cs.penetration(x[0], sphere, np.float64(0.1))[name] == depths[name][1]
-    still = sphere.replace(motion=None)
-    assert cs.penetration(x[0], still) == cs.penetration(x[0], still, 0.0)
-    np.testing.assert_array_equal(cs.penetration(x, still, times)["points"], 0.0)
+    sphere_at_rest = sphere.replace(motion=None)
+    assert cs.penetration(x[0], sphere_at_rest) == cs.penetration(x[0], sphere_at_rest, 0.0)
+    np.testing.assert_array_equal(cs.penetration(x, sphere_at_rest, times)["points"], 0.0)
 
 
 @pytest.mark.parametrize(
@@ -61,46 +58,43 @@ def test_time_is_required_where_a_sphere_moves(call):
     call(SCENE.replace(spheres=STILL))
 
 
-# Over frames
-
-
 def test_penetration_of_frames_is_at_their_times(run):
     depths = run.penetration()
     for name in ("points", "triangles"):
-        each = [
+        depths_of_spheres = [
             [cs.penetration(x, s, t)[name] for x, t in zip(run.x, run.t)] for s in SCENE.spheres
         ]
-        np.testing.assert_array_equal(depths[name], np.max(each, axis=0))
+        np.testing.assert_array_equal(depths[name], np.max(depths_of_spheres, axis=0))
         for k in range(2):
-            np.testing.assert_array_equal(run.penetration(k)[name], each[k])
+            np.testing.assert_array_equal(run.penetration(k)[name], depths_of_spheres[k])
         assert depths[name].max() > 1e-4
-        # The sphere where it was at the start would be another depth.
-        assert abs(cs.penetration(run.x, MOVING, run.t[0])[name] - each[0]).max() > 0.01
+        # At the start the sphere was elsewhere, which would be another depth.
+        assert (
+            abs(cs.penetration(run.x, MOVING, run.t[0])[name] - depths_of_spheres[0]).max() > 0.01
+        )
     assert depths["points"].shape == (len(run.t),)
 
 
 def test_energy_and_stretch_of_frames(run):
-    energies, stretches = run.energy(), run.stretch()
+    energies = run.energy()
+    stretches = run.stretch()
     assert set(energies) == {"kinetic", "elastic", "gravity", "force", "contact", "total"}
     assert set(stretches) == {"largest"}
     for k in range(len(run.t)):
-        alone = cs.energy(SCENE, run.x[k], run.v[k])
-        assert {name: values[k] for name, values in energies.items()} == alone
+        expected = cs.energy(SCENE, run.x[k], run.v[k])
+        assert {name: values[k] for name, values in energies.items()} == expected
         assert stretches["largest"][k] == cs.largest_stretch(SCENE, run.x[k])
     assert energies["total"][-1] == run.report["energy"]["end"]["total"]
 
 
-# Shown and compared
-
-
-def printed(thing):
+def printed_lines(thing):
     with redirect_stdout(io.StringIO()) as out:
         print(thing)
     return out.getvalue().splitlines()
 
 
 def test_a_run_is_seven_short_lines(run):
-    lines = printed(run)
+    lines = printed_lines(run)
     assert len(lines) == 7 and max(map(len, lines)) < 110 and repr(run) == str(run)
     text = "\n".join(lines)
     assert "array" not in text
@@ -139,13 +133,13 @@ CHANGES = {
 def test_the_change_of_energy_is_told_by_cause(cause):
     run = cs.simulate(CHANGES[cause], 0.2, dt=1e-3)
     change = run.report["energy"]["end"]["total"] - run.report["energy"]["start"]["total"]
-    assert printed(run)[3].endswith(f" at the end: {change:.4g} J by {cause}")
+    assert printed_lines(run)[3].endswith(f" at the end: {change:.4g} J by {cause}")
 
 
 def test_works_that_are_known_leave_the_rest_to_the_method():
     scene = CHANGES["the method"].replace(wind=cs.Wind((3, 0, 0)))
     run = cs.simulate(scene, 0.2, rtol=1e-8, force=lambda t, x, v: 0 * x + (0, 1e-3, 0))
-    line = printed(run)[3]
+    line = printed_lines(run)[3]
     parts = re.findall(r"([-+.e\d]+) J by ([a-z ]+)", line)
     assert [cause for _, cause in parts] == ["force", "wind", "the method"]
     works = [float(work) for work, _ in parts]
@@ -159,7 +153,7 @@ def test_the_work_of_a_moving_obstacle_is_told_and_leaves_nothing():
     ball = cs.Sphere((0.5, -0.3, 0.5), 0.25, cs.Linear((0, 1.0, 0)), dissipation=0)
     scene = CHANGES["the method"].replace(spheres=ball)
     run = cs.simulate(scene, 0.3, rtol=1e-9)
-    line = printed(run)[3]
+    line = printed_lines(run)[3]
     work, rest = re.findall(
         r": ([-+.e\d]+) J by moving obstacles, ([-+.e\d]+) J by the method", line
     )[0]
@@ -171,20 +165,20 @@ def test_a_run_ends_with_its_error():
     scene = CHANGES["the method"]
     run = cs.simulate(scene, 0.2, rtol=1e-6)
     error = run.report["error_estimate"]["rms"]
-    assert printed(run)[-1] == f"error at the end about {error:.2g} m (asked 1e-06)"
+    assert printed_lines(run)[-1] == f"error at the end about {error:.2g} m (asked 1e-06)"
     run = cs.simulate(scene, 0.2, dt=1e-3, estimate_error=True)
     error = run.report["error_estimate"]["rms"]
-    assert printed(run)[-1] == f"error at the end about {error:.2g} m"
+    assert printed_lines(run)[-1] == f"error at the end about {error:.2g} m"
     with pytest.warns(cs.ToleranceWarning, match="above the one that was asked for: "):
         run = cs.simulate(scene, 0.2, rtol=1e-17)
-    assert "(asked 1e-17, not reached: " in printed(run)[-1]
+    assert "(asked 1e-17, not reached: " in printed_lines(run)[-1]
     contact = cs.scenes.paper_static()
     with pytest.warns(cs.ToleranceWarning, match="not known: an obstacle responded"):
         run = cs.simulate(contact, 0.5, rtol=1e-6)
-    assert printed(run)[-1] == f"error not known: {Reason.CONTACT}"
+    assert printed_lines(run)[-1] == f"error not known: {Reason.CONTACT}"
     with warnings.catch_warnings():
         warnings.simplefilter("error", cs.ToleranceWarning)
-        assert printed(cs.simulate(contact, 0.5))[-1] == f"error not known: {Reason.CONTACT}"
+        assert printed_lines(cs.simulate(contact, 0.5))[-1] == f"error not known: {Reason.CONTACT}"
 
 
 @pytest.mark.parametrize("as_printed", [False, True])
@@ -194,14 +188,16 @@ def test_a_run_says_whether_it_is_as_printed_in_the_paper(as_printed):
 
 
 def test_runs_are_equal_if_their_results_are(run, tmp_path):
-    again = cs.simulate(SCENE, 0.6, t=0.1, dt=1e-3, fps=40)
-    assert run == run and run == again and hash(run) == hash(again)
-    assert run == cs.load_run(run.save(tmp_path / "run")) and len({run, again}) == 1
+    second = cs.simulate(SCENE, 0.6, t=0.1, dt=1e-3, fps=40)
+    assert run == run and run == second and hash(run) == hash(second)
+    assert run == cs.load_run(run.save(tmp_path / "run")) and len({run, second}) == 1
     other = cs.simulate(SCENE, 0.6, dt=1e-3, fps=40)
     assert run != other and run != 3
     assert run != cs.simulate(SCENE.replace(spheres=MOVING), 0.6, t=0.1, dt=1e-3, fps=40)
-    one = cs.Stepper(SCENE).snapshot()
-    assert one == one and one != cs.Stepper(SCENE).snapshot() and len({one}) == 1
+    snapshot = cs.Stepper(SCENE).snapshot()
+    assert (
+        snapshot == snapshot and snapshot != cs.Stepper(SCENE).snapshot() and len({snapshot}) == 1
+    )
 
 
 def test_frames_of_a_users_own_print():

@@ -1,6 +1,4 @@
-"""The rest state: unbalanced forces, an independent minimiser of the energy, friction, and scenes
-that do not rest.
-"""
+"""The rest state is balanced, and the minimum that SciPy finds; some scenes have none."""
 
 import clothsim as cs
 import numpy as np
@@ -14,10 +12,12 @@ def drape(pins=(), **sphere):
     return cs.Scene(cloth, cs.Sphere((0.5, -0.3, 0.5), 0.25, **sphere))
 
 
-def minimised(scene, x):
-    """The state of least energy near `x`, by SciPy."""
+def minimise(scene, x):
+    """Find the state of least energy near `x` with SciPy."""
     optimize = pytest.importorskip("scipy.optimize")
-    free, mass, still = ~scene.cloth.pinned, scene.cloth.mass_per_point[..., None], np.zeros_like(x)
+    free = ~scene.cloth.pinned
+    mass = scene.cloth.mass_per_point[..., None]
+    v = np.zeros_like(x)
 
     def state(free_points):
         y = x.copy()
@@ -26,29 +26,28 @@ def minimised(scene, x):
 
     def value(free_points):
         y = state(free_points)
-        energy = cs.energy(scene, y, still)
-        return energy["elastic"] + energy["gravity"], -(mass * cs.acceleration(scene, y, still))[
-            free
-        ].ravel()
+        energy = cs.energy(scene, y, v)
+        force = mass * cs.acceleration(scene, y, v)
+        return energy["elastic"] + energy["gravity"], -force[free].ravel()
 
     options = {"maxiter": 9999, "maxfun": 20_000, "ftol": 1e-16, "gtol": 0}
-    found = optimize.minimize(value, x[free].ravel(), jac=True, method="L-BFGS-B", options=options)
-    return state(found.x)
+    result = optimize.minimize(value, x[free].ravel(), jac=True, method="L-BFGS-B", options=options)
+    return state(result.x)
 
 
 @pytest.mark.parametrize("scene", [LIGHT, cs.scenes.paper_swing()], ids=["light", "paper_swing"])
 def test_the_rest_state_is_the_minimum_of_the_energy(scene):
     run = cs.settle(scene, 1e-7)
     assert run.report["residual"] < 1e-7 and run.report["reason"] == ""
-    still, free = np.zeros_like(run.x[-1]), ~scene.cloth.pinned
-    force = scene.cloth.mass_per_point * np.linalg.norm(
-        cs.acceleration(scene, run.x[-1], still), axis=-1
-    )
+    x = run.x[-1]
+    free = ~scene.cloth.pinned
+    acceleration = cs.acceleration(scene, x, np.zeros_like(x))
+    force = scene.cloth.mass_per_point * np.linalg.norm(acceleration, axis=-1)
     weight = scene.cloth.mass_per_point.max() * 9.80665
     assert force[free].max() / weight == pytest.approx(run.report["residual"], rel=1e-3)
-    noise = np.random.default_rng(3).normal(size=still.shape) * free[..., None]
-    assert abs(minimised(scene, run.x[-1] + 1e-6 * noise) - run.x[-1]).max() < 1e-6
-    assert (run.v[-1] == 0).all() and (run.x[-1][~free] == scene.initial_position[~free]).all()
+    noise = np.random.default_rng(3).normal(size=x.shape) * free[..., None]
+    assert abs(minimise(scene, x + 1e-6 * noise) - x).max() < 1e-6
+    assert (run.v[-1] == 0).all() and (x[~free] == scene.initial_position[~free]).all()
 
 
 @pytest.mark.parametrize("response", ["reflect", "ray", "penalty"])
@@ -84,23 +83,21 @@ def test_too_few_evaluations_end_with_the_best_state():
 
 def test_moving_spheres_are_held_where_they_are_at_the_time(same_bits):
     ball = cs.Sphere((0.5, -0.5, 0.5), 0.25, cs.Linear((0, 0.4, 0)), stiffness=1e3)
-    moving, still = (
-        LIGHT.replace(spheres=s) for s in (ball, ball.replace(center=(0.5, -0.3, 0.5), motion=None))
-    )
-    assert same_bits([cs.settle(moving, t=0.5).x], [cs.settle(still).x])
+    ball_at_rest = ball.replace(center=(0.5, -0.3, 0.5), motion=None)
+    run = cs.settle(LIGHT.replace(spheres=ball), t=0.5)
+    assert same_bits([run.x], [cs.settle(LIGHT.replace(spheres=ball_at_rest)).x])
 
 
 def test_driven_pins_are_held_where_they_are_at_the_time():
     pins = {(0, 0): cs.Linear((0.0, 0.2, 0.0)), (-1, 0): None}
     run = cs.settle(LIGHT.replace(cloth=LIGHT.cloth.replace(pins=pins)), t=0.5)
     assert run.report["residual"] < 1e-6
-    assert run.x[-1, 0, 0] == pytest.approx([0, 0.1, 0]) and run.x[-1, -1, 0] == pytest.approx(
-        [0, 0, 1]
-    )
+    assert run.x[-1, 0, 0] == pytest.approx([0, 0.1, 0])
+    assert run.x[-1, -1, 0] == pytest.approx([0, 0, 1])
     x = LIGHT.initial_position.copy()
     x[0, 0, 1] = 0.1
-    still = cs.settle(LIGHT.replace(position=x))
-    assert (run.x[-1] == still.x[-1]).all()
+    expected = cs.settle(LIGHT.replace(position=x))
+    assert (run.x[-1] == expected.x[-1]).all()
 
 
 def test_a_run_in_time_has_no_residual():

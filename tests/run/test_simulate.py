@@ -72,7 +72,7 @@ def test_the_report():
     assert report["stretch"]["largest"] == cs.largest_stretch(SCENE, run.x).max()
     first = report["first_contact"]
     assert math.isnan(first.pop("time")) and first == {"reason": "no sphere responded"}
-    text = json.dumps(report)  # NaN is not equal to itself
+    text = json.dumps(report)  # Texts are compared, as NaN is not equal to itself.
     assert json.dumps(json.loads(text)) == text
     assert cs.simulate(SCENE, 0.001).report["kernel"] in ("gather", "edge")
 
@@ -80,21 +80,21 @@ def test_the_report():
 def test_without_dt_a_safe_one_is_taken():
     run = cs.simulate(SCENE, 0.01)
     assert run.report["error_estimate"]["rms"] <= 1e-3
-    still = cs.Scene(cs.Cloth((2, 2), stiffness=0.0, damping=0.0))
-    run = cs.simulate(still, 0.5)
+    scene = cs.Scene(cs.Cloth((2, 2), stiffness=0.0, damping=0.0))
+    run = cs.simulate(scene, 0.5)
     np.testing.assert_allclose(run.x[-1, 0, 1, 1], -9.80665 / 8, rtol=1e-12)
 
 
 def test_the_report_has_the_step_that_was_taken():
     scene = cs.scenes.oscillator()
-    for given, taken, steps in [
+    for options, dt, steps in [
         ({"dt": 1.0}, 0.01, 1),
         ({"dt": 1e-3, "fps": 5000}, 1e-3, 10),
         ({"dt": 4e-3}, 4e-3, 3),
     ]:
-        run = cs.simulate(scene, 0.01, **given)
-        assert run.report["steps"] == steps and abs(run.report["dt"] / taken - 1) < 1e-9
-        assert f" of {taken:.4g} s by rk4" in str(run)
+        run = cs.simulate(scene, 0.01, **options)
+        assert run.report["steps"] == steps and abs(run.report["dt"] / dt - 1) < 1e-9
+        assert f" of {dt:.4g} s by rk4" in str(run)
 
 
 def test_a_duration_that_no_clock_resolves_is_refused():
@@ -104,7 +104,7 @@ def test_a_duration_that_no_clock_resolves_is_refused():
     for call in (
         lambda: cs.step(cs.scenes.paper_moving(), x, v, 1e-5, t=1e20),
         lambda: cs.Stepper(cs.scenes.paper_moving(), x, v, t=1e20).advance(1, 1e-5),
-        lambda: cs.step(cs.scenes.paper_moving(), x, v, 1e-5, t=1e20),  # by an engine that waits
+        lambda: cs.step(cs.scenes.paper_moving(), x, v, 1e-5, t=1e20),  # with the spare state
     ):
         with pytest.raises(
             ValueError, match="dt must be above the rounding of the time t = 1e.20 s"

@@ -150,7 +150,7 @@ def test_members_that_differ_only_in_numerics_use_one_reference(monkeypatch):
 
     solved = []
     solve = metrics.solve_in_double
-    metrics._kept_reference.cache_clear()
+    metrics._cached_reference.cache_clear()
     monkeypatch.setattr(
         metrics,
         "solve_in_double",

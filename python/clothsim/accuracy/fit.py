@@ -36,7 +36,7 @@ _COARSE = 0.3  # largest error of simulated positions over sigma
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """Parameters that were fitted to a motion, the result of `fit`.
+    """The parameters that were fitted to a motion, as `fit` returns them.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Fit:
         return text + f"\n{self.report['reason']}".rstrip()
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw data and fit, residuals, values with errors, and correlations; the axes come back.
+        """Draw data and fit, residuals, values with errors, and correlations, and return the axes.
 
         Points that are far from each other stand for the motion. Correlations are drawn of two or
         more parameters that have an error.
@@ -223,8 +223,8 @@ def fit(
     rates = problem.slopes(best.x)
     values = np.where([bool(reason) for reason in reasons], np.nan, problem.values(best.x))
     covariance = covariance * np.outer(rates, rates) + 0 * np.add.outer(values, values)
-    text, meaningless = _reason(problem, outcome, reasons, slopes.reasons)
-    if meaningless:
+    text, has_no_errors = _reason(problem, outcome, reasons, slopes.reasons)
+    if has_no_errors:
         covariance = np.full_like(covariance, np.nan)
     report = {
         "reason": text,
@@ -259,11 +259,12 @@ def _reason(
     """
     if any(ends):
         return Reason.EARLIER.format(derivatives=next(filter(None, ends))), False
-    if outcome.late:
-        return Reason.LATE.format(late=-outcome.late), True
+    if outcome.shift:
+        return Reason.LATE.format(late=-outcome.shift), True
     parts = []
     for reason in dict.fromkeys(filter(None, reasons)):
-        names = [name for name, other in zip(problem.names, reasons) if other == reason]
+        pairs = zip(problem.names, reasons)
+        names = [name for name, reason_of_name in pairs if reason_of_name == reason]
         parts.append(f"{', '.join(names)}: {reason}")
     misfit = outcome.misfit
     if not misfit and problem.sigma is not None:
@@ -293,12 +294,12 @@ def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tupl
         if len(np.unique(place, axis=1).T) < len(pairs):
             raise ValueError(f"points must name each point once, got {list(points)}")
     shape = (len(times), *place[0].shape, 3)
-    accepted = f"an array of shape {shape} of numbers, NaN where nothing was measured"
+    requirement = f"an array of shape {shape} of numbers, NaN where nothing was measured"
     if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "iuf":
         values = np.where(np.ma.getmaskarray(values), np.nan, values.data)
-    array = check.as_array("positions", values, accepted)
+    array = check.as_array("positions", values, requirement)
     if array.shape != shape:
-        raise ValueError(f"positions must be {accepted}, got shape {array.shape}")
+        raise ValueError(f"positions must be {requirement}, got shape {array.shape}")
     array = array.astype(np.float64)
-    check.check_all("positions", array, ~np.isinf(array), accepted)
+    check.check_all("positions", array, ~np.isinf(array), requirement)
     return array, place

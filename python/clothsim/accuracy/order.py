@@ -21,13 +21,13 @@ from ..typing import Force, Integrator, Kernel, Precision
 from .solution import Reference, reference_for
 
 _FLOOR_PART = 0.1  # largest part of an error that is fitted, which rounding and reference may make
-_ASYMPTOTIC = 0.1  # largest error that is fitted, over how far the cloth has moved
-_STALLED = 0.5  # slope between two steps below which smaller steps no longer help: rounding
+_LARGEST_PART = 0.1  # largest error that is fitted, over how far the cloth has moved
+_LEAST_SLOPE = 0.5  # slope between two steps below which rounding makes smaller steps useless
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Convergence:
-    """Errors of a method over time steps, the result of `convergence`.
+    """The errors of a method over time steps, as `convergence` returns them.
 
     Attributes
     ----------
@@ -65,8 +65,9 @@ class Convergence:
     reference: Reference
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw errors, order and floor on axes, which come back: hollow is not fitted, a cross
-        unstable.
+        """Draw errors, order and floor, and return the axes.
+
+        Errors that are not fitted are hollow, and unstable runs are crosses.
 
         Parameters
         ----------
@@ -170,7 +171,7 @@ def convergence(
     rms, largest = np.array(errors).T
     floor = _floor(scene, precision, solution, steps, rms)
     way = solution.error_of(scene.initial_position)["rms"]
-    fitted = (rms >= floor / _FLOOR_PART) & (rms <= _ASYMPTOTIC * way)
+    fitted = (rms >= floor / _FLOOR_PART) & (rms <= _LARGEST_PART * way)
     order = math.nan
     if fitted.sum() > 1:
         order = float(np.polyfit(np.log(dt[fitted]), np.log(rms[fitted]), 1)[0])
@@ -190,9 +191,9 @@ def convergence(
 
 def _step_counts(dts: Any, duration: float) -> npt.NDArray[np.int64]:
     """Return the numbers of equal steps of at most the lengths in `dts`, increasing."""
-    listed = check.items("dts", dts, None, "time steps > 0", 1)
+    values = check.items("dts", dts, None, "time steps > 0", 1)
     lengths = [
-        check.number(f"dts[{k}]", dt, minimum=0, exclusive=True) for k, dt in enumerate(listed)
+        check.number(f"dts[{k}]", dt, minimum=0, exclusive=True) for k, dt in enumerate(values)
     ]
     if not duration / min(lengths) <= check.INT64_MAX:
         raise ValueError(
@@ -209,8 +210,8 @@ def _floor(
     rms: Floats,
 ) -> Floats:
     """Return the smallest error that the comparison can show at each step; see `Convergence`."""
-    stalled = np.flatnonzero(_slopes(1 / steps, rms) < _STALLED)
-    least = float(rms[stalled[0] :].min()) if stalled.size else 0.0
+    flat = np.flatnonzero(_slopes(1 / steps, rms) < _LEAST_SLOPE)
+    least = float(rms[flat[0] :].min()) if flat.size else 0.0
     digits: Floats = np.finfo(np.float64).eps / 2 * np.sqrt(steps)
     if precision == "single":
         digits = np.full(len(steps), float(np.finfo(np.float32).eps) / 2)

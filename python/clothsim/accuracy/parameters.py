@@ -12,16 +12,16 @@ from ..model.fields import change_scene, check_name, units
 from ..model.scene import Scene
 from ..model.sphere import Plane, Sphere
 
-# Step of a difference over the scale of its parameter: rounding and truncation are then below 1e-9
-# of most derivatives.
+# This is the step of a difference over the scale of its parameter. With it, rounding and truncation
+# are below 1e-9 of most derivatives.
 STEP = 7e-5
 
 
 class Parameter(NamedTuple):
     """A number of a scene that can vary continuously."""
 
-    name: str  # the spelling of the caller
-    field: str  # the spelling of a sweep
+    name: str  # name in the caller's spelling
+    field: str  # name in the spelling of a sweep
     value: float
     scale: float  # size of a change that changes the motion visibly
     least: float

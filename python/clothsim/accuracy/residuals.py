@@ -13,16 +13,15 @@ from ..base.extras import needed
 from ..run.reasons import Reason
 
 EDGE = 1e-3  # distance [logarithms or scales] from a bound at which a value ends at it
-# rms of the residuals over that of the motion. Larger ones are part of the motion where no sigma is
-# given.
+# Residuals above this part of the motion (rms) are no noise, where no sigma is given.
 LARGE = 0.02
-# Singular value over the largest, of columns of length 1. Below it the data cannot tell parameters
-# apart.
+# The data cannot tell parameters apart where singular values of columns of length 1 are below this
+# part of the largest.
 _SINGULAR = 1e-5
 _PART = 1e-2  # least part of a parameter in a direction that is not determined
 _SIGMAS = 5.0  # deviation [sigmas] of chi-square, or of a correlation, that is no chance
-_CORRELATED = 0.2  # least correlation of residuals at neighbouring times that is no noise
-_SIGNIFICANT = 3.0  # deviation [sigmas] of such a correlation that widens errors
+_LEAST_CORRELATION = 0.2  # least correlation of residuals at neighbouring times that is no noise
+_SIGMAS_OF_CORRELATION = 3.0  # deviation [sigmas] of such a correlation that widens errors
 _LEAST_FREE = 3  # least excess of numbers over parameters that tells sigma
 
 
@@ -42,13 +41,13 @@ def quality_of(
     `least` [m] is what residuals can show, `way` [m] how far the cloth has moved, rms.
     """
     free = mask.sum() - parameters
-    whole = np.full(mask.shape, np.nan)
-    whole[mask] = minimum.fun[: mask.sum()]
-    pairs = whole[1:] * whole[:-1]
+    residuals = np.full(mask.shape, np.nan)
+    residuals[mask] = minimum.fun[: mask.sum()]
+    pairs = residuals[1:] * residuals[:-1]
     number = int(np.isfinite(pairs).sum())
     correlation = math.nan
     if number:
-        square = max(np.nanmean(whole**2), 1e-300)
+        square = max(np.nanmean(residuals**2), 1e-300)
         correlation = float(np.nansum(pairs) / number / square)
     chi = 2 * float(minimum.cost) / free
     if sigma is not None:
@@ -59,7 +58,7 @@ def quality_of(
         return quality, ""
     noise = unit * math.sqrt(chi)
     quality = {"sigma": max(noise, least), "chi_square": math.nan, "correlation": correlation}
-    chance = max(_CORRELATED, _SIGMAS / math.sqrt(max(number, 1)))
+    chance = max(_LEAST_CORRELATION, _SIGMAS / math.sqrt(max(number, 1)))
     reason = ""
     if free < _LEAST_FREE:
         reason = Reason.FEW_NUMBERS.format(free=free)
@@ -73,7 +72,7 @@ def quality_of(
 def is_significant(correlation: float, mask: Any) -> bool:
     """Return whether a correlation of residuals at neighbouring times is no chance."""
     number = int((mask[1:] & mask[:-1]).sum())
-    return number > 0 and correlation > _SIGNIFICANT / math.sqrt(number)
+    return number > 0 and correlation > _SIGMAS_OF_CORRELATION / math.sqrt(number)
 
 
 def _effective_number(free: int, correlation: float, mask: Any) -> float:
@@ -98,16 +97,16 @@ def correlated_covariance(
     covariance: Floats, jacobian: Floats, mask: Any, correlation: float
 ) -> Floats:
     """Return the covariance where residuals k times apart have the correlation to the k-th."""
-    whole = np.zeros((mask.size, jacobian.shape[1]))
-    whole[mask.ravel()] = jacobian
-    whole = whole.reshape(len(mask), -1, jacobian.shape[1])
-    before = whole.copy()
-    after = whole.copy()
-    for k in range(1, len(whole)):
-        before[k] += correlation * before[k - 1]
-        after[-1 - k] += correlation * after[-k]
-    meat = np.einsum("tnp,tnq->pq", whole, before + after - whole)
-    return np.asarray(covariance @ meat @ covariance)
+    rows = np.zeros((mask.size, jacobian.shape[1]))
+    rows[mask.ravel()] = jacobian
+    rows = rows.reshape(len(mask), -1, jacobian.shape[1])
+    forward = rows.copy()
+    backward = rows.copy()
+    for k in range(1, len(rows)):
+        forward[k] += correlation * forward[k - 1]
+        backward[-1 - k] += correlation * backward[-k]
+    sums = np.einsum("tnp,tnq->pq", rows, forward + backward - rows)
+    return np.asarray(covariance @ sums @ covariance)
 
 
 def student(free: int) -> float:
@@ -121,18 +120,18 @@ def rivals(best: Any, minima: list[Any], scale: float, covariance: Floats) -> di
 
     `scale` times a cost is chi-square.
     """
-    others: dict[int, Floats] = {}
+    places: dict[int, Floats] = {}
     errors = np.sqrt(np.diag(covariance))
     for minimum in minima:
         if scale * (minimum.cost - best.cost) < _SIGMAS**2:
-            far = np.abs(minimum.x - best.x) > np.maximum(_SIGMAS * errors, _PART)
-            for k in np.flatnonzero(far):
-                others.setdefault(int(k), minimum.x)
-    return others
+            is_far = np.abs(minimum.x - best.x) > np.maximum(_SIGMAS * errors, _PART)
+            for k in np.flatnonzero(is_far):
+                places.setdefault(int(k), minimum.x)
+    return places
 
 
 class Determination(NamedTuple):
-    """What a Jacobian says about the parameters."""
+    """The covariance of the parameters, and reasons why some are not determined."""
 
     covariance: Floats  # covariance of the coordinates
     condition: float  # condition of the Jacobian with columns of length 1
@@ -149,8 +148,8 @@ def determination(
     """
     lengths = np.linalg.norm(jacobian, axis=0)
     has_effect = lengths > 0
-    scaled = jacobian / np.where(has_effect, lengths, 1.0)
-    _, singular, right = np.linalg.svd(scaled, full_matrices=False)
+    unit_columns = jacobian / np.where(has_effect, lengths, 1.0)
+    _, singular, right = np.linalg.svd(unit_columns, full_matrices=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
     strong = singular > _SINGULAR * singular[0]
     inverse = np.zeros((len(u), len(u)))

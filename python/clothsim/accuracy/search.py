@@ -28,34 +28,34 @@ from .residuals import EDGE, LARGE, quality_of
 from .sensitivity import Schedule, derivatives
 from .solution import METHOD
 
-_FEWEST = 4  # number of times of the first stage
+_LEAST_TIMES = 4  # number of times of the first stage
 _PRIOR = 3.0  # width of the prior, in logarithms or scales
 _WIDEST = 1e3  # factor, or scales, that a parameter without bounds may move
 _STARTS = 8  # most further starts where a minimum does not explain the data
-# Further starts where no sigma tells whether a minimum explains the data. One start in eight ends
-# in another minimum.
-_SURE = 4
-_FAR = math.log(10)  # largest change of a logarithm to a further start or an alias
+# There are so many further starts where no sigma tells whether a minimum explains the data. One
+# start in eight ends in another minimum.
+_STARTS_WITHOUT_SIGMA = 4
+_REACH = math.log(10)  # largest change of a logarithm to a further start or an alias
 _MOST_RUNS = 60  # most evaluations of the residuals of all times
 _MOST_RUNS_OF_STAGE = 20  # most evaluations of the residuals of the first times
 _UNIT = 1e-3  # unit of the residuals over the motion, rms, where sigma is not given
-# Factors from metres. A unit is meant if data then is ten times nearer to the motion.
+# The data is in another unit if these factors bring it ten times nearer to the motion in metres.
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 39.37, "feet": 3.281}
-_NEARER = 10.0
+_GAIN = 10.0
 _MISFIT = 4.0  # least chi-square per number of the first times that asks for a shift of the times
-_EARLY = 8  # number of the times that tell a shift
+_TIMES_OF_SHIFT = 8  # number of the times that tell a shift
 _MOST_TURNS = 3  # most turns between two times of an alias
 _LEAST_FRAMES = 64  # least number of frames of a spectrum
 _MOST_FRAMES = 4096  # largest number of frames of a spectrum
 
 
 class Outcome(NamedTuple):
-    """What a search ends with."""
+    """The result of a search."""
 
     minima: list[Any]  # result of scipy.optimize.least_squares for each start
     quality: dict[str, float]  # quality of the best
     misfit: str  # reason why its residuals are not noise, or ""
-    late: float = 0.0  # s, the shift that the times need
+    shift: float = 0.0  # s, which the times need
 
     @property
     def best(self) -> Any:
@@ -124,15 +124,15 @@ class Problem:
             least, most = (check.number(argument, number) for number in pair)
             if not (ends[0, k] <= least <= value <= most <= ends[1, k] and least < most):
                 low, high = ends[:, k]
-                accepted = f"(least, most) from {low:g} to {high:g} around {value:g}"
-                raise ValueError(f"{argument} must be {accepted}, got {(least, most)}")
+                requirement = f"(least, most) from {low:g} to {high:g} around {value:g}"
+                raise ValueError(f"{argument} must be {requirement}, got {(least, most)}")
             ends[:, k] = least, most
         with np.errstate(divide="ignore", invalid="ignore"):
             u = np.where(
                 self.logarithmic, np.log(ends / self.start), (ends - self.start) / self.scales
             )
-        far = np.where(self.logarithmic, math.log(_WIDEST), _WIDEST)
-        return np.asarray(np.clip(u, -far, far))
+        reach = np.where(self.logarithmic, math.log(_WIDEST), _WIDEST)
+        return np.asarray(np.clip(u, -reach, reach))
 
     def at(self, u: Floats) -> Scene:
         """Return the scene with the parameters at the coordinates `u`."""
@@ -159,31 +159,31 @@ class Problem:
         random = np.random.default_rng(0)
         minima: list[Any] = []
 
-        def outcome(late: float = 0.0) -> Outcome:
+        def outcome(shift: float = 0.0) -> Outcome:
             best = min(minima, key=lambda minimum: minimum.cost)
             quality, misfit = quality_of(
                 best, self.mask, len(self.names), self.sigma, self.unit, self.least, self.way
             )
-            return Outcome(minima, quality, misfit, late)
+            return Outcome(minima, quality, misfit, shift)
 
         u = np.zeros(len(self.names))
-        early = self._minimum(u, self.schedule(self.scene, self.times[:_FEWEST]))
+        first_minimum = self._minimum(u, self.schedule(self.scene, self.times[:_LEAST_TIMES]))
         level = 1.0 if self.sigma else LARGE * self.way / self.unit
-        if 2 * early.cost > _MISFIT * early.fun.size * level**2:
-            late = self._shift_of_times()
-            if late:
-                schedule = self.schedule(self.at(early.x), self.times)
-                minima.append(self._minimum(early.x, schedule, most=1))
+        if 2 * first_minimum.cost > _MISFIT * first_minimum.fun.size * level**2:
+            shift = self._shift_of_times()
+            if shift:
+                schedule = self.schedule(self.at(first_minimum.x), self.times)
+                minima.append(self._minimum(first_minimum.x, schedule, most=1))
                 bar.advance(end)
-                return outcome(late)
+                return outcome(shift)
         while True:
             minima.append(self._minimum_in_stages(u, bar))
             result = outcome()
             restarts = len(minima) - 1
-            unsure = self.sigma is None and restarts < _SURE
-            if restarts >= _STARTS or not (result.misfit or unsure):
+            needs_more = self.sigma is None and restarts < _STARTS_WITHOUT_SIGMA
+            if restarts >= _STARTS or not (result.misfit or needs_more):
                 break
-            u = random.uniform(-_FAR, _FAR, len(self.names)) * self.logarithmic
+            u = random.uniform(-_REACH, _REACH, len(self.names)) * self.logarithmic
             bar.expect(end)
         if result.misfit:
             return result
@@ -197,12 +197,12 @@ class Problem:
         """Return the minimum over all times that is found from `u` by way of the first times."""
         total = len(self.times)
         counts = [-(-total // 2**k) for k in range(int(math.log2(total)), 0, -1)]
-        before = 0.0
-        for count in [*(n for n in counts if n >= _FEWEST), total]:
+        last_time = 0.0
+        for count in [*(n for n in counts if n >= _LEAST_TIMES), total]:
             minimum = self._minimum(u, self.schedule(self.at(u), self.times[:count]))
             u = minimum.x
-            bar.advance(self.times[count - 1] - before)
-            before = self.times[count - 1]
+            bar.advance(self.times[count - 1] - last_time)
+            last_time = self.times[count - 1]
         return minimum
 
     def _minimum(self, middle: Floats, schedule: Schedule, most: int = _MOST_RUNS) -> Any:
@@ -213,16 +213,15 @@ class Problem:
         n = len(schedule.times)
         data = self.data[:n]
         mask = self.mask[:n]
-        stage = n < len(self.times)
-        prior = stage / _PRIOR
+        is_stage = n < len(self.times)
+        prior = is_stage / _PRIOR
 
         def residuals(u: Floats) -> Floats:
             self.evaluations += 1
             scene = self.at(u)
-            off = (schedule.run([scene], schedule.counts(scene)).x[0] - data)[mask]
-            return np.append(
-                np.nan_to_num(off, nan=schedule.size) / self.unit, (u - middle) * prior
-            )
+            errors = (schedule.run([scene], schedule.counts(scene)).x[0] - data)[mask]
+            errors = np.nan_to_num(errors, nan=schedule.size)
+            return np.append(errors / self.unit, (u - middle) * prior)
 
         def jacobian(u: Floats) -> Floats:
             self.jacobians += 1
@@ -233,8 +232,8 @@ class Problem:
             return np.append(columns / self.unit, np.eye(len(u)) * prior, axis=0)
 
         start = np.clip(middle, self.bounds[0] + EDGE / 2, self.bounds[1] - EDGE / 2)
-        digits = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if stage else 1e-10)
-        runs = min(most, _MOST_RUNS_OF_STAGE) if stage else most
+        digits = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if is_stage else 1e-10)
+        runs = min(most, _MOST_RUNS_OF_STAGE) if is_stage else most
         return self.least_squares(
             residuals, start, jacobian, (*self.bounds,), max_nfev=runs, **digits
         )
@@ -243,7 +242,7 @@ class Problem:
         """Refuse positions that are near the motion of the start in another unit alone."""
         distance = self._first_distance(1.0)
         for unit, factor in _UNITS.items():
-            if _NEARER * self._first_distance(factor) < distance:
+            if _GAIN * self._first_distance(factor) < distance:
                 raise ValueError(
                     f"positions must be in metres, got numbers that look like {unit}: "
                     f"divide them by {factor:g}"
@@ -251,7 +250,7 @@ class Problem:
 
     def _first_distance(self, factor: float) -> float:
         """Return the distance of the data over `factor` from the motion of the start [m], rms."""
-        schedule = self.schedule(self.scene, self.times[:_FEWEST])
+        schedule = self.schedule(self.scene, self.times[:_LEAST_TIMES])
         x = schedule.run([self.scene], schedule.counts(self.scene)).x[0]
         n = len(schedule.times)
         return float(np.sqrt(np.nanmean((self.data[:n] / factor - x)[self.mask[:n]] ** 2)))
@@ -263,52 +262,52 @@ class Problem:
         """
         shape = self.scene.cloth.shape
         size = max(self.scene.cloth.size)
-        early = self.times[:_EARLY]
-        data = self.data[: len(early)]
-        mask = self.mask[: len(early)]
+        first_times = self.times[:_TIMES_OF_SHIFT]
+        data = self.data[: len(first_times)]
+        mask = self.mask[: len(first_times)]
         unit = float(np.diff(self.times, prepend=0.0).max())
-        far = _FAR * self.logarithmic + ~self.logarithmic
+        reach = _REACH * self.logarithmic + ~self.logarithmic
 
-        def residuals(values: Floats, shifted: float = 1.0) -> Floats:
+        def residuals(values: Floats, scale: float = 1.0) -> Floats:
             scene = self.at(values[:-1])
-            late = shifted * unit * float(values[-1])
-            times = np.maximum(early + late, 0.0)
-            later, places = np.unique(times[times > 0], return_inverse=True)
-            x = np.broadcast_to(scene.initial_position, (len(early), *shape, 3)).copy()
-            if later.size:
-                schedule = self.schedule(scene, later)
+            shift = scale * unit * float(values[-1])
+            times = np.maximum(first_times + shift, 0.0)
+            positive_times, places = np.unique(times[times > 0], return_inverse=True)
+            x = np.broadcast_to(scene.initial_position, (len(first_times), *shape, 3)).copy()
+            if positive_times.size:
+                schedule = self.schedule(scene, positive_times)
                 x[times > 0] = schedule.run([scene], schedule.counts(scene)).x[0][places]
-            off = np.nan_to_num((x - data)[mask], nan=size)
-            return np.append(off, 1e-3 * self.least * values)
+            errors = np.nan_to_num((x - data)[mask], nan=size)
+            return np.append(errors, 1e-3 * self.least * values)
 
         start = np.zeros(len(self.names) + 1)
-        ends = np.append(far, _EARLY / 2.0)
+        ends = np.append(reach, _TIMES_OF_SHIFT / 2.0)
         options = {"diff_step": 1e-4, "max_nfev": 20, "bounds": (-ends, ends), "x_scale": ends}
-        shifted = self.least_squares(residuals, start, **options)
-        still = self.least_squares(residuals, start, args=(0.0,), **options)
-        better = still.cost > _NEARER**2 * shifted.cost
-        return unit * float(shifted.x[-1]) if better else 0.0
+        with_shift = self.least_squares(residuals, start, **options)
+        without_shift = self.least_squares(residuals, start, args=(0.0,), **options)
+        is_better = without_shift.cost > _GAIN**2 * with_shift.cost
+        return unit * float(with_shift.x[-1]) if is_better else 0.0
 
     def _aliases(self, u: Floats) -> list[Floats]:
         """Return coordinates whose motion has an alias of the main frequency at the times.
 
         An alias turns as often, and a whole number of turns more or less between two times.
         """
-        speeding = np.array([p.field.startswith("stiffness") for p in self.parameters])
-        slowing = np.array([p.field == "mass" for p in self.parameters])
-        direction = 1.0 * speeding - slowing
-        between = float(np.median(np.diff(self.times))) if len(self.times) > 1 else 0.0
-        if not direction.any() or between <= 0:
+        is_stiffness = np.array([p.field.startswith("stiffness") for p in self.parameters])
+        is_mass = np.array([p.field == "mass" for p in self.parameters])
+        direction = 1.0 * is_stiffness - is_mass
+        interval = float(np.median(np.diff(self.times))) if len(self.times) > 1 else 0.0
+        if not direction.any() or interval <= 0:
             return []
         frequency = self._main_frequency(u)
         least, most = self.bounds
         places = []
         for turns in range(1, _MOST_TURNS + 1):
-            for alias in (turns / between - frequency, turns / between + frequency):
+            for alias in (turns / interval - frequency, turns / interval + frequency):
                 if frequency <= 0 or alias <= 0:
                     continue
                 place = u + 2 * math.log(alias / frequency) * direction * self.logarithmic
-                inside = (np.abs(place) <= _FAR) & (least <= place) & (place <= most)
+                inside = (np.abs(place) <= _REACH) & (least <= place) & (place <= most)
                 if inside[direction != 0].all():
                     places.append(place)
         return places
@@ -321,10 +320,10 @@ class Problem:
         count = int(min(max(2 * end / longest, _LEAST_FRAMES), _MOST_FRAMES))
         moments = np.linspace(0, end, count + 1)[1:]
         run = simulate(scene, end, rtol=1e-3, times=moments, force=self.force)
-        moving = run.x[1:, self.mask.any(axis=0)]
-        spectrum = np.abs(np.fft.rfft(moving - moving.mean(axis=0), axis=0)) ** 2
+        x = run.x[1:, self.mask.any(axis=0)]
+        spectrum = np.abs(np.fft.rfft(x - x.mean(axis=0), axis=0)) ** 2
         weights = spectrum.sum(axis=1)
         peak = int(weights[1:].argmax()) + 1
-        near = slice(peak - 1, peak + 2)
-        places = np.fft.rfftfreq(count, end / count)[near]
-        return float((places * weights[near]).sum() / weights[near].sum())
+        neighbours = slice(peak - 1, peak + 2)
+        frequencies = np.fft.rfftfreq(count, end / count)[neighbours]
+        return float((frequencies * weights[neighbours]).sum() / weights[neighbours].sum())

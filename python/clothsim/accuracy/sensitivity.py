@@ -21,13 +21,13 @@ from ..model.scene import Scene, stops_of
 from ..run.reasons import Reason
 from ..typing import Force
 from .parameters import STEP, Parameter, parameters_of, with_values
-from .solution import METHOD, ORDER, Motion, motion
+from .solution import METHOD, ORDER, Positions, positions_at
 
 if TYPE_CHECKING:
     import xarray
 
-_PARTED = 1e-3  # largest error, over the largest derivative so far, that is believed
-_VISIBLE = 1e-4  # least derivative over the cloth's size of which that part is asked
+_LARGEST_ERROR = 1e-3  # largest error, over the largest derivative so far, that is believed
+_LEAST_DERIVATIVE = 1e-4  # least derivative over the cloth's size of which that part is asked
 _ROUNDING = 2e-14  # rounding of positions over the cloth's size
 _LONGEST = 0.9  # longest step over the guaranteed stable step
 _FINEST = 64.0  # largest factor of the number of steps
@@ -36,16 +36,16 @@ _DIGITS = 1e-11  # error of positions over the cloth's size that `sensitivity` a
 
 def checked_times(times: npt.ArrayLike) -> Floats:
     """Return times at which positions are asked for [s], checked."""
-    accepted = "increasing times >= 0 [s] of which one is > 0"
-    array = np.atleast_1d(check.array("times", times, what=accepted))
+    requirement = "increasing times >= 0 [s] of which one is > 0"
+    array = np.atleast_1d(check.array("times", times, what=requirement))
     if array.ndim > 1 or not array.any():
-        raise ValueError(f"times must be {accepted}, got {check.shown(times)}")
-    check.check_all("times", array, np.diff(array, prepend=-1e-300) > 0, accepted)
+        raise ValueError(f"times must be {requirement}, got {check.shown(times)}")
+    check.check_all("times", array, np.diff(array, prepend=-1e-300) > 0, requirement)
     return array
 
 
 class Schedule:
-    """The times of all steps: every run of a comparison takes the same."""
+    """The times of all steps, which are the same in every run that is compared."""
 
     def __init__(
         self, scene: Scene, times: Floats, rtol: float, force: Force | None = None
@@ -53,15 +53,16 @@ class Schedule:
         """Choose steps so short that positions err by about `rtol` of the cloth's size at most."""
         self.times = times
         self.size = max(scene.cloth.size)
-        self.finer = 1.0
+        self.refinement = 1.0
         self.force = force
         self.stops = sorted({*times.tolist(), *stops_of(scene, 0.0, float(times[-1]))} - {0.0})
         coarse = self.counts(scene)
-        x, y = (self.run([scene], counts) for counts in (coarse + -(-coarse // 4), coarse))
-        common = times <= min(x.known, y.known)
+        x = self.run([scene], coarse + -(-coarse // 4))
+        y = self.run([scene], coarse)
+        common = times <= min(x.end, y.end)
         error = np.abs(x.x - y.x)[:, common].max(initial=0.0) / (rtol * self.size)
         # The coarse steps are longer by a fourth, which is not counted on.
-        self.finer = float(np.clip(error ** (1 / ORDER), 1.0, _FINEST)) * 1.25
+        self.refinement = float(np.clip(error ** (1 / ORDER), 1.0, _FINEST)) * 1.25
 
     def counts(self, scene: Scene) -> npt.NDArray[np.int64]:
         """Return the number of steps up to each stop."""
@@ -71,22 +72,22 @@ class Schedule:
             if obstacle.response == "penalty":
                 depth = obstacle.layer(scene.cloth)["thickness"] / 2
                 limits.append(limit_in_layer(scene, METHOD, k, depth))
-        longest = _LONGEST * min(limits) / self.finer
+        longest = _LONGEST * min(limits) / self.refinement
         return np.maximum(np.ceil(np.diff(self.stops, prepend=0.0) / longest), 1).astype(np.int64)
 
-    def run(self, scenes: Sequence[Scene], counts: npt.NDArray[np.int64]) -> Motion:
-        """Return the scenes at `times`."""
-        found = motion(scenes, self.stops, counts.tolist(), force=self.force)
-        x = found.x[:, np.searchsorted(self.stops, self.times)]
+    def run(self, scenes: Sequence[Scene], counts: npt.NDArray[np.int64]) -> Positions:
+        """Return the motion of the scenes at `times`."""
+        result = positions_at(scenes, self.stops, counts.tolist(), force=self.force)
+        x = result.x[:, np.searchsorted(self.stops, self.times)]
         if self.times[0] == 0:
             x[:, 0] = [scene.initial_position for scene in scenes]
-        return found._replace(x=x)
+        return result._replace(x=x)
 
 
 class Derivatives(NamedTuple):
     """A motion and its changes by parameters."""
 
-    motion: Motion  # motion of the scene; x has the shape (times, rows, columns, 3)
+    positions: Positions  # of the scene; x has the shape (times, rows, columns, 3)
     change: Floats  # m per scale, shape (parameters, times, rows, columns, 3)
     term: Floats  # last term of each change, in the same shape
 
@@ -112,10 +113,10 @@ def derivatives(
     result = schedule.run([scene, *members], schedule.counts(scene))
     change = np.empty((len(parameters), *result.x.shape[1:]))
     term = np.zeros_like(change)
-    shifted = iter(result.x[1:])
+    positions = iter(result.x[1:])
     for n, (parameter, steps) in enumerate(zip(parameters, places)):
         side = parameter.side
-        x = [next(shifted) if k else result.x[0] for k in steps]
+        x = [next(positions) if k else result.x[0] for k in steps]
         if side:
             change[n] = (4 * (x[1] - x[0]) - (x[2] - x[0])) / 2 * side
         else:
@@ -144,15 +145,15 @@ def known_derivatives(
     largest = np.fmax.accumulate(np.abs(change).max(axis=(2, 3, 4)), axis=1)
     rounding = _ROUNDING * schedule.size / STEP
     error = np.abs(term).max(axis=(2, 3, 4)) + rounding + _DIGITS * largest
-    bad = np.isnan(error) | (times > result.known)
-    apart = ~bad & (error > _PARTED * (largest + _VISIBLE * schedule.size))
+    bad = np.isnan(error) | (times > result.end)
+    disagree = ~bad & (error > _LARGEST_ERROR * (largest + _LEAST_DERIVATIVE * schedule.size))
     reasons = []
-    for row, late in zip(apart, bad):
-        if row.any():
-            reasons.append(Reason.DISAGREE.format(time=times[row.argmax()]))
+    for disagree_row, bad_row in zip(disagree, bad):
+        if disagree_row.any():
+            reasons.append(Reason.DISAGREE.format(time=times[disagree_row.argmax()]))
         else:
-            reasons.append(result.reason if late.any() else "")
-    bad |= np.logical_or.accumulate(apart, axis=1)
+            reasons.append(result.reason if bad_row.any() else "")
+    bad |= np.logical_or.accumulate(disagree, axis=1)
     change[bad] = np.nan
     error[bad] = np.nan
     until = np.where(bad, 0.0, times).max(axis=1)

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from ..base.build import available_threads
 from ..base.services import service
 from ..engine.force import checked_force, is_python, with_force
 from ..engine.options import Options, core_plan
-from ..engine.stepper import Stepper
+from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene, stops_of
@@ -178,7 +179,8 @@ def reference(
     frames = Frames(
         None if every is None else check.number("every", every, minimum=0, exclusive=True)
     )
-    times = tuple(t for t, _ in frames.moments(0.0, 0.0, duration, None)[1:])
+    moments = frames.moments(0.0, 0.0, duration, None)
+    times = tuple(moment.time for moment in moments[1:])
     force = checked_force(force)
     return _solved(scene, times) if force is None else _solve(scene, times, force)
 
@@ -218,10 +220,10 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
     double = None
     if len(layers) < len(scene.spheres):
         double = solve_in_double(scene, stops, threads, force)
-    if double and double.ended.contact:
+    if double and double.finest.contact:
         raise ValueError(
             f"duration must end before a {kind_name(scene.spheres)} responds after a step, at "
-            f"about {double.ended.known:.4g} s, got {times[-1]:g} s: such responses are no part of "
+            f"about {double.finest.end:.4g} s, got {times[-1]:g} s: such responses are no part of "
             "the equation and have no reference; take response 'penalty', or compare outcomes "
             "(penetration, energy)"
         )
@@ -229,8 +231,8 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
     x, v = extrapolation(free, stops, **_TRUSTED, **options)
     control, _ = extrapolation(free, stops, **_CONTROL, **options)
     double = double or solve_in_double(free, stops, threads, force)
-    if double.ended.reason:
-        raise ArithmeticError(f"no reference: {double.ended.reason}")
+    if double.finest.reason:
+        raise ArithmeticError(f"no reference: {double.finest.reason}")
     # The solution is rounded to float64: half a unit in the last place, but for the initial state.
     rounding = np.spacing(np.abs(x[frames]).max()) / 2 * (np.arange(len(times) + 1) > 0)
     start = scene.initial_position[None]
@@ -251,40 +253,52 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
     )
 
 
-class Motion(NamedTuple):
+class Positions(NamedTuple):
     """Positions of scenes at some times, and until when they have a meaning."""
 
     x: Floats  # [m], shape (scenes, times, rows, columns, 3); NaN after a failure
     # Time before the first response of a sphere or failure in any of the scenes [s]; infinite
     # without.
-    known: float
+    end: float
     reason: str = ""  # what ended it
     contact: bool = False  # whether that was a response
 
 
-def motion(
+def positions_at(
     scenes: Sequence[Scene],
     times: Sequence[float],
     counts: Sequence[int],
     threads: int | None = None,
     force: Force | None = None,
-) -> Motion:
+) -> Positions:
     """Return the scenes at `times` [s], increasing and > 0, by `counts` equal steps to each."""
     several = scenes if len(scenes) > 1 else scenes[0]
-    stepper = Stepper(several, integrator=METHOD, threads=threads, force=force)
-    x = np.full((len(scenes), len(times), *scenes[0].cloth.shape, 3), np.nan)
-    t, failure, pause = 0.0, "", PAUSE.get()
-    for k, (end, count) in enumerate(zip(times, counts, strict=True)):
-        try:
-            for done in range(0, int(count), _STEPS_BETWEEN_PAUSES):
-                if pause is not None:
-                    pause()
-                stepper.advance(min(_STEPS_BETWEEN_PAUSES, int(count) - done), (end - t) / count)
-        except (UnstableError, ContactError) as error:
-            failure = Reason.FAILED.format(time=t, error=error)
-            break
-        x[:, k], t = stepper.positions, end
-    watched = stepper._state.core.watched
+    state = State.checked(several, None, None, None, Options(METHOD, threads=threads), force)
+    state.warn_of_order()
+    moments = [_core.Moment(t, t) for t in (0.0, *times)]
+    steps = np.diff(times, prepend=0.0) / counts
+    segments = [
+        _core.Segment(begin=a, end=b, dt=dt, whole=count)
+        for (a, b), dt, count in zip(pairwise(moments), steps, counts, strict=True)
+    ]
+    state.check_step(float(steps.max()))
+    run = _core.FixedRun(segments, moments)
+    shape = (len(scenes), len(moments), *scenes[0].cloth.shape, 3)
+    x = np.full(shape, np.nan)
+    v = np.empty(shape)
+    failure = ""
+    end = math.inf
+    pause = PAUSE.get()
+    try:
+        while not run.complete:
+            if pause is not None:
+                pause()
+            state.record(run, [*x], [*v], _STEPS_BETWEEN_PAUSES, len(moments))
+    except (UnstableError, ContactError) as error:
+        end = run.frame(run.stored - 1).time
+        failure = Reason.FAILED.format(time=end, error=error)
+    x = x[:, 1:]
+    watched = state.core.watched
     responses = [one["first_contact"] for one in watched if one["responded"]]
     if responses:
         # They fall at the end of a step, for whatever happened within it.
@@ -292,23 +306,23 @@ def motion(
         k = min(int(np.searchsorted(times, contact)), len(times) - 1)
         begin = contact - (times[k] - (times[k - 1] if k else 0.0)) / counts[k]
         reason = Reason.PARTED.format(kind=kind_name(scenes[0].spheres), time=begin)
-        return Motion(x, begin, reason, True)
-    return Motion(x, t if failure else math.inf, failure)
+        return Positions(x, begin, reason, True)
+    return Positions(x, end, failure)
 
 
-class InDouble(NamedTuple):
+class DoubleSolution(NamedTuple):
     """Positions of a scene at some times, and their error."""
 
     x: Floats  # [m], shape (times, rows, columns, 3); NaN after a failure
     # The largest distance of a mass point by the last halving [m], shape (times,). It is infinite
     # without a halving.
     change: Floats
-    ended: Motion
+    finest: Positions
 
 
 def solve_in_double(
     scene: Scene, times: Sequence[float], threads: int | None = None, force: Force | None = None
-) -> InDouble:
+) -> DoubleSolution:
     """Return positions at `times` [s], increasing and > 0, by the kernels.
 
     The step is halved until the change is no larger than rounding errors. No tolerance has to be
@@ -319,7 +333,7 @@ def solve_in_double(
     # go as far as anywhere else.
     coarsest = np.ceil(np.diff(times, prepend=0.0) / largest).astype(int)
     counts = coarsest * 2 ** np.arange(1 + _MOST_HALVINGS)[:, None]
-    finest = motion([scene], times, counts[0].tolist(), threads, force)
+    finest = positions_at([scene], times, counts[0].tolist(), threads, force)
     change = math.inf
     changes = np.full(len(times), np.inf)
     for halving in range(1, 1 + _MOST_HALVINGS):
@@ -327,13 +341,13 @@ def solve_in_double(
             break
         coarser = finest
         before = change
-        finest = motion([scene], times, counts[halving].tolist(), threads, force)
+        finest = positions_at([scene], times, counts[halving].tolist(), threads, force)
         distance = finest.x[0] - coarser.x[0]
         change = float(abs(distance).max())
         changes = np.linalg.norm(distance, axis=-1).max(axis=(-2, -1))
         if change >= before / 2 ** (ORDER / 2):  # truncation would have made it 256 times smaller
             break
-    return InDouble(finest.x[0], changes, finest)
+    return DoubleSolution(finest.x[0], changes, finest)
 
 
 def extrapolation(

@@ -31,12 +31,18 @@ if TYPE_CHECKING:
     import xarray
 
 OWN = "clothsim"  # library of the integrators
-_COMPARED = ("semi_implicit_euler", "velocity_verlet", "rk4", "dopri5 adaptive", "dop853 adaptive")
+_DEFAULT_METHODS = (
+    "semi_implicit_euler",
+    "velocity_verlet",
+    "rk4",
+    "dopri5 adaptive",
+    "dop853 adaptive",
+)
 _SAFETY = 0.95  # coarsest step of an explicit method over the guaranteed stable step
 _IMPLICIT = 8.0  # coarsest step of an implicit method over the stable step of rk4
-_HALVINGS = 7  # settings of a method
+_SETTINGS = 7  # number of settings of a method
 _RTOLS = tuple(10.0**-k for k in range(3, 14))
-_ONCE = 2.0  # s; a longer run is timed once
+_LONGEST_REPEATED = 2.0  # s; a longer run is timed once
 _LONGEST = 10.0  # s; after a longer run the finer settings of its method are left out
 _COLUMNS = {
     "setting": ("dt [s] or relative tolerance", ""),
@@ -215,9 +221,9 @@ def work_precision(
             shuffle(stable)
             for m, n in stable:
                 times = seconds[m, n]
-                if not (times and min(times) > _ONCE / duration):
-                    solved = _solved(solvers[m], scene, duration, levels[m][n])
-                    times.append(solved.wall_time / duration)
+                if not (times and min(times) > _LONGEST_REPEATED / duration):
+                    seconds_of_run = _solve(solvers[m], scene, duration, levels[m][n]).wall_time
+                    times.append(seconds_of_run / duration)
                 bar.advance(duration)
     for place, times in seconds.items():
         lower, upper = np.quantile(times, (0.25, 0.75))
@@ -258,35 +264,35 @@ def _errors(method: Method, setting: float, scene: Scene, solution: Reference) -
     Errors are infinite where the method is unstable.
     """
     duration = float(solution.t[-1])
-    solved = _solved(method, scene, duration, setting)
+    result = _solve(method, scene, duration, setting)
     row = dict.fromkeys(("rms_error", "max_error", "frames_rms_error"), math.inf)
-    row |= {"setting": setting, "spent": solved.wall_time}
-    if not np.isfinite(solved.x).all():
+    row |= {"setting": setting, "spent": result.wall_time}
+    if not np.isfinite(result.x).all():
         return row
-    error = solution.error_of(solved.x)
+    error = solution.error_of(result.x)
     frames = [error["rms"]]
     for k, t in enumerate(solution.t[1:-1].tolist(), 1):
-        frames.append(solution.error_of(_solved(method, scene, t, setting).x, k)["rms"])
-    total = energy(scene, solved.x, solved.v, duration)["total"]
+        frames.append(solution.error_of(_solve(method, scene, t, setting).x, k)["rms"])
+    total = energy(scene, result.x, result.v, duration)["total"]
     exact = energy(scene, solution.x[-1], solution.v[-1], duration)["total"]
     row["rms_error"] = error["rms"]
     row["max_error"] = error["max"]
-    row["frames_rms_error"] = float(np.max(frames))  # NaN if a run is unstable
-    row["force_evaluations"] = solved.evaluations
+    row["frames_rms_error"] = float(np.max(frames))  # This is NaN if a run is unstable.
+    row["force_evaluations"] = result.evaluations
     row["energy_drift"] = float(total - exact)
     return row
 
 
-class _Solved(NamedTuple):
-    """What `Method.solve` returns."""
+class _Result(NamedTuple):
+    """The result of `Method.solve`."""
 
-    x: Floats  # m, at the end
-    v: Floats  # m/s
+    x: Floats  # positions at the end [m]
+    v: Floats  # velocities at the end [m/s]
     evaluations: int
-    wall_time: float  # s
+    wall_time: float  # [s]
 
 
-def _solved(method: Method, scene: Scene, duration: float, setting: float) -> _Solved:
+def _solve(method: Method, scene: Scene, duration: float, setting: float) -> _Result:
     """Return what `method.solve` returns; NaN where it is unstable."""
     try:
         with warnings.catch_warnings():
@@ -295,10 +301,10 @@ def _solved(method: Method, scene: Scene, duration: float, setting: float) -> _S
             warnings.simplefilter("ignore", StabilityWarning)
             warnings.simplefilter("ignore", OrderWarning)
             warnings.simplefilter("ignore", ToleranceWarning)
-            return _Solved(*method.solve(scene, duration, setting))
+            return _Result(*method.solve(scene, duration, setting))
     except ArithmeticError:
-        nowhere = np.full_like(scene.initial_position, np.nan)
-        return _Solved(nowhere, nowhere, 0, math.nan)
+        nan = np.full_like(scene.initial_position, np.nan)
+        return _Result(x=nan, v=nan, evaluations=0, wall_time=math.nan)
 
 
 def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
@@ -326,17 +332,19 @@ def _solvers(
     precisions = check.items("precisions", precisions, None, "names", 1)
     for k, precision in enumerate(precisions):
         check.choice(f"precisions[{k}]", precision, PRECISIONS)
-    listed = list(_COMPARED)
+    entries = list(_DEFAULT_METHODS)
     if methods is not None:
-        listed = check.items("methods", methods, None, "names or methods", 1)
-    own: list[Method] = []
-    others: list[Method] = []
-    for k, method in enumerate(listed):
-        if isinstance(method, str):
-            own += [own_method(method, precision, threads, force) for precision in precisions]
+        entries = check.items("methods", methods, None, "names or methods", 1)
+    integrators: list[Method] = []
+    solvers: list[Method] = []
+    for k, entry in enumerate(entries):
+        if isinstance(entry, str):
+            integrators += [
+                own_method(entry, precision, threads, force) for precision in precisions
+            ]
         else:
-            others.append(check.instance(f"methods[{k}]", method, Method))
-    return own + others
+            solvers.append(check.instance(f"methods[{k}]", entry, Method))
+    return integrators + solvers
 
 
 def own_method(
@@ -352,8 +360,8 @@ def own_method(
     )
     label = integrator
     if control == "rtol":
-        adaptive = [f"{other} adaptive" for other, about in METHODS.items() if about.adaptive]
-        label = check.choice("methods", f"{integrator} adaptive", adaptive)
+        names = [f"{name} adaptive" for name, method in METHODS.items() if method.adaptive]
+        label = check.choice("methods", f"{integrator} adaptive", names)
 
     def solve(scene: Scene, duration: float, setting: float) -> tuple[Floats, Floats, int, float]:
         options: dict[str, Any] = {
@@ -374,10 +382,10 @@ def _settings(method: Method, scene: Scene, duration: float, dts: Any, rtols: An
     name = f"{method.control}s"
     values = dts if name == "dts" else rtols
     if values is not None:
-        listed = check.items(name, values, None, "numbers > 0", 1)
+        entries = check.items(name, values, None, "numbers > 0", 1)
         numbers = {
             check.number(f"{name}[{k}]", value, minimum=0, exclusive=True)
-            for k, value in enumerate(listed)
+            for k, value in enumerate(entries)
         }
         return sorted(numbers, reverse=True)
     if name == "rtols":
@@ -385,6 +393,7 @@ def _settings(method: Method, scene: Scene, duration: float, dts: Any, rtols: An
     integrator = method.name if method.library == OWN else "rk4"
     explicit = METHODS[integrator].explicit
     # Nothing limits an implicit step: it begins well above what an explicit method could take.
-    largest = (stable_dt(scene, integrator) if explicit else 0.0) or stable_dt(scene, "rk4")
-    largest = min(_SAFETY * largest if explicit else _IMPLICIT * largest, duration / 4)
-    return [largest / 2**k for k in range(_HALVINGS)]
+    stable = stable_dt(scene, integrator) if explicit else 0.0
+    stable = stable or stable_dt(scene, "rk4")
+    largest = min((_SAFETY if explicit else _IMPLICIT) * stable, duration / 4)
+    return [largest / 2**k for k in range(_SETTINGS)]

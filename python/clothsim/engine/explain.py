@@ -15,7 +15,7 @@ from .options import Options, core_plan
 
 
 class Explanation(dict[str, Any]):
-    """Work of a step of a scene, and the parts left out: a mapping that prints as a text.
+    """The work of a step of a scene, and what is left out: a mapping that prints as a text.
 
     Examples
     --------
@@ -76,10 +76,11 @@ def explain(
     """See `Scene.explain`."""
     options = Options(integrator, precision, threads, kernel)
     integrator = integrator_name(options.integrator, fixed=True)
-    cloth, method = scene.cloth, METHODS[integrator]
+    cloth = scene.cloth
+    method = METHODS[integrator]
     plan = core_plan(scene, options)
     stages = method.stages_damped if scene.damped else method.stages
-    everything = {
+    parts = {
         **{f"{family} springs": family in cloth.springs for family in FAMILIES},
         "spring damping": any(cloth.family_damping.values()),
         "drag": cloth.drag > 0,
@@ -96,8 +97,8 @@ def explain(
         {
             "mass_points": cloth.rows * cloth.columns,
             "springs": cloth.spring_count(),
-            "computed": tuple(name for name, present in everything.items() if present),
-            "left_out": tuple(name for name, present in everything.items() if not present),
+            "computed": tuple(name for name, present in parts.items() if present),
+            "left_out": tuple(name for name, present in parts.items() if not present),
             "collision_passes": tuple(
                 f"{s.response}{' (as printed)' if s.as_printed else ''}, {s._size_text(cloth)}"
                 for s in scene.spheres

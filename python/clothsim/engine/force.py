@@ -12,14 +12,14 @@ from ..base import Floats, check
 from ..model.scene import Scene
 from ..typing import Force
 
-ACCEPTED = "a function f(t, x, v), a scipy.LowLevelCallable or a numba cfunc"
+_KINDS = "a function f(t, x, v), a scipy.LowLevelCallable or a numba cfunc"
 SIGNATURE = (
     "void (double t, const double *x, const double *v, double *f, int64_t points), with a last "
     "argument void * where it has user data"
 )
 _POINTER = "double *"
 _ARGUMENTS = ["double", _POINTER, _POINTER, _POINTER, "int64_t"]
-# What C and ctypes call an integer of 64 bits here.
+# C and ctypes give these names to an integer of 64 bits here.
 _INTEGERS = {
     *("int64_t", "int64", "long", "long long", "longlong"),
     *("npy_intp", "Py_ssize_t", "intptr_t"),
@@ -28,7 +28,7 @@ _TYPES = {"void", "double", "char", "short", "int", "float", "unsigned", *_INTEG
 
 
 @dataclass(frozen=True)
-class Held:
+class ForceAtTime:
     """A force at one time [s], whatever the time of the state."""
 
     function: Any
@@ -36,67 +36,75 @@ class Held:
 
 
 def checked_force(force: Any, argument: str = "force") -> Force | None:
-    """`force` if it is one that the core can call."""
-    if force is None or isinstance(force, Held) or _native(force, argument) or callable(force):
+    """Return `force` if the core can call it; else raise an error."""
+    if (
+        force is None
+        or isinstance(force, ForceAtTime)
+        or _native(force, argument)
+        or callable(force)
+    ):
         return force
-    raise TypeError(f"{argument} must be {ACCEPTED}, or None, got {check.shown(force)}")
+    raise TypeError(f"{argument} must be {_KINDS}, or None, got {check.shown(force)}")
 
 
-def forces_of(force: Any, scenes: Sequence[Scene], several: bool) -> list[Force | None]:
-    """The force of each scene: one for all, or a list of one for each where `several` are given;
-    empty without a force.
+def forces_of(force: Any, scenes: Sequence[Scene], batched: bool) -> list[Force | None]:
+    """Return the force of each scene; an empty list without a force.
+
+    `force` acts on all scenes. It may also be a list with a force for each scene of a batch.
     """
     if force is None:
         return []
-    if not several or not isinstance(force, list):
+    if not batched or not isinstance(force, list):
         return [checked_force(force)] * len(scenes)
     if len(force) != len(scenes):
         raise ValueError(
             f"force must be one function, or a list of {len(scenes)} for as many scenes, got "
             f"{len(force)}"
         )
-    return [checked_force(one, f"force[{k}]") for k, one in enumerate(force)]
+    return [checked_force(member, f"force[{k}]") for k, member in enumerate(force)]
 
 
 def is_python(force: Force | None) -> bool:
-    """Whether only one thread at a time may call the force."""
+    """Tell whether only one thread at a time may call the force."""
     return force is not None and _native(force) is None
 
 
 def with_force(plan: _core.Plan, force: Any, shape: tuple[int, int]) -> _core.Plan:
-    """The plan with the force of a function."""
+    """Add a user's force to a plan."""
     if force is None:
         return plan
-    held: float | None = None
-    if isinstance(force, Held):
-        held, force = force.t, force.function
+    fixed_t: float | None = None
+    if isinstance(force, ForceAtTime):
+        fixed_t = force.t
+        force = force.function
     if native := _native(force):
-        return plan.with_c_force(*native, force, held)
-    full = (*shape, 3)
+        return plan.with_c_force(*native, force, fixed_t)
 
-    def checked(t: float, x: Floats, v: Floats) -> Floats:
-        result = force(t if held is None else held, x, v)
-        return check.array("the result of force(t, x, v)", result, full)
+    def call(t: float, x: Floats, v: Floats) -> Floats:
+        result = force(t if fixed_t is None else fixed_t, x, v)
+        return check.array("the result of force(t, x, v)", result, (*shape, 3))
 
-    return plan.with_python_force(checked)
+    return plan.with_python_force(call)
 
 
 def _native(force: Any, argument: str = "force") -> tuple[int, int | None] | None:
-    """The addresses of a C function and of its user data; None for a function of Python."""
+    """Return the addresses of a C function and of its user data; None for a Python function."""
     kind = type(force)
     if kind.__name__ == "LowLevelCallable" and kind.__module__.startswith("scipy."):
-        # The entry of the tuple itself; the class hides it.
+        # The class hides the entry of the tuple itself.
         signature, address, data = _core.capsule_facts(tuple.__getitem__(force, 0))
-        known = parsed(signature)
     elif kind.__name__ == "CFunc" and kind.__module__.startswith("numba."):
         from_numba = force.ctypes
-        names = [_ctypes_name(one) for one in (from_numba.restype, *from_numba.argtypes)]
-        signature, address, data = f"{names[0]} ({', '.join(names[1:])})", force.address, 0
-        known = parsed(signature)
+        result = _ctypes_name(from_numba.restype)
+        arguments = ", ".join(map(_ctypes_name, from_numba.argtypes))
+        signature = f"{result} ({arguments})"
+        address = force.address
+        data = 0
     else:
         return None
-    takes_data = known == ["void", *_ARGUMENTS, "void *"]
-    if not (takes_data or known == ["void", *_ARGUMENTS]):
+    types = types_of(signature)
+    takes_data = types == ["void", *_ARGUMENTS, "void *"]
+    if not (takes_data or types == ["void", *_ARGUMENTS]):
         raise ValueError(f"{argument} must have the signature {SIGNATURE}, got {signature!r}")
     return address, data if takes_data else None
 
@@ -109,20 +117,22 @@ def _ctypes_name(kind: Any) -> str:
     return name.replace("LP_", "").removeprefix("c_") + " " + "*" * pointers
 
 
-def parsed(signature: str) -> list[str]:
-    """The types of a signature in C, the result first: without const and names, integers of 64 bits
-    as int64_t.
+def types_of(signature: str) -> list[str]:
+    """Return the types in a C signature, that of the result first.
 
-    >>> parsed("void(double t, const double *x, long n)")
+    `const` and the names of arguments are dropped, and integers of 64 bits are called int64_t.
+
+    >>> types_of("void(double t, const double *x, long n)")
     ['void', 'double', 'double *', 'int64_t']
     """
-    result, _, rest = signature.partition("(")
-    found = []
-    for one in [result, *rest.rstrip(" )").split(",")]:
-        words = [word for word in re.findall(r"\w+", one) if word != "const"]
+    result, _, arguments = signature.partition("(")
+    types = []
+    for text in [result, *arguments.rstrip(" )").split(",")]:
+        words = [word for word in re.findall(r"\w+", text) if word != "const"]
         if len(words) > 1 and words[-1] not in _TYPES:
             words.pop()  # the name of the argument
         name = " ".join(words)
-        name = "int64_t" if name in _INTEGERS and "*" not in one else name
-        found.append(f"{name} {'*' * one.count('*')}".strip())
-    return found
+        if name in _INTEGERS and "*" not in text:
+            name = "int64_t"
+        types.append(f"{name} {'*' * text.count('*')}".strip())
+    return types

@@ -1,4 +1,4 @@
-"""Warnings and errors of steps: what events of the core mean to a user."""
+"""Warnings and errors of steps, from events of the core."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from ..methods.bound import limit_in_layer, limiting_term
 from ..model.scene import Scene
 from ..model.sphere import kind_name
 from ..typing import Force
+from .backend import Simulation
 from .options import Options, kept_plan
 
-# The warnings of a time step. Who chooses the step himself, as error control does, gives none.
+# Warnings of a time step are of these kinds. Error control chooses the step itself, and gives none.
 TIME_STEP = frozenset({"time_step", "grown", "stiff"})
 
 
 class Judge:
-    """Gives each warning of a simulation once, and raises the error of a failed step, with the
-    state of `core`.
+    """A judge of steps, which gives each warning of a simulation once and raises errors.
 
     `scenes` and the guaranteed time steps `max_stable_dt` [s] have one entry for each member, which
     messages name where the state is `batched`. `quiet` has the kinds of warnings that are not
-    given. `warned` has those that were given.
+    given. `past_kinds` has those that were given. An error has the state of `core`.
     """
 
     def __init__(
         self,
-        core: _core.Simulation,
+        core: Simulation,
         scenes: Sequence[Scene],
         batched: bool,
         integrator: str,
@@ -48,9 +48,9 @@ class Judge:
         self._max_stable_dt = max_stable_dt
         self._forces = forces
         self._quiet = quiet
-        self.warned: set[str] = set()
-        self.least_stable_dt = min(*max_stable_dt, sys.float_info.max)  # inf without springs
-        self.steps_before = 0  # earlier calls of the run; errors count steps from its start
+        self.past_kinds: set[str] = set()
+        # Without springs each entry is infinite.
+        self.least_stable_dt = min(*max_stable_dt, sys.float_info.max)
         self._warnings: dict[str, tuple[type[Warning], Callable[[_core.Event, float], str]]] = {
             "pinned_inside": (ContactWarning, self._pins_text),
             "below": (ContactWarning, self._below_text),
@@ -60,12 +60,12 @@ class Judge:
 
     def begin_call(self) -> None:
         """Give all warnings anew, as each call of `step` does."""
-        self.warned.clear()
+        self.past_kinds.clear()
 
     def _is_quiet(self, kind: str) -> bool:
-        # What grows has been warned of: its time step is too long.
-        grown = kind in TIME_STEP and "grown" in self.warned
-        return kind in self._quiet or kind in self.warned or grown
+        # A warning of growth says that the time step is too long.
+        repeats_growth = kind in TIME_STEP and "grown" in self.past_kinds
+        return kind in self._quiet or kind in self.past_kinds or repeats_growth
 
     def time_step(self, dt: float) -> None:
         """Warn once of a time step above the guarantee of a member that moves."""
@@ -74,9 +74,9 @@ class Judge:
         active = [k for k, frozen in enumerate(self._core.frozen) if not frozen]
         limit, member = min(((self._max_stable_dt[k], k) for k in active), default=(dt, 0))
         if dt > limit:
-            self.warned.add("time_step")
-            which = f"batch member {member}" if self._batched else "this scene"
-            stable = f"guaranteed to be stable for {which}"
+            self.past_kinds.add("time_step")
+            scene = f"batch member {member}" if self._batched else "this scene"
+            stable = f"guaranteed to be stable for {scene}"
             text = f"no dt is {stable} with {self._integrator}"
             if limit:
                 text = (
@@ -90,18 +90,18 @@ class Judge:
     def report(self, events: Sequence[_core.Event], dt: float, steps_before: int = 0) -> None:
         """Give the warnings of a call of the core, and raise the error of a failed step.
 
-        `steps_before`: steps of this call of a user before that of the core.
+        `steps_before`: steps of the run, or of this call of a user, before that of the core.
         """
         for event in events:
             if event.kind not in self._warnings:
                 self._raise_error(event, dt, steps_before)
             if self._is_quiet(event.kind):
                 continue
-            self.warned.add(event.kind)
+            self.past_kinds.add(event.kind)
             category, text = self._warnings[event.kind]
             warn_caller(text(event, dt), category)
 
-    def _of(self, member: int) -> str:
+    def _of_member(self, member: int) -> str:
         return f" of batch member {member}" if self._batched else ""
 
     def _state(self, member: int) -> tuple[Any, Any]:
@@ -114,16 +114,16 @@ class Judge:
         scene = self._scenes[event.member]
         pin = divmod(event.point, scene.cloth.columns)
         return (
-            f"the pinned mass point {pin}{self._of(event.member)} is inside a "
+            f"the pinned mass point {pin}{self._of_member(event.member)} is inside a "
             f"{kind_name(scene.spheres)}; no contact moves it, so it, and triangles at it, are "
             "inside while it is there"
         )
 
     def _below_text(self, event: _core.Event, dt: float) -> str:
         return (
-            f"the cloth{self._of(event.member)} is {event.value:.3g} m below the true surface of "
-            f"an obstacle at t = {event.time:g} s; a larger stiffness or thickness of its layer, "
-            "or a larger offset, keeps the cloth out"
+            f"the cloth{self._of_member(event.member)} is {event.value:.3g} m below the true "
+            f"surface of an obstacle at t = {event.time:g} s; a larger stiffness or thickness of "
+            "its layer, or a larger offset, keeps the cloth out"
         )
 
     def _stiff_text(self, event: _core.Event, dt: float) -> str:
@@ -134,18 +134,18 @@ class Judge:
         return (
             f"dt = {dt:g} s is above {limit:.3g} s, up to which {self._integrator} is guaranteed "
             f"to be stable with mass points {part:.2g} of its thickness deep in the layer of "
-            f"spheres[{k}]{self._of(event.member)}, as they are at t = {event.time:g} s"
+            f"spheres[{k}]{self._of_member(event.member)}, as they are at t = {event.time:g} s"
         )
 
     def _limit_at(self, member: int) -> float:
-        """The stable time step at the present state of a member."""
+        """Return the stable time step [s] at the present state of a member."""
         try:
             state = self._state(member)
             limit: float = service("max_stable_dt")(
                 self._scenes[member], self._integrator, *state, t=self._core.time
             )
             return limit
-        except ValueError:  # points too near for a direction; no reason to end the run
+        except ValueError:  # Points are too near for a direction, which does not end the run.
             return self._max_stable_dt[member]
 
     def _growth_text(self, event: _core.Event, dt: float) -> str:
@@ -160,8 +160,8 @@ class Judge:
                 "a smaller dt"
             )
         return (
-            f"energy{self._of(event.member)} grows out of nothing: at t = {event.time:g} s more "
-            "than half of the kinetic and elastic energy was made by the time step "
+            f"energy{self._of_member(event.member)} grows out of nothing: at t = {event.time:g} s "
+            "more than half of the kinetic and elastic energy was made by the time step "
             f"dt = {dt:g} s; {self._integrator} {reach}"
         )
 
@@ -175,7 +175,7 @@ class Judge:
         speed = float(np.linalg.norm(velocity))
         thickness = layer["thickness"]
         stiffness = layer["stiffness"]
-        largest = thickness * math.sqrt(stiffness / (2 * mass))  # speed that the layer takes [m/s]
+        largest = thickness * math.sqrt(stiffness / (2 * mass))  # speed that the layer stops [m/s]
         if speed <= largest and "time_step" not in self._quiet:
             return (
                 f"the layer takes up to {largest:.3g} m/s, and the point closes at {speed:.3g} m/s:"
@@ -197,7 +197,7 @@ class Judge:
         x, v = self._state(event.member)
         pinned = cloth.pinned.flat[event.point]
         values: dict[str, Any] = {
-            "step": self.steps_before + steps_before + event.step,
+            "step": steps_before + event.step,
             "time": event.time,
             "point": None if pinned else divmod(event.point, cloth.columns),
             "x": x,

@@ -1,6 +1,4 @@
-"""The options that every stepping function takes, checked once, and the plan of the core for a
-scene with them.
-"""
+"""The options of steps, checked once, and the plan of the core for a scene with them."""
 
 from __future__ import annotations
 
@@ -20,15 +18,15 @@ PRECISIONS: tuple[Precision, ...] = ("double", "single")
 KERNELS: tuple[Kernel, ...] = get_args(Kernel)
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
-_MOST_PLANS = 8  # kept for a scene
-_warned: set[str] = set()  # what this process was warned of
+_MOST_PLANS = 8  # most plans that a scene keeps
+_past_warnings: set[str] = set()  # kinds of warnings that this process has had
 
 
 @dataclass(frozen=True)
 class Options:
     """The options of the steps, as `step` takes them.
 
-    Made once from the arguments of a call, and handed down to the core.
+    They are made once from the arguments of a call, and handed down to the core.
     """
 
     integrator: str = "rk4"
@@ -47,14 +45,14 @@ class Options:
             check.integer("threads", self.threads, minimum=1, maximum=_core.most_threads)
 
     def _check_gpu(self) -> None:
-        for name, value, accepted in (
+        for name, value, choices in (
             ("integrator", self.integrator, ("rk4",)),
             ("kernel", self.kernel, ("gather", "auto")),
             ("threads", self.threads, (None,)),
         ):
-            if value not in accepted:
+            if value not in choices:
                 raise ValueError(
-                    f"{name} must be {' or '.join(map(repr, accepted))} with backend 'gpu', "
+                    f"{name} must be {' or '.join(map(repr, choices))} with backend 'gpu', "
                     f"got {value!r}"
                 )
 
@@ -64,7 +62,10 @@ class Options:
         return "edge" if self.kernel == "auto" else self.kernel
 
     def threads_for(self, shape: tuple[int, int], members: int = 1) -> int:
-        """`threads`; None: all for large cloths, else one a member."""
+        """Return `threads`, or a number by size if it is None.
+
+        Large cloths get all processors, others one thread for each member.
+        """
         if self.threads is not None:
             _warn_of_threads(self.threads)
             return self.threads
@@ -77,8 +78,8 @@ class Options:
 
 def _warn_of_threads(threads: int) -> None:
     """Warn once of more threads than processors: they wait for each other in turns."""
-    if threads > (count := processors()) and "threads" not in _warned:
-        _warned.add("threads")
+    if threads > (count := processors()) and "threads" not in _past_warnings:
+        _past_warnings.add("threads")
         warn_caller(
             f"threads = {threads} is above the {counted(count, 'processor')} that this process may "
             "use: steps take several times as long as with one thread",
@@ -87,7 +88,7 @@ def _warn_of_threads(threads: int) -> None:
 
 
 def kept_plan(scene: Scene, options: Options) -> _core.Plan:
-    """The plan of a scene, compiled once: it cannot change."""
+    """Return the plan of a scene, which is compiled once: a scene cannot change."""
     plans: dict[Any, _core.Plan] = scene.__dict__.setdefault("_plans", {})
     key = options.precision, options.kernel, options.integrator, _core.choose_instruction_set()
     plan = plans.get(key)
@@ -98,14 +99,14 @@ def kept_plan(scene: Scene, options: Options) -> _core.Plan:
     return plan
 
 
-def make_room(kept: dict[Any, Any], most: int) -> None:
+def make_room(cache: dict[Any, Any], most: int) -> None:
     """Remove the oldest entries until there is room for another; other threads may do so too."""
-    for key in list(kept)[: len(kept) + 1 - most]:
-        kept.pop(key, None)
+    for key in list(cache)[: len(cache) + 1 - most]:
+        cache.pop(key, None)
 
 
 def core_plan(scene: Scene, options: Options) -> _core.Plan:
-    """The scene as the core takes it, with the kernels of the chosen instruction set."""
+    """Compile a scene for the core, with the kernels of the chosen instruction set."""
     return _core.Plan(
         cloth=scene.cloth.core,
         gravity=scene.gravity,

@@ -18,7 +18,7 @@ from ..model.scene import Scene
 from .options import Options
 
 SCHEMA = 5
-_FIELD = "snapshot_"  # an array of a file whose name begins so is a field of the core
+_FIELD = "snapshot_"  # prefix of the arrays that are fields of the core
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,20 +38,21 @@ class Snapshot:
     True
     """
 
-    scene: Scene | Sequence[Scene]  # or the scenes of a batch
+    scene: Scene | Sequence[Scene]  # scene, or scenes of a batch
     options: Options
     shape: tuple[int, ...]
     dtype: str
     core: dict[str, Any]
-    forced: bool = False  # by a function, which is no data
+    forced: bool = False  # whether a function acts, which is no data
 
     @property
     def time(self) -> float:
-        """[s]"""
+        """Time of the state [s]."""
         return float(self.core["time"])
 
     def __repr__(self) -> str:
-        size, options = " x ".join(map(str, self.shape[:-1])), self.options
+        size = " x ".join(map(str, self.shape[:-1]))
+        options = self.options
         return (
             f"<Snapshot of {size} mass points at t = {self.time:g} s ({options.integrator}, "
             f"{options.precision})>"
@@ -96,7 +97,10 @@ class Snapshot:
 
 
 def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
-    """The snapshot as text, "snapshot" (JSON), and the core's fields, "snapshot_" and names."""
+    """Return the arrays of a file: the text "snapshot" (JSON), and the fields of the core.
+
+    The name of each field begins with "snapshot_".
+    """
     scene = snapshot.scene
     header = {
         "schema": SCHEMA,
@@ -113,12 +117,12 @@ def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
 
 
 def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
-    """The snapshot whose arrays `to_arrays` returned."""
+    """Make a snapshot from the arrays that `to_arrays` returned."""
     header = json.loads(str(arrays["snapshot"]))
     if header["schema"] != SCHEMA:
         raise ValueError(f"its schema must be {SCHEMA}, got {header['schema']!r}")
-    given = header["scene"]
-    scene = list(map(Scene.from_dict, given)) if isinstance(given, list) else Scene.from_dict(given)
+    data = header["scene"]
+    scene = list(map(Scene.from_dict, data)) if isinstance(data, list) else Scene.from_dict(data)
     core = {
         name.removeprefix(_FIELD): value
         for name, value in arrays.items()
@@ -129,40 +133,39 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
     for name in {"positions", "velocities"} & set(core):
         check.check_all(name, core[name], np.isfinite(core[name]), "finite numbers")
     return Snapshot(
-        scene,
-        Options(**header["arguments"]),
-        tuple(header["shape"]),
-        str(header["dtype"]),
-        core,
-        bool(header["forced"]),
+        scene=scene,
+        options=Options(**header["arguments"]),
+        shape=tuple(header["shape"]),
+        dtype=str(header["dtype"]),
+        core=core,
+        forced=bool(header["forced"]),
     )
 
 
 def take(
     state: Any, scene: Scene | Sequence[Scene], options: Options, core: dict[str, Any] | None = None
 ) -> Snapshot:
-    """A snapshot of a state with these options, or of one of its members, with fields `core`."""
-    shape = state.shape if core is None else state.shape[-3:]
+    """Make a snapshot of a state, or of the member whose fields are `core`."""
     return Snapshot(
-        scene,
-        options,
-        shape,
-        state.dtype.str,
-        state.core.snapshot() if core is None else core,
-        state.forced,
+        scene=scene,
+        options=options,
+        shape=state.shape if core is None else state.shape[-3:],
+        dtype=state.dtype.str,
+        core=state.core.snapshot() if core is None else core,
+        forced=state.forced,
     )
 
 
 def of_members(core: dict[str, Any], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
-    """The fields of the core for each member of a batch, as they are for its scene alone."""
-    # Fields that have an entry for each obstacle of each member.
-    found = []
+    """Split the fields of a batch into those that each member would have on its own."""
+    parts = []
     spheres = contacts = 0
     for k, scene in enumerate(scenes):
         part = {
             name: value[k : k + 1].copy() if isinstance(value, np.ndarray) else value
             for name, value in core.items()
         }
+        # Three fields have an entry for each obstacle of each member.
         end = spheres + len(scene.spheres)
         for name in ("impulses", "normals"):
             part[name] = core[name][spheres:end].copy()
@@ -170,5 +173,5 @@ def of_members(core: dict[str, Any], scenes: Sequence[Scene]) -> list[dict[str, 
         end = contacts + len(scene.spheres) * scene.has_layers
         part["contacts"] = core["contacts"][contacts:end].copy()
         contacts = end
-        found.append(part)
-    return found
+        parts.append(part)
+    return parts

@@ -6,7 +6,7 @@ import math
 import time
 import weakref
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from ..model.motion import Linear
 from ..model.scene import Scene
 from ..model.sphere import kind_name
 from ..typing import Force
+from .backend import Simulation
 from .force import forces_of, is_python, with_force
 from .judge import Judge
 from .options import Options, kept_plan
@@ -38,23 +39,23 @@ _LONGEST_PIECE = 0.05  # s, of steps between two questions for Ctrl-C
 
 
 def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
-    """`scene` as a list of scenes of one shape."""
+    """Return `scene` as a list of scenes of one shape."""
     if isinstance(scene, Scene):
         return [scene]
     accepted = "a Scene or a non-empty sequence of Scene of one shape"
     if not isinstance(scene, Sequence) or isinstance(scene, (str, bytes)):
         raise TypeError(f"scene must be {accepted}, got {check.shown(scene)}")
-    for k, one in enumerate(scene):
-        if not isinstance(one, Scene):
-            raise TypeError(f"scene must be {accepted}, got {type(one).__name__} at index {k}")
-    shapes = {one.cloth.shape for one in scene}
+    for k, member in enumerate(scene):
+        if not isinstance(member, Scene):
+            raise TypeError(f"scene must be {accepted}, got {type(member).__name__} at index {k}")
+    shapes = {member.cloth.shape for member in scene}
     if len(shapes) != 1:
         raise ValueError(f"scene must be {accepted}, got the shapes {sorted(shapes)}")
     return list(scene)
 
 
 def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> FloatArray:
-    """`value` as a finite, C-contiguous float32 or float64 array, copied only where necessary.
+    """Return `value` as a finite, C-contiguous float32 or float64 array, a copy only if necessary.
 
     Its shape is (rows, columns, 3), or (B, rows, columns, 3). If the scenes came as a sequence
     (`batched`), B is their number, else B is free.
@@ -66,15 +67,13 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
         else f"{shape} or (B, {shape[0]}, {shape[1]}, 3)"
     )
     accepted = f"an array of shape {shapes} of finite numbers"
-    given = check.as_array(name, value, accepted)
-    members = given.shape[0] if given.ndim == 4 else 0
-    fits = given.shape[-3:] == shape and (
-        members == len(scenes) if batched else given.ndim == 3 or members > 0
-    )
-    if not fits:
-        raise ValueError(f"{name} must be {accepted}, got shape {given.shape}")
-    dtype = np.float32 if given.dtype == np.float32 else np.float64
-    result = np.require(given, dtype, ("C", "A"))
+    array = check.as_array(name, value, accepted)
+    members = array.shape[0] if array.ndim == 4 else 0
+    fits = members == len(scenes) if batched else array.ndim == 3 or members > 0
+    if array.shape[-3:] != shape or not fits:
+        raise ValueError(f"{name} must be {accepted}, got shape {array.shape}")
+    dtype = np.float32 if array.dtype == np.float32 else np.float64
+    result = np.require(array, dtype, ("C", "A"))
     check.check_all(name, result, np.isfinite(result), accepted, points=True)
     return result
 
@@ -82,10 +81,12 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
 def state_arrays(
     x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str = "double"
 ) -> tuple[FloatArray, FloatArray]:
-    """`x` and `v` checked, of one shape and dtype (the wider of the two), with numbers in the range
-    of the precision.
+    """Check `x` and `v`, and return them with one shape and dtype (the wider of the two).
+
+    Their numbers are in the range of the precision.
     """
-    x, v = state_array("x", x, scenes, batched), state_array("v", v, scenes, batched)
+    x = state_array("x", x, scenes, batched)
+    v = state_array("v", v, scenes, batched)
     if x.shape != v.shape:
         raise ValueError(f"x and v must have one shape, got {x.shape} and {v.shape}")
     dtype = np.result_type(x, v)
@@ -100,7 +101,7 @@ def state_arrays(
 def out_arrays(
     out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]
 ) -> tuple[FloatArray, FloatArray]:
-    """`out` checked to be two arrays that can hold the results; new arrays if it is None."""
+    """Check that `out` is two arrays that can hold the results; return new ones if it is None."""
     if out is None:
         return np.empty(shape, dtype), np.empty(shape, dtype)
     x, v = (
@@ -126,16 +127,14 @@ def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any
     if not isinstance(array, np.ndarray):
         raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
     flags = array.flags
-    found = (
-        f"writeable {flags.writeable}, C-contiguous {flags.c_contiguous}, aligned {flags.aligned}"
-    )
     raise ValueError(
-        f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}, {found}"
+        f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}, writeable "
+        f"{flags.writeable}, C-contiguous {flags.c_contiguous}, aligned {flags.aligned}"
     )
 
 
 def start_time(t: Any, scenes: Sequence[Scene]) -> float:
-    """`t` checked. None means 0, and is refused where a sphere or a pin moves."""
+    """Check the time `t` [s]. None means 0, and is refused where a sphere or a pin moves."""
     if type(t) is float and math.isfinite(t):
         return t
     if t is not None:
@@ -163,17 +162,19 @@ def check_driven_pins(
     except in frozen members.
     """
     for member, scene in enumerate(scenes):
-        one = x[member] if x.ndim == 4 else x
-        for pins in () if frozen and frozen[member] else scene.driven_pins:
+        if frozen and frozen[member]:
+            continue
+        points = x[member] if x.ndim == 4 else x
+        for pins in scene.driven_pins:
             places = pins.places_at(t)
-            off = np.abs(one[pins.rows, pins.columns] - places).max(axis=1)
+            off = np.abs(points[pins.rows, pins.columns] - places).max(axis=1)
             bad = off > _PLACE_ROUNDING * (max(scene.cloth.size) + np.abs(places).max(axis=1))
             if bad.any():
                 k = int(bad.argmax())
                 point = int(pins.rows[k]), int(pins.columns[k])
                 raise ValueError(
                     f"x must have the driven pin {point} at its place at t = {t:g} s, "
-                    f"{places[k].tolist()}, got {one[point].tolist()}"
+                    f"{places[k].tolist()}, got {points[point].tolist()}"
                 )
 
 
@@ -184,7 +185,9 @@ def put_driven_pins(
     frozen members.
     """
     for member, scene in enumerate(scenes):
-        for pins in () if frozen and frozen[member] else scene.driven_pins:
+        if frozen and frozen[member]:
+            continue
+        for pins in scene.driven_pins:
             at = (pins.rows, pins.columns) if x.ndim == 3 else (member, pins.rows, pins.columns)
             x[at] = pins.places_at(t)
             v[at] = pins.motion._velocity(np.array(t))
@@ -195,19 +198,19 @@ def check_pins(
 ) -> None:
     """Refuse a state that would move a pin or change its velocity."""
     for member, scene in enumerate(scenes):
-        one = member if x.ndim == 4 else ...
+        part = member if x.ndim == 4 else ...
         size = max(scene.cloth.size)
-        for name, given, own, scale in (
-            ("x", x[one], own_x[one], size),
-            ("v", v[one], own_v[one], 0.0),
+        for name, values, own, scale in (
+            ("x", x[part], own_x[part], size),
+            ("v", v[part], own_v[part], 0.0),
         ):
-            off = np.abs(given - own) > _PLACE_ROUNDING * (scale + np.abs(own))
+            off = np.abs(values - own) > _PLACE_ROUNDING * (scale + np.abs(own))
             bad = np.argwhere(off.any(axis=-1) & scene.cloth.pinned)
             if bad.size:
                 point = tuple(int(n) for n in bad[0])
                 raise ValueError(
                     f"{name} must be {own[point].tolist()} at the pin {point}, got "
-                    f"{given[point].tolist()}; "
+                    f"{values[point].tolist()}; "
                     "driven pins move: Cloth(pins={(row, column): cs.Linear(velocity)})"
                 )
 
@@ -216,18 +219,19 @@ def check_depths(scenes: Sequence[Scene], x: FloatArray, t: float, start: bool =
     """Refuse positions with a free point too deep in an obstacle of response "penalty".
 
     A start must be outside the true surface; any state may be as deep below the contact surface as
-    the layer is thick. Of a start that is deep in a layer a `ContactWarning` tells.
+    the layer is thick. A start that is deep in a layer gives a `ContactWarning`.
     """
     for member, scene in enumerate(scenes):
         if not scene.has_layers:
             continue
-        one = np.ascontiguousarray(x[member] if x.ndim == 4 else x, np.float64)
-        depths = _core.contact_depths(kept_plan(scene, Options()), one, t)
+        points = np.ascontiguousarray(x[member] if x.ndim == 4 else x, np.float64)
+        depths = _core.contact_depths(kept_plan(scene, Options()), points, t)
         for k, (depth, point) in enumerate(depths):
             if not depth > 0:
                 continue
             obstacle = scene.spheres[k]
-            layer, offset = obstacle.layer(scene.cloth), obstacle.offset_length(scene.cloth)
+            layer = obstacle.layer(scene.cloth)
+            offset = obstacle.offset_length(scene.cloth)
             below = depth - layer["thickness"]
             allowed = min(offset, layer["thickness"]) if start else layer["thickness"]
             place = divmod(point, scene.cloth.columns)
@@ -250,7 +254,7 @@ def check_depths(scenes: Sequence[Scene], x: FloatArray, t: float, start: bool =
 
 
 def sphere_targets(centers: Any, scenes: Sequence[Scene]) -> dict[int, npt.NDArray[np.float64]]:
-    """`centers` of `Stepper.advance` checked."""
+    """Check `centers` of `Stepper.advance`."""
     if not isinstance(centers, Mapping):
         raise TypeError(
             f"centers must be a mapping of spheres' indices to centres, got {check.shown(centers)}"
@@ -262,17 +266,18 @@ def sphere_targets(centers: Any, scenes: Sequence[Scene]) -> dict[int, npt.NDArr
         )
     keys = [check.integer("centers", k, minimum=0, maximum=count - 1) for k in centers]
     return {
-        k: np.array(check.vector(f"centers[{k}]", one)) for k, one in zip(keys, centers.values())
+        k: np.array(check.vector(f"centers[{k}]", center))
+        for k, center in zip(keys, centers.values())
     }
 
 
 def own_arrays(scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
-    """The scenes' own states."""
+    """Return the scenes' own states."""
     if not batched:
         return scenes[0].initial_position, scenes[0].initial_velocity
-    return np.array([one.initial_position for one in scenes]), np.array(
-        [one.initial_velocity for one in scenes]
-    )
+    x = np.array([scene.initial_position for scene in scenes])
+    v = np.array([scene.initial_velocity for scene in scenes])
+    return x, v
 
 
 class State:
@@ -300,16 +305,19 @@ class State:
         self._quiet = quiet
         self.forces = [*forces] or [None] * len(scenes)
         self.forced = self.forces.count(None) < len(scenes)
-        self.shape, self.dtype = shape, np.dtype(dtype)
-        # Of a stepper: its scene, or those of its members, as it tells them.
-        self.given: Scene | Sequence[Scene] = ()
-        self.known: list[weakref.ref[Scene]] = []  # of an engine that waits: those of its batch
+        self.shape = shape
+        self.dtype = np.dtype(dtype)
+        # A stepper sets its scene, or those of its members, as it returns them.
+        self.scene_of_caller: Scene | Sequence[Scene] = ()
+        self.scene_references: list[
+            weakref.ref[Scene]
+        ] = []  # of an engine that waits: those of its batch
         self.threads = 1
         if self.forced and options.backend == "gpu":
             raise ValueError("force must be None with backend 'gpu'; backend='cpu' has it")
         plans, limits = self._compiled(scenes)
+        self.core: Simulation
         if options.backend == "gpu":
-            # The shader's simulation has the methods of the core's that are used here.
             self.core = service("Simulation")(scenes, t, options.precision)
         else:
             self.threads = _core.granted_threads(
@@ -338,7 +346,9 @@ class State:
 
         Driven pins that are elsewhere are refused.
         """
-        scenes, batched, own = scenes_of(scene), not isinstance(scene, Scene), x is None
+        scenes = scenes_of(scene)
+        batched = not isinstance(scene, Scene)
+        own = x is None
         integrator_name(options.integrator, fixed=True)
         time = 0.0 if t is None and own else start_time(t, scenes)
         own_x, own_v = own_arrays(scenes, batched)
@@ -381,15 +391,13 @@ class State:
         with Interrupts():  # the core and its record change together
             self.core.set_scene(plans, limits)
             self._adopt(scenes, plans, limits)
-            self.given = scene
+            self.scene_of_caller = scene
 
     def _compiled(self, scenes: list[Scene]) -> tuple[list[Any], list[float]]:
-        """Plans for the core, or scenes for the adapter, and each member's guaranteed step [s]."""
-        plans: list[Any] = (
-            scenes
-            if self.options.backend == "gpu"
-            else [kept_plan(scene, self.options) for scene in scenes]
-        )
+        """Return plans for the core, or scenes for the adapter, and the guaranteed steps [s]."""
+        plans: list[Any] = scenes
+        if self.options.backend != "gpu":
+            plans = [kept_plan(scene, self.options) for scene in scenes]
         if self.forced:
             plans = [
                 with_force(plan, force, scenes[0].cloth.shape)
@@ -398,12 +406,11 @@ class State:
         return plans, [stable_dt(scene, self.integrator) for scene in scenes]
 
     def _adopt(self, scenes: list[Scene], plans: list[Any], limits: list[float]) -> None:
-        self.scenes, self.max_stable_dt = scenes, limits
+        self.scenes = scenes
+        self.max_stable_dt = limits
         on_gpu = self.options.backend == "gpu"
         self.kernel = "gather" if on_gpu else self.options.chosen_kernel
-        self.instruction_set = str(
-            cast("Any", self.core).adapter if on_gpu else plans[0].instruction_set
-        )
+        self.instruction_set = self.core.instruction_set
         self.judge = Judge(
             self.core, scenes, self.batched, self.integrator, limits, self.forces, self._quiet
         )
@@ -420,7 +427,7 @@ class State:
     def step(
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any
     ) -> tuple[FloatArray, FloatArray]:
-        """A call of `step`, with float arrays of the shape and type of this state."""
+        """Do a call of `step`, with float arrays of the shape and type of this state."""
         self.judge.begin_call()
         if t is not None or self._moves:
             t = start_time(t, self.scenes)
@@ -443,7 +450,9 @@ class State:
         return results
 
     def accelerate(self, x: FloatArray, v: FloatArray, t: Any, out: Any) -> FloatArray:
-        """A call of `acceleration`, with float arrays of the shape and type of this state."""
+        """Do a call of `acceleration`, with float arrays of the shape and type of this state."""
+        core = self.core
+        assert isinstance(core, _core.Simulation)  # no call asks an adapter for accelerations
         time = start_time(t, self.scenes)
         result: FloatArray = np.empty(self.shape) if out is None else out
         out_array("out", result, self.shape, np.dtype(np.float64))
@@ -451,10 +460,11 @@ class State:
             check_driven_pins(self.scenes, x, time)
         # Driven pins have the velocity of their motion, and `out` may lie over a part of `x` or
         # `v`.
-        whole = out is None and x.flags.c_contiguous and v.flags.c_contiguous and not self._driven
-        if not (whole and self.core.accelerations(time, x, v, result, self.threads)):
+        contiguous = x.flags.c_contiguous and v.flags.c_contiguous
+        direct = out is None and contiguous and not self._driven
+        if not (direct and core.accelerations(time, x, v, result, self.threads)):
             self.core.load(*self._arrays(x, v), time)
-            self.core.accelerations(result, self.threads)
+            core.accelerations(result, self.threads)
         return result
 
     def arrays(self) -> tuple[FloatArray, FloatArray]:
@@ -465,8 +475,9 @@ class State:
         return x, v
 
     def _arrays(self, x: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The arrays, contiguous; a ValueError for numbers that are not finite, or too large for
-        the precision.
+        """Return the arrays, contiguous.
+
+        Raise a ValueError for numbers that are not finite, or too large for the precision.
         """
         return state_arrays(x, v, self.scenes, self.batched, self.options.precision)
 
@@ -477,13 +488,35 @@ class State:
         if events:
             self._go_on(events, steps, dt)
 
+    def check_step(self, dt: float) -> None:
+        """Give a `StabilityWarning` if a time step is too long, before steps are recorded."""
+        self._checked(1, dt, self.core.time)
+
+    def record(
+        self,
+        run: _core.FixedRun | _core.AdaptiveRun,
+        x: list[FloatArray],
+        v: list[FloatArray],
+        steps: int,
+        frames: int,
+    ) -> None:
+        """Take at most so many steps of a run, and fill at most so many of its frames.
+
+        `x`, `v`: arrays of each member, shape (frames, rows, columns, 3). It ends sooner at a
+        warning.
+        """
+        steps_before = run.steps
+        events = self.core.record(run, x, v, steps, frames, self.threads)
+        if events:
+            self.judge.report(events, run.dt, steps_before)
+
     def _checked(self, steps: Any, dt: Any, t: float) -> tuple[int, float]:
         """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long. `t`:
         time of the state [s].
         """
-        # The form of nearly every call, recognised in a tenth of the time that the checks take.
         if self._has_layers and dt != self._dt_of_depths:
             self._set_stable_depths(dt)
+        # Nearly every call has this form, which takes a tenth of the time of the checks.
         if (
             type(steps) is int
             and type(dt) is float
@@ -510,7 +543,7 @@ class State:
 
     def _set_stable_depths(self, dt: Any) -> None:
         """Tell the core from which depths in layers on it warns of a time step."""
-        if self.options.backend == "gpu" or check.real(dt) is None or not dt > 0:
+        if check.real(dt) is None or not dt > 0:
             return
         for k, scene in enumerate(self.scenes):
             self.core.set_stable_depths(k, stable_depths(scene, self.integrator, float(dt)))
@@ -523,14 +556,14 @@ class State:
 
         `steps_before`: steps of earlier calls, which errors count.
         """
-        done = 0
+        count = 0
         while events:
-            self.judge.report(events, dt, steps_before + done)
-            grown = [event.step for event in events if event.kind == "grown"]
-            if not grown:
+            self.judge.report(events, dt, steps_before + count)
+            ends = [event.step for event in events if event.kind == "grown"]
+            if not ends:
                 return
-            done += grown[0]
-            events = self.core.advance(steps - done, dt, self.threads)
+            count += ends[0]
+            events = self.core.advance(steps - count, dt, self.threads)
 
     def warn_of_order(self) -> None:
         """Give an `OrderWarning` for the first scene for which the integrator loses order."""
@@ -544,12 +577,10 @@ class State:
         put_driven_pins(
             self.scenes, own_x, own_v, self.core.time if time is None else time, self.core.frozen
         )
-        # With float64 for what is not given, the core's own is of float64: the whole state of
-        # "single".
-        given_x, given_v = own_x if x is None else x, own_v if v is None else v
-        new_x, new_v = state_arrays(
-            given_x, given_v, self.scenes, self.batched, self.options.precision
-        )
+        # The core's own values are of float64, which holds the whole state of "single" too.
+        x = own_x if x is None else x
+        v = own_v if v is None else v
+        new_x, new_v = state_arrays(x, v, self.scenes, self.batched, self.options.precision)
         if new_x.shape != self.shape:
             raise ValueError(f"x and v must have shape {self.shape}, got {new_x.shape}")
         check_pins(self.scenes, new_x, new_v, own_x, own_v)
@@ -583,11 +614,11 @@ class State:
                 self._advance_in_pieces(steps, dt, interrupts)
                 arrived = True
             finally:  # where a step has failed, spheres are on their way
-                passed = self.core.time - begin
+                seconds = self.core.time - begin
                 scenes = self.scenes
                 for k, target in targets.items():
                     ends = [
-                        target if arrived else x + passed * v for x, v in zip(starts[k], speeds[k])
+                        target if arrived else x + seconds * v for x, v in zip(starts[k], speeds[k])
                     ]
                     self.core.set_sphere(k, ends, [_core.Motion()] * len(ends))
                     scenes = [
@@ -602,12 +633,14 @@ class State:
 
     def _advance_in_pieces(self, steps: int, dt: float, interrupts: Interrupts) -> None:
         """Advance while Ctrl-C is held back, which takes effect between two pieces."""
-        done, piece = 0, 1
-        while done < steps:
-            count, begin = min(piece, steps - done), time.monotonic()
+        total = 0
+        piece = 1
+        while total < steps:
+            count = min(piece, steps - total)
+            begin = time.monotonic()
             if events := self.core.advance(count, dt, self.threads):
-                self._go_on(events, count, dt, done)
-            done += count
+                self._go_on(events, count, dt, total)
+            total += count
             if time.monotonic() - begin < _LONGEST_PIECE / 2:
                 piece *= 2
             interrupts.deliver()
@@ -615,7 +648,7 @@ class State:
     def set_force(self, force: FloatArray) -> None:
         """Set the force on each point [N], float64, of the shape of the state."""
         members = force if self.batched else force[None]
-        scenes = [scene.replace(force=one) for scene, one in zip(self.scenes, members)]
+        scenes = [scene.replace(force=field) for scene, field in zip(self.scenes, members)]
         with Interrupts():  # the core and its record change together
             self.core.set_force(force)
             self._record(scenes)
@@ -623,5 +656,5 @@ class State:
     def _record(self, scenes: list[Scene]) -> None:
         """Take over scenes that the core has already."""
         self.scenes[:] = scenes
-        single = isinstance(self.given, Scene) and not self.batched
-        self.given = scenes[0] if single else list(scenes)
+        single = isinstance(self.scene_of_caller, Scene) and not self.batched
+        self.scene_of_caller = scenes[0] if single else list(scenes)

@@ -55,7 +55,8 @@ class Stepper:
     (0.005, (32, 32, 3))
     """
 
-    __slots__ = ("_options", "_state")  # a new attribute, such as `dt`, would change nothing
+    # Slots refuse a new attribute, such as `dt`, which would change nothing.
+    __slots__ = ("_options", "_state")
 
     @check.named
     def __init__(
@@ -74,7 +75,7 @@ class Stepper:
     ) -> None:
         self._options = Options(integrator, precision, threads, kernel, backend)
         self._state = State.checked(scene, x, v, t, self._options, force)
-        self._state.given = scene
+        self._state.scene_of_caller = scene
         self._state.warn_of_order()
 
     @check.named
@@ -195,12 +196,13 @@ class Stepper:
         >>> stepper.set_scene(scene.replace(cloth=scene.cloth.replace(stiffness=20_000.0)))
         """
         old = self._state
-        scenes, shape = scenes_of(scene), old.scenes[0].cloth.shape
+        scenes = scenes_of(scene)
+        shape = old.scenes[0].cloth.shape
         members = None if isinstance(self.scene, Scene) else len(old.scenes)
         if members != (None if isinstance(scene, Scene) else len(scenes)):
-            accepted = "a Scene" if members is None else f"a sequence of {members} scenes"
+            requirement = "a Scene" if members is None else f"a sequence of {members} scenes"
             raise ValueError(
-                f"scene must be {accepted}, as the stepper was made of, got {check.shown(scene)}"
+                f"scene must be {requirement}, as the stepper was made of, got {check.shown(scene)}"
             )
         if scenes[0].cloth.shape != shape:
             raise ValueError(
@@ -215,8 +217,8 @@ class Stepper:
     def set_force(self, force: npt.ArrayLike) -> None:
         """Set the constant force on each mass point from now on.
 
-        The state, the engine and its threads stay. `scene` then has the new force. A force that
-        depends on time or state is the argument `force` of a stepper.
+        The state and the threads stay. `scene` then has the new force. A force that depends on
+        time or state is the argument `force` of a stepper.
 
         Parameters
         ----------
@@ -230,13 +232,13 @@ class Stepper:
         >>> stepper.set_force(0 * stepper.x + (0, 2, 0))
         """
         state = self._state
-        single = state.shape[-3:]
+        shape_of_member = state.shape[-3:]
         if state.batched and np.ndim(force) == 3:
-            force = np.broadcast_to(check.array("force", force, single), state.shape)
+            force = np.broadcast_to(check.array("force", force, shape_of_member), state.shape)
         state.set_force(check.array("force", force, state.shape))
 
     def snapshot(self) -> Snapshot:
-        """The whole state, to be continued bit for bit by `restore`; see `Snapshot`.
+        """Return the whole state, which `restore` continues bit for bit; see `Snapshot`.
 
         Examples
         --------
@@ -253,7 +255,7 @@ class Stepper:
 
     @classmethod
     def restore(cls, snapshot: Snapshot, force: Force | list[Force] | None = None) -> Stepper:
-        """A new stepper with the state and time of `snapshot`; it continues with the same bits.
+        """Make a stepper with the state and time of `snapshot`; it continues with the same bits.
 
         Parameters
         ----------
@@ -278,9 +280,9 @@ class Stepper:
         stepper = cls.__new__(cls)
         stepper._options = snapshot.options
         shape = snapshot.shape
-        scenes = scenes_of(scene) * (
-            shape[0] if isinstance(scene, Scene) and len(shape) == 4 else 1
-        )
+        scenes = scenes_of(scene)
+        if isinstance(scene, Scene) and len(shape) == 4:
+            scenes = scenes * shape[0]
         forces = forces_of(force, scenes, not isinstance(scene, Scene))
         if snapshot.forced and not forces:
             raise ValueError(
@@ -290,7 +292,7 @@ class Stepper:
             scenes, len(shape) == 4, shape, snapshot.dtype, snapshot.time, stepper._options, forces
         )
         state.core.restore(snapshot.core)
-        state.given = scene
+        state.scene_of_caller = scene
         stepper._state = state
         state.warn_of_order()
         return stepper
@@ -324,7 +326,7 @@ class Stepper:
     @property
     def scene(self) -> Scene | Sequence[Scene]:
         """The scene, or the scenes of a batch."""
-        return self._state.given
+        return self._state.scene_of_caller
 
     @property
     def impulses(self) -> npt.NDArray[np.float64]:
@@ -350,7 +352,7 @@ class Stepper:
         >>> bool(abs(stepper.impulses[0] + gained).max() < 1e-12)
         True
         """
-        members = [np.reshape(one["impulse"], (-1, 3)) for one in self._state.core.watched]
+        members = [np.reshape(watched["impulse"], (-1, 3)) for watched in self._state.core.watched]
         if not self._state.batched:
             return members[0]
         impulses = np.full((len(members), max(map(len, members)), 3), np.nan)
@@ -359,15 +361,13 @@ class Stepper:
         return impulses
 
     def __repr__(self) -> str:
-        state, scene = self._state, self._state.scenes[0]
-        what = cloth_text(scene)
-        what = (
-            f"a batch of {state.shape[0]}, each {what}"
-            if state.batched
-            else f"{what}, {spheres_text(scene)}"
-        )
-        how = (
+        state = self._state
+        scene = state.scenes[0]
+        cloths = f"{cloth_text(scene)}, {spheres_text(scene)}"
+        if state.batched:
+            cloths = f"a batch of {state.shape[0]}, each {cloth_text(scene)}"
+        computation = (
             f"{state.integrator} in {self._options.precision}, kernel {state.kernel}, "
-            f"{counted(state.threads, 'thread')}"
+            f"{counted(state.threads, 'thread')}, {state.instruction_set}"
         )
-        return f"<Stepper of {what}; t = {self.time:.6g} s; {how}, {state.instruction_set}>"
+        return f"<Stepper of {cloths}; t = {self.time:.6g} s; {computation}>"

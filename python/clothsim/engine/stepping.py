@@ -1,8 +1,8 @@
 """Stepping a scene, arrays in and arrays out: `step`, `acceleration`, `reference_step`.
 
-A scene keeps its engines for the next call. To compile a scene and to build an engine for it costs
-ten steps of a small cloth. A scene is immutable, so an engine can be reused by later calls with
-equal arithmetic and arrays of equal shape.
+A scene keeps spare states for the next call. To compile a scene and to make a state of it costs ten
+steps of a small cloth. A scene is immutable, so a state can be reused by later calls with equal
+arithmetic and arrays of equal shape.
 """
 
 from __future__ import annotations
@@ -23,18 +23,16 @@ from .force import forces_of
 from .options import Options, core_plan, make_room
 from .state import FloatArray, State, check_driven_pins, scenes_of, start_time, state_arrays
 
-# Larger states are stepped so long that a new engine does not count, and their engines would hold
-# memory.
+# Steps of larger states take so long that a new state does not count, and spares would hold memory.
 _MOST_BYTES = 1 << 22
-# Engines that wait for one kind of call, so that two threads find one each, and kinds of calls per
-# scene.
-_MOST_WAITING, _MOST_KINDS = 2, 8
+_MOST_SPARES = 2  # spare states for one kind of call, so that each of two threads takes one
+_MOST_KINDS = 8  # kinds of calls for which a scene has spare states
 
 _THREADS = (int, type(None))
 _DTYPES = (np.dtype(np.float64), np.dtype(np.float32))
 
 
-def _engine(
+def _take_state(
     scene: Any,
     x: Any,
     v: Any,
@@ -45,11 +43,11 @@ def _engine(
     backend: Any = "cpu",
     force: Any = None,
 ) -> tuple[State, list[State], FloatArray, FloatArray]:
-    """An engine for a call, which no other call can have meanwhile, where it may wait for the next,
-    and the arrays for it.
+    """Take a spare state for a call, or make one.
 
-    Arrays are checked here where they are no plain float arrays, or of a new shape; `State.step`
-    finds numbers that are not finite.
+    No other call can have it meanwhile. The list of spares that it returns to comes with it, and
+    the arrays for it. Arrays are checked here unless they are plain float arrays of a known shape.
+    `State.step` finds numbers that are not finite.
     """
     if not (
         type(x) is type(v) is np.ndarray
@@ -58,51 +56,55 @@ def _engine(
         and x.shape == v.shape
     ):
         x, v = state_arrays(x, v, scenes_of(scene), not isinstance(scene, Scene))
-    waiting: list[State] = []
+    spares: list[State] = []
+    # No scene keeps a function.
     if (
         x.nbytes <= _MOST_BYTES
         and type(threads) in _THREADS
         and type(backend) is str
         and backend == "cpu"
-        and force is None  # a function is kept by no scene
+        and force is None
     ):
-        # An engine that waits at a scene does not keep it: the two would wait for the collector of
-        # cycles. Of a batch it knows the scenes, as another may have the identity of one that died.
-        many = type(scene) in (list, tuple) and set(map(type, scene)) == {Scene}
-        if many or type(scene) is Scene:
-            kinds = (scene[0] if many else scene).engines
-            others = tuple(map(id, scene)) if many else None
-            key = (x.shape, x.dtype, integrator, precision, threads, kernel, others)
+        # A spare state does not keep its scene: the two would wait for the collector of cycles. A
+        # state of a batch knows its scenes, as another may have the identity of one that died.
+        batched = type(scene) in (list, tuple) and set(map(type, scene)) == {Scene}
+        if batched or type(scene) is Scene:
+            kinds = (scene[0] if batched else scene)._spare_states
+            identities = tuple(map(id, scene)) if batched else None
+            key = (x.shape, x.dtype, integrator, precision, threads, kernel, identities)
             try:
                 if key not in kinds:
                     make_room(kinds, _MOST_KINDS)
                     kinds[key] = []
-                waiting = kinds[key]
+                spares = kinds[key]
                 while True:
-                    state = waiting.pop()
-                    if not state.core.current:  # CLOTHSIM_ISA has changed
+                    state = spares.pop()
+                    if not state.core.current:  # CLOTHSIM_ISA has changed.
                         continue
-                    if not many:
+                    if not batched:
                         state.scenes.extend([scene] * (len(x) if x.ndim == 4 else 1))
-                        return state, waiting, x, v
-                    if [known() for known in state.known] == list(scene):
+                        return state, spares, x, v
+                    if [reference() for reference in state.scene_references] == list(scene):
                         state.scenes.extend(scene)
-                        return state, waiting, x, v
+                        return state, spares, x, v
             except (IndexError, KeyError, TypeError):
-                pass  # KeyError: another thread; TypeError: an option that is no name
+                # There is no spare. Another thread may have removed the kind, which is a KeyError,
+                # and an option that is no name is a TypeError.
+                pass
     options = Options(integrator, precision, threads, kernel, backend)
     integrator_name(options.integrator, fixed=True)
-    scenes, batched = scenes_of(scene), not isinstance(scene, Scene)
+    scenes = scenes_of(scene)
+    batched = not isinstance(scene, Scene)
     x, v = state_arrays(x, v, scenes, batched, precision)
     members = len(x) if x.ndim == 4 and not batched else 1
     scenes = scenes * members
     forces = forces_of(force, scenes, batched)
     state = State(scenes, x.ndim == 4, x.shape, x.dtype, 0.0, options, forces)
     if batched:
-        state.known = [weakref.ref(one) for one in scenes]
+        state.scene_references = [weakref.ref(member) for member in scenes]
     if force is not None:
-        waiting = [state] * _MOST_WAITING  # of no scene, and full
-    return state, waiting, x, v
+        spares = [state] * _MOST_SPARES  # This list is full, and no scene has it.
+    return state, spares, x, v
 
 
 @check.named
@@ -163,8 +165,8 @@ def step(
         "gpu" steps on the graphics adapter (docs/gpu.md), in the kernel "gather". With "gpu",
         `threads` is refused.
     force : callable, optional
-        A force of time and state, as for `simulate`. A call with one builds an engine of its own:
-        a `Stepper` takes short calls faster.
+        A force of time and state, as for `simulate`. A call with a force makes a new state: a
+        `Stepper` takes short calls faster.
 
     Returns
     -------
@@ -199,13 +201,14 @@ def step(
     >>> float(abs(x - scene.initial_position).max()) < 1e-10
     True
     """
-    state, waiting, x, v = _engine(
+    state, spares, x, v = _take_state(
         scene, x, v, integrator, precision, threads, kernel, backend, force
     )
     results = state.step(x, v, t, steps, dt, out)
-    if len(waiting) < _MOST_WAITING:  # not after an error
+    # After an error the state is not kept.
+    if len(spares) < _MOST_SPARES:
         state.scenes.clear()
-        waiting.append(state)
+        spares.append(state)
     return results
 
 
@@ -222,8 +225,9 @@ def acceleration(
     kernel: Kernel = "auto",
     force: Force | list[Force] | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Acceleration of every mass point: springs, damping, gravity, contact with response "penalty",
-    wind, and a function's force.
+    """Compute the acceleration of every mass point.
+
+    Springs, damping, gravity, contact with response "penalty", wind and a function's force act.
 
     Parameters
     ----------
@@ -246,11 +250,11 @@ def acceleration(
     >>> round(float(a[0, 1, 0]), 12)
     -5.0
     """
-    state, waiting, x, v = _engine(scene, x, v, "rk4", precision, threads, kernel, force=force)
+    state, spares, x, v = _take_state(scene, x, v, "rk4", precision, threads, kernel, force=force)
     result = state.accelerate(x, v, t, out)
-    if len(waiting) < _MOST_WAITING:
+    if len(spares) < _MOST_SPARES:
         state.scenes.clear()
-        waiting.append(state)
+        spares.append(state)
     return result
 
 

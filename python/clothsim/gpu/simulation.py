@@ -11,12 +11,13 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .. import _core
 from ..base.interrupts import Interrupts
+from ..engine import backend
 from ..engine.options import Options, kept_plan
 from ..measure import penetration
 from ..methods.bound import stable_depths
@@ -66,6 +67,8 @@ class Simulation:
     def __init__(self, scenes: Sequence[Scene], time: float, precision: str) -> None:
         self.device = devices.opened()
         self.adapter = self.device.adapter
+        self.instruction_set = str(self.adapter)
+        self.current = True  # no environment chooses other kernels
         if precision == "double" and not self.device.float64:
             raise ValueError(
                 f"precision must be 'single' on the graphics adapter {self.adapter.name}, "
@@ -261,13 +264,16 @@ class Simulation:
         self._stable_dt = list(stable_dt)
         self._step_set = 0.0
 
-    def set_frozen(self, member: int, frozen: bool) -> None:
+    def set_frozen(self, i: int, frozen: bool) -> None:
         """Exclude a member from further steps, or include it again."""
         with self._exclusive():
             parts = self._state()
-            self.frozen[member] = frozen
+            self.frozen[i] = frozen
             self._make_adapter_state(self._scenes)
             self._take(parts)
+
+    def set_stable_depths(self, i: int, depths: list[float]) -> None:
+        """Do nothing: `sample` computes from which depths on a time step may be too long."""
 
     def set_watch(self, every: int, interval: float) -> None:
         """Do nothing: the adapter watches no state between calls, and `watched` says so."""
@@ -355,6 +361,23 @@ class Simulation:
                     self._adapter_state.take_back()
                 raise
 
+    @property
+    def plans(self) -> list[_core.Plan]:
+        """The core's form of the scenes, by which it interpolates frames."""
+        return [kept_plan(scene, Options()) for scene in self._scenes]
+
+    def record(
+        self,
+        run: _core.FixedRun,
+        x: list[np.ndarray],
+        v: list[np.ndarray],
+        steps: int,
+        frames: int,
+        threads: int,
+    ) -> list[_core.Event] | None:
+        """Take steps and fill frames, as the core's simulation does."""
+        return run.record(self, x, v, steps, frames)
+
     def _advance(self, steps: int, interrupts: Interrupts) -> list[_core.Event]:
         total = 0
         most = MOST_STEPS_UNCHECKED
@@ -434,6 +457,10 @@ class Simulation:
                 yield
         finally:
             self._busy.release()
+
+
+if TYPE_CHECKING:  # mypy finds that it does what a state asks of a backend
+    _backend: type[backend.Simulation] = Simulation
 
 
 class AdapterState:

@@ -148,7 +148,7 @@ class Scene(Record):
             and cloth.shape is own.shape
         ):
             if cloth.size is own.size:  # all other arguments fit
-                forget = ["engines", "_plans"]
+                forget = ["_spare_states", "_plans"]
                 if cloth.drag != own.drag:
                     forget.append("core_forces")
                 if self.has_layers:
@@ -161,10 +161,8 @@ class Scene(Record):
         return self.cloth.rest_positions if self.position is None else self.position
 
     @cached_property
-    def engines(self) -> dict[Any, Any]:
-        """Engines of the core that are kept for the next call with this scene; see
-        `clothsim.engine.stepping`.
-        """
+    def _spare_states(self) -> dict[Any, Any]:
+        """States for the next call with this scene; see `clothsim.engine.stepping`."""
         return {}
 
     @cached_property

@@ -244,10 +244,6 @@ class Obstacle(Record):
         """Return the heights over the surface of places at a `displacement` from the centre [m]."""
         raise NotImplementedError
 
-    def _at_height(self, x: Floats, t: float, height: Floats, goal: Floats) -> Floats:
-        """Return places of these heights moved along the normal to other heights [m]."""
-        raise NotImplementedError
-
     def _reference_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
         """Return the normal at the place from which the core measures points of a cloth at `x`."""
         raise NotImplementedError
@@ -395,10 +391,6 @@ class Sphere(Obstacle):
     def _heights(self, displacement: Floats) -> Floats:
         return np.asarray(np.linalg.norm(displacement, axis=-1) - self.radius)
 
-    def _at_height(self, x: Floats, t: float, height: Floats, goal: Floats) -> Floats:
-        center = self.center_at(t)
-        return center + (x - center) * ((self.radius + goal) / (self.radius + height))[:, None]
-
     def _reference_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
         """Return the direction against gravity; with "penalty" that to the middle of the cloth."""
         if x is not None and self.response == "penalty":
@@ -499,9 +491,6 @@ class Plane(Obstacle):
 
     def _heights(self, displacement: Floats) -> Floats:
         return np.asarray(displacement @ self.unit_normal)
-
-    def _at_height(self, x: Floats, t: float, height: Floats, goal: Floats) -> Floats:
-        return x + (goal - height)[:, None] * self.unit_normal
 
     def _reference_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
         normal = self.unit_normal

@@ -15,7 +15,7 @@ from .trajectory import NEGLIGIBLE
 
 
 class Difference(dict[str, Any]):
-    """Distance of two runs, the result of `difference`: a mapping that draws itself."""
+    """The distance of two runs, as `difference` returns it: a mapping that draws itself."""
 
     def __repr__(self) -> str:
         frames = counted(len(self["t"]), "time")
@@ -25,7 +25,7 @@ class Difference(dict[str, Any]):
         )
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the largest and the root mean square distance over time on axes, which come back.
+        """Draw the largest and the root mean square distance over time, and return the axes.
 
         Parameters
         ----------
@@ -83,10 +83,11 @@ def difference(a: Run, b: Run) -> Difference:
             f"{b.scene.cloth.shape}"
         )
     steps = [run.report["dt"] for run in (a, b) if "dt" in run.report]
-    near = max(NEGLIGIBLE * max(a.t[-1] - a.t[0], b.t[-1] - b.t[0]), min(steps, default=0.0) / 2)
+    duration = max(a.t[-1] - a.t[0], b.t[-1] - b.t[0])
+    tolerance = max(NEGLIGIBLE * duration, min(steps, default=0.0) / 2)
     nearest = _nearest(a.t, b.t)
-    back = _nearest(b.t, a.t)[nearest]
-    equal = (np.abs(b.t[nearest] - a.t) <= near) & (back == np.arange(len(a)))
+    partner = _nearest(b.t, a.t)[nearest]
+    equal = (np.abs(b.t[nearest] - a.t) <= tolerance) & (partner == np.arange(len(a)))
     if not equal.any():
         raise ValueError(
             f"b must have a stored time of a, which are {a.t[0]:g} to {a.t[-1]:g} s, got "
@@ -106,7 +107,7 @@ def difference(a: Run, b: Run) -> Difference:
 
 
 def _nearest(times: Floats, others: Floats) -> npt.NDArray[np.int64]:
-    """Return the index of the nearest of the other times, for each."""
-    after = np.searchsorted(others, times).clip(max=len(others) - 1)
-    before = (after - 1).clip(min=0)
-    return np.where(np.abs(others[before] - times) < np.abs(others[after] - times), before, after)
+    """Return the index of the nearest of the other times, for each time."""
+    right = np.searchsorted(others, times).clip(max=len(others) - 1)
+    left = (right - 1).clip(min=0)
+    return np.where(np.abs(others[left] - times) < np.abs(others[right] - times), left, right)

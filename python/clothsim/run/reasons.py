@@ -6,7 +6,7 @@ _NO_SUCH = "no such cloth moves like this, or the noise is not independent; erro
 class Reason:
     """Reasons that reports, derivatives and fits give; `format` fills in the fields of some."""
 
-    # The error of a run (error_control.py).
+    # These say why the error of a run is not known, or is too large (error_control.py).
     NOT_ASKED = "no estimate was asked for: give rtol, or estimate_error=True with dt"
     RESUMED = "the error of a resumed run is not estimated"
     ENDED_EARLY = "the run ended early: {stopped}"
@@ -29,24 +29,24 @@ class Reason:
         "neither the smallest tolerance of a step nor {steps:,} steps reach the error that was "
         "asked for"
     )
-    # Extremes and energies of a run (report.py).
+    # These are about extremes and energies of a run (report.py).
     TOO_LARGE = "an energy is too large for a finite number"
     DRIVEN = "driven pins do work on the cloth"
     RESPONDED = "a {kind} responded, and responses change the energy"
     NO_STEP = "no step was taken"
     UNTOUCHED = "no sphere responded"
     NOT_WATCHED = "the graphics adapter does not watch the states between frames"
-    # The rest state (settle.py).
+    # These are about the rest state (settle.py).
     NO_REST_ASKED = "not a run to rest: settle finds the rest state"
     RELAXED = "impulses of a relaxation have no meaning"
     MOST_EVALUATIONS = "max_evaluations = {most:,} did not suffice"
     NOT_HALVED = "the unbalanced force did not halve in {steps:,} steps"
     MOVES_AWAY = "the cloth moves away: no pin and no sphere holds it"
-    # Derivatives (accuracy/solution.py and sensitivity.py).
+    # These are about derivatives (accuracy/solution.py and sensitivity.py).
     FAILED = "a run ended after {time:.4g} s: {error}"
     PARTED = "a {kind} responds after the step that begins at {time:.4g} s: motions part there"
     DISAGREE = "differences of two orders disagree from {time:.4g} s on: motions part there"
-    # Parameters of a fit (accuracy/fit.py and residuals.py).
+    # These are about parameters of a fit (accuracy/fit.py and residuals.py).
     NO_EFFECT = "has no effect on what was measured"
     COMBINED = (
         "only combinations are determined: the condition of the scaled Jacobian is {condition:.1e}"
@@ -54,7 +54,7 @@ class Reason:
     AT_BOUND = "ends at its bound"
     VAGUE = "its error would be {error:.1g} times its value or scale"
     RIVAL = "{other:.4g} fits as well as {value:.4g}; bounds exclude one of them"
-    # The whole of a fit.
+    # These are about a fit as a whole.
     EARLIER = "{derivatives}: give only the times before"
     LATE = "times seem to be off by {late:.3g} s: the first ones fit far better without it"
     FEW_NUMBERS = "only {free} numbers more than parameters do not tell sigma: give it"

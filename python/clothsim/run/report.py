@@ -10,7 +10,7 @@ from .. import _core
 from ..engine.options import kept_plan
 from ..model.scene import Scene
 from ..model.sphere import kind_name
-from .error_control import Controlled, Estimate
+from .error_control import ControlledRun, Estimate
 from .reasons import Reason
 from .trajectory import Trajectory
 
@@ -25,16 +25,19 @@ _PARTS = ("kinetic", "elastic", "gravity", "force", "contact", "total")
 def report(
     run: Trajectory,
     stopped: str = "",
-    controlled: Controlled | None = None,
+    controlled: ControlledRun | None = None,
     asked: float = math.nan,
     unknown: str = Reason.NOT_ASKED,
 ) -> dict[str, Any]:
-    """The report of a run. `stopped`: why it ended early. `controlled`: the outcome of its error
-    estimate, if any.
+    """Report on a run.
 
-    `unknown`: why the error of a whole run is not known.
+    `stopped` says why it ended early, `controlled` has the outcome of its error estimate, if any,
+    and `unknown` says why the error of a whole run is not known.
     """
-    scene, options, state, watched = run.scene, run.options, run.state, run.watched
+    scene = run.scene
+    state = run.state
+    options = run.options
+    watched = run.watched
     if controlled:
         error = controlled.error
     elif stopped:
@@ -42,9 +45,11 @@ def report(
     else:
         error = Estimate(reason=unknown)
     estimate = error._asdict()
-    missing = watched.get("reason", "")
-    untouched = "" if watched["in_contact"] else Reason.UNTOUCHED
+    reason = watched.get("reason", "")  # why extremes are not known
     time = watched["first_contact"]
+    reason_of_time = ""
+    if math.isnan(time):
+        reason_of_time = reason if watched["in_contact"] else Reason.UNTOUCHED
     works = watched.get("force_work", {})
     return {
         "steps": run.steps,
@@ -59,21 +64,18 @@ def report(
         "reason": Reason.NO_REST_ASKED,
         "error_estimate": estimate,
         "tolerance": {"asked": asked, "reached": bool(estimate["rms"] <= asked)},
-        "energy": {**_gained(scene, watched), **_energies(run)},
+        "energy": {**_energy_gain(scene, watched), **_energies(run)},
         "force_work": works.get("function", 0.0),
         "wind_work": works.get("wind", 0.0),
         "penetration": {
             "points": watched["point_depth"],
             "triangles": watched["triangle_depth"],
-            "reason": missing,
+            "reason": reason,
         },
-        "stretch": {"largest": watched["stretch"], "reason": missing},
-        "first_contact": {
-            "time": time,
-            "reason": (untouched or missing) if math.isnan(time) else "",
-        },
+        "stretch": {"largest": watched["stretch"], "reason": reason},
+        "first_contact": {"time": time, "reason": reason_of_time},
         "impulse": watched["impulse"],
-        "impulse_reason": missing,
+        "impulse_reason": reason,
         "obstacle_work": watched["obstacle_work"],
         "kernel": state.kernel,
         "integrator": options.integrator,
@@ -87,20 +89,22 @@ def report(
 
 
 def _energies(run: Trajectory) -> dict[str, Any]:
-    """The energies at the start and at the end; NaN with a reason where they are not finite."""
-    plan, found = kept_plan(run.scene, run.options), dict[str, Any]()
+    """Return the energies at the start and at the end; NaN and a reason if they are not finite."""
+    plan = kept_plan(run.scene, run.options)
+    energies: dict[str, Any] = {}
     for moment, k in (("start", 0), ("end", -1)):
         parts = _core.energy(plan, run.x[k], run.v[k], run.t[k])
         values = [*parts, sum(parts)]
         if not math.isfinite(values[-1]):
-            values, found["reason"] = [math.nan] * 6, Reason.TOO_LARGE
-        found[moment] = dict(zip(_PARTS, values, strict=True))
-    return found
+            values = [math.nan] * len(values)
+            energies["reason"] = Reason.TOO_LARGE
+        energies[moment] = dict(zip(_PARTS, values, strict=True))
+    return energies
 
 
-def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
-    gained = watched["energy_gained"]
-    if not math.isnan(gained):
+def _energy_gain(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
+    gain = watched["energy_gained"]
+    if not math.isnan(gain):
         reason = ""
     elif "reason" in watched:
         reason = watched["reason"]
@@ -110,33 +114,37 @@ def _gained(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
         reason = Reason.RESPONDED.format(kind=kind_name(scene.spheres))
     else:
         reason = Reason.NO_STEP
-    return {"gained": gained, "reason": reason}
+    return {"gained": gain, "reason": reason}
 
 
-def joined(one: Any, two: Any) -> dict[str, Any]:
-    """The combined report of a run and of the run that continues it."""
-    sums = {name: value + two[name] for name, value in one.items() if name in _SUMS}
-    energies = {**two["energy"], "start": one["energy"]["start"]}
-    highest = two["energy"]["start"]["total"] + two["energy"]["gained"] - energies["start"]["total"]
-    energies["gained"] = max(one["energy"]["gained"], highest) if highest == highest else math.nan
-    energies["reason"] = one["energy"]["reason"] or two["energy"]["reason"]
-    found = {
-        **two,
+def join_reports(first: Any, second: Any) -> dict[str, Any]:
+    """Combine the reports of a run and of the run that continues it."""
+    sums = {name: value + second[name] for name, value in first.items() if name in _SUMS}
+    wall_time = sums["wall_time"]
+    energies = {**second["energy"], "start": first["energy"]["start"]}
+    highest = second["energy"]["start"]["total"] + second["energy"]["gained"]
+    gain = highest - energies["start"]["total"]
+    # The gain of a run is NaN where a response has changed the energy.
+    if not math.isnan(gain):
+        gain = max(first["energy"]["gained"], gain)
+    energies["gained"] = gain
+    energies["reason"] = first["energy"]["reason"] or second["energy"]["reason"]
+    has_contact = not math.isnan(first["first_contact"]["time"])
+    report = {
+        **second,
         **sums,
-        "steps_per_second": sums["steps"] / sums["wall_time"]
-        if sums["wall_time"] > 0
-        else math.inf,
+        "steps_per_second": sums["steps"] / wall_time if wall_time > 0 else math.inf,
         "error_estimate": {"max": math.nan, "rms": math.nan, "reason": Reason.RESUMED},
-        "tolerance": {"asked": one["tolerance"]["asked"], "reached": False},
+        "tolerance": {"asked": first["tolerance"]["asked"], "reached": False},
         "energy": energies,
-        "first_contact": two["first_contact"]
-        if math.isnan(one["first_contact"]["time"])
-        else one["first_contact"],
-        "impulse": [[p + q for p, q in zip(*both)] for both in zip(one["impulse"], two["impulse"])],
-        "obstacle_work": [p + q for p, q in zip(one["obstacle_work"], two["obstacle_work"])],
+        "first_contact": first["first_contact"] if has_contact else second["first_contact"],
+        "impulse": [
+            [p + q for p, q in zip(*impulses)]
+            for impulses in zip(first["impulse"], second["impulse"])
+        ],
+        "obstacle_work": [p + q for p, q in zip(first["obstacle_work"], second["obstacle_work"])],
     }
     for name in ("penetration", "stretch"):
-        found[name] = {
-            key: max(value, two[name][key]) for key, value in one[name].items()
-        }  # reasons are "" or equal
-    return found
+        # Texts are reasons, which are "" or equal.
+        report[name] = {key: max(value, second[name][key]) for key, value in first[name].items()}
+    return report

@@ -1,4 +1,4 @@
-"""A finished run: its frames, report, measures over frames, and files and pictures of it."""
+"""A run: its frames, report, measures over frames, and files and pictures of it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ..model.scene import Scene, cloth_text, spheres_text
 from ..model.sphere import Plane, Sphere
 from ..typing import Force
 from .reasons import Reason
-from .report import joined
+from .report import join_reports
 from .trajectory import Continuation, Frames
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class Run:
     t: Floats
     x: Floats
     v: Floats
-    report: dict[str, Any]  # empty for frames of a user's own
+    report: dict[str, Any]  # empty dictionary for frames of a user's own
     snapshot: Snapshot | None = None
     continuation: Continuation | None = None
 
@@ -132,7 +132,7 @@ class Run:
         return len(self.t)
 
     def __getitem__(self, frames: slice) -> Run:
-        """A run of the frames in a slice, as ``run[10:20]`` or ``run[::2]``.
+        """Return a run of the frames in a slice, as ``run[10:20]`` or ``run[::2]``.
 
         The arrays are views, and the report stays that of the whole run.
         """
@@ -144,13 +144,13 @@ class Run:
                 f"frames must be a rising slice of 0 to {len(self)} with a frame in it, got "
                 f"{frames}"
             )
-        final: dict[str, Any] = (
-            {} if chosen[-1] == len(self) - 1 else {"snapshot": None, "continuation": None}
-        )
-        return replace(self, t=self.t[frames], x=self.x[frames], v=self.v[frames], **final)
+        run = replace(self, t=self.t[frames], x=self.x[frames], v=self.v[frames])
+        if chosen[-1] < len(self) - 1:
+            run = replace(run, snapshot=None, continuation=None)
+        return run
 
     def __add__(self, more: Run) -> Run:
-        """This run and its continuation, `more`, which begins with the last frame of this one."""
+        """Join this run and its continuation, `more`, whose first frame is the last of this run."""
         if not isinstance(more, Run):
             return NotImplemented
         ends = ((self.t[-1:], more.t[:1]), (self.x[-1:], more.x[:1]), (self.v[-1:], more.v[:1]))
@@ -163,7 +163,7 @@ class Run:
             name: np.concatenate([getattr(self, name), getattr(more, name)[1:]])
             for name in ("t", "x", "v")
         }
-        return replace(more, **arrays, report=joined(self.report, more.report))
+        return replace(more, **arrays, report=join_reports(self.report, more.report))
 
     def __repr__(self) -> str:
         return "\n".join(_lines(self))
@@ -215,7 +215,7 @@ class Run:
         return resume(self, duration, every, times, fps, force, callback, progress)
 
     def at(self, row: int, column: int) -> dict[str, Floats]:
-        """One mass point over the stored frames.
+        """Return the motion of a mass point over the stored frames.
 
         Parameters
         ----------
@@ -239,12 +239,14 @@ class Run:
         rows, columns = self.scene.cloth.shape
         row = check.integer("row", row, minimum=-rows, maximum=rows - 1) % rows
         column = check.integer("column", column, minimum=-columns, maximum=columns - 1) % columns
-        x, v = self.x[:, row, column], self.v[:, row, column]
-        point, table = row * columns + column, self.scene.cloth.spring_table()
-        here = table[(table["i"] == point) | (table["j"] == point)]
-        other = np.where(here["i"] == point, here["j"], here["i"])
-        lengths = np.linalg.norm(self.x.reshape(len(self), -1, 3)[:, other] - x[:, None], axis=-1)
-        stretch = (lengths / here["rest_length"] - 1).max(axis=1, initial=0.0)
+        x = self.x[:, row, column]
+        v = self.v[:, row, column]
+        point = row * columns + column
+        table = self.scene.cloth.spring_table()
+        springs = table[(table["i"] == point) | (table["j"] == point)]
+        ends = np.where(springs["i"] == point, springs["j"], springs["i"])
+        lengths = np.linalg.norm(self.x.reshape(len(self), -1, 3)[:, ends] - x[:, None], axis=-1)
+        stretch = (lengths / springs["rest_length"] - 1).max(axis=1, initial=0.0)
         return {
             "t": self.t,
             "x": x,
@@ -254,7 +256,7 @@ class Run:
         }
 
     def energy(self) -> dict[str, Floats]:
-        """Energies of the frames.
+        """Compute the energies of the frames.
 
         Returns
         -------
@@ -269,13 +271,12 @@ class Run:
         >>> total.shape, bool(abs(total - total[0]).max() < 1e-9)
         ((11,), True)
         """
-        found = [
-            energy(self.scene, *one) for one in zip(self.x, self.v, self.t)
-        ]  # Ctrl-C acts between two frames
-        return {name: np.array([one[name] for one in found]) for name in found[0]}
+        # Ctrl-C acts between two frames.
+        frames = [energy(self.scene, *state) for state in zip(self.x, self.v, self.t)]
+        return {name: np.array([frame[name] for frame in frames]) for name in frames[0]}
 
     def penetration(self, sphere: int | None = None) -> dict[str, Floats]:
-        """How deep the cloth is inside the spheres, each at its place at the time of the frame.
+        """Measure how deep the cloth is in the spheres, at their places at the times of frames.
 
         Parameters
         ----------
@@ -305,7 +306,7 @@ class Run:
         return deepest(spheres, self.x, self.t)
 
     def stretch(self) -> dict[str, Floats]:
-        """Stretch of the most stretched spring of each frame.
+        """Measure the stretch of the most stretched spring of each frame.
 
         Returns
         -------
@@ -345,7 +346,7 @@ class Run:
         return _files.write_npz(path, {"t": self.t, "x": self.x, "v": self.v, **texts})
 
     def to_xarray(self) -> xarray.Dataset:
-        """The run as an `xarray.Dataset` with the dimensions time, row, column and component.
+        """Return an `xarray.Dataset` with the dimensions time, row, column and component.
 
         Examples
         --------
@@ -369,7 +370,7 @@ class Run:
         )
         return dataset
 
-    # Pictures and files of other programs, by the room `viewing`
+    # The room `viewing` makes pictures and files for other programs.
 
     def picture(
         self,
@@ -512,7 +513,7 @@ class Run:
         return service("comparison_of")(self).show(height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """The lines of `print`, and a picture of the last frame, for a notebook."""
+        """Return the lines of `print` and a picture of the last frame, for a notebook."""
         bundle: dict[str, Any] = service("run_bundle")(self)
         return bundle
 
@@ -593,24 +594,32 @@ def load_run(path: str | os.PathLike[str]) -> Run:
     with _files.reading(path, "run"):
         scene = Scene.from_dict(json.loads(str(data["scene"])))
         report = json.loads(str(data["report"]))
-        final = continuation = None
+        final_state = continuation = None
         if "continuation" in data:
             settings = json.loads(str(data["continuation"]))
             frames = Frames(**{**settings["frames"], "times": tuple(settings["frames"]["times"])})
             continuation = Continuation(**{**settings, "frames": frames})
-            final = snapshot.from_arrays(data)
-        found = Run(scene, data["t"], data["x"], data["v"], report, final, continuation)
-        _check_arrays(found)
-        return found
+            final_state = snapshot.from_arrays(data)
+        run = Run(
+            scene=scene,
+            t=data["t"],
+            x=data["x"],
+            v=data["v"],
+            report=report,
+            snapshot=final_state,
+            continuation=continuation,
+        )
+        _check_arrays(run)
+        return run
 
 
 def deepest(spheres: Iterable[Sphere | Plane], x: Floats, t: Floats) -> dict[str, Floats]:
-    """The deepest mass point and triangle in any sphere, shape (frames,) [m]."""
-    found = {name: np.zeros(len(t)) for name in ("points", "triangles")}
+    """Return the greatest depths of points and of triangles in any sphere, shape (frames,) [m]."""
+    depths = {name: np.zeros(len(t)) for name in ("points", "triangles")}
     for sphere in spheres:
         for name, depth in penetration(x, sphere, t).items():
-            np.maximum(found[name], depth, out=found[name])
-    return found
+            np.maximum(depths[name], depth, out=depths[name])
+    return depths
 
 
 def _check_arrays(run: Run) -> None:
@@ -631,21 +640,22 @@ def _check_arrays(run: Run) -> None:
 
 
 def _lines(run: Run) -> list[str]:
-    """Return the lines of `print`; a run without a report, of a user's own, has the first two."""
-    scene, t, report = run.scene, run.t, run.report
+    """Return the lines of `print`; frames of a user's own have the first two."""
+    scene = run.scene
+    t = run.t
+    report = run.report
     stopped = f", stopped early ({report['stopped']})" if report.get("stopped") else ""
     lines = [
         f"Run of {cloth_text(scene)}, {spheres_text(scene)}",
         f"{counted(len(t), 'frame')} from t = {t[0]:.6g} to {t[-1]:.6g} s{stopped}",
     ]
-    if "energy" not in report:  # frames of a user's own
+    if "energy" not in report:
         return lines
     about = "about " if run.continuation is not None and run.continuation.dt is None else ""
     return [
         *lines,
         f"{counted(report['steps'], 'step')} of {about}{quantity(report['dt'], 's')} by "
-        f"{report['integrator']} in "
-        f"{report['precision']}",
+        f"{report['integrator']} in {report['precision']}",
         _energy_line(scene, report),
         _penetration_line(scene, report["penetration"]),
         f"{report['wall_time']:.3g} s of computing on {counted(report['threads'], 'thread')}, "
@@ -664,39 +674,41 @@ def _energy_line(scene: Scene, report: Mapping[str, Any]) -> str:
         "moving obstacles": sum(report["obstacle_work"]),
     }
     works = {cause: work for cause, work in works.items() if math.isfinite(work) and work != 0}
-    first, last, rest, *parts = joules(
-        [start, end, end - start - sum(works.values()), *works.values()]
+    rest = end - start - sum(works.values())
+    texts = joules([start, end, rest, *works.values()])
+    text = f"energy {texts[0]} at the start, {texts[1]} at the end"
+    if report["reason"] != Reason.NO_REST_ASKED:
+        return text  # The run is of `settle`, which follows no motion.
+    has_contact = report["first_contact"]["reason"] != Reason.UNTOUCHED
+    has_losses = any(
+        obstacle.damped or obstacle.response != "penalty" for obstacle in scene.spheres
     )
-    text = f"energy {first} at the start, {last} at the end"
-    if report["reason"] != Reason.NO_REST_ASKED:  # of `settle`, which follows no motion
-        return text
-    touched = report["first_contact"]["reason"] != Reason.UNTOUCHED
-    lossy = any(obstacle.damped or obstacle.response != "penalty" for obstacle in scene.spheres)
-    unwatched = any(map(math.isnan, report["obstacle_work"]))
+    lacks_work = any(map(math.isnan, report["obstacle_work"]))
     causes = {
         "damping": scene.cloth.damped,
-        "contact": touched and lossy,
-        "moving obstacles": unwatched and any(obstacle.motion for obstacle in scene.spheres),
+        "contact": has_contact and has_losses,
+        "moving obstacles": lacks_work and any(obstacle.motion for obstacle in scene.spheres),
         "driven pins": bool(scene.cloth.driven),
     }
-    others = [cause for cause, acts in causes.items() if acts]
-    of_rest = f"{', '.join(others)} and the method" if others else "the method"
-    changes = [f"{part} by {cause}" for part, cause in zip(parts, works)]
-    return f"{text}: {', '.join([*changes, f'{rest} by {of_rest}'])}"
+    changes = [f"{change} by {cause}" for change, cause in zip(texts[3:], works)]
+    other_causes = ", ".join(cause for cause, acts in causes.items() if acts)
+    causes_of_rest = f"{other_causes} and the method" if other_causes else "the method"
+    changes.append(f"{texts[2]} by {causes_of_rest}")
+    return f"{text}: {', '.join(changes)}"
 
 
 def _error_line(report: Mapping[str, Any]) -> str:
     """Return the error at the end and the one that was asked for, or why it is not known."""
     error = report["error_estimate"]
-    asked = report["tolerance"]["asked"]
+    request = report["tolerance"]["asked"]
     if math.isnan(error["rms"]):
         return f"error not known: {error['reason']}"
     text = f"error at the end about {error['rms']:.2g} m"
-    if math.isnan(asked):
+    if math.isnan(request):
         return text
     if report["tolerance"]["reached"]:
-        return f"{text} (asked {asked:.2g})"
-    return f"{text} (asked {asked:.2g}, not reached: {error['reason']})"
+        return f"{text} (asked {request:.2g})"
+    return f"{text} (asked {request:.2g}, not reached: {error['reason']})"
 
 
 def _penetration_line(scene: Scene, depths: Any) -> str:
@@ -705,9 +717,8 @@ def _penetration_line(scene: Scene, depths: Any) -> str:
     parts = [
         f"{name} {quantity(depths[name], 'm')}"
         for name in ("points", "triangles")
-        if depths[name] == depths[name]
+        if not math.isnan(depths[name])
     ]
-    return (
-        "deepest "
-        f"penetration{': ' + ', '.join(parts) if parts else ' not known: ' + depths['reason']}"
-    )
+    if not parts:
+        return f"deepest penetration not known: {depths['reason']}"
+    return f"deepest penetration: {', '.join(parts)}"

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..base import Floats, check
 from ..base.progress import ProgressBar
-from ..engine.force import Held, checked_force, forces_of
+from ..engine.force import ForceAtTime, checked_force, forces_of
 from ..engine.judge import TIME_STEP
 from ..engine.options import Options
 from ..engine.state import State, scenes_of
@@ -33,29 +33,31 @@ from .result import Run
 from .simulate import interrupted
 from .trajectory import Continuation, Trajectory
 
-_INTEGRATOR = "semi_implicit_euler"  # one force evaluation a step, and the longest step for it
+# This method takes the longest step for one force evaluation.
+_INTEGRATOR = "semi_implicit_euler"
 
-# Time step over the guaranteed one. Half needs twice the steps; above 1 nothing is guaranteed.
+# The time step is this part of the guaranteed one. Half needs twice the steps; above 1 nothing is
+# guaranteed.
 _STEP = 0.9
-# Spring damping over sqrt(stiffness * mass), for the fastest modes. With half of it high modes ring
-# on the curtain of seven pins; twice as much shortens the guaranteed step by a fifth.
+# Springs are damped by this part of sqrt(stiffness * mass), for the fastest modes. With half of it
+# high modes ring on the curtain of seven pins; twice as much shortens the guaranteed step by a
+# fifth.
 _SPRING_DAMPING = 0.2
-# Steps between two estimates of the frequency. Half or twice changes the number of steps by less
+# The frequency is estimated after so many steps. Half or twice changes the number of steps by less
 # than a third on `benchmarks/settle.py`.
-_BLOCK = 100
-# Bounds of omega over sqrt(gravity / size). Ten times the lower bound doubles the steps of a soft
-# curtain near a saddle. The upper bound tames estimates from a wild start; half or twice changes
-# little.
-_SLOWEST, _FASTEST = 0.02, 5.0
-# Blocks between two measurements of the residual, each of which takes a step of a new stepper.
-_BLOCKS_OF_RESIDUAL = 3
-# The step that measures the residual, over that of the relaxation: short enough that a point stays
-# in contact.
+_STEPS_OF_ESTIMATE = 100
+# These bound omega over sqrt(gravity / size). Ten times the lower bound doubles the steps of
+# a soft curtain near a saddle. The upper bound tames estimates from a wild start; half or twice
+# changes little.
+_SLOWEST = 0.02
+_FASTEST = 5.0
+# The residual is measured after so many estimates, and takes a step of a new stepper.
+_ESTIMATES_OF_RESIDUAL = 3
+# That step is this part of a step of the relaxation: so short that a point stays in contact.
 _PROBE = 1e-2
-# Evaluations without half the residual, after which a scene is said not to rest.
+# A scene is said not to rest if the residual does not halve in so many evaluations.
 _PATIENCE = 100_000
-# Distance in sizes of the cloth that its centre may travel.
-_TRAVEL = 20.0
+_TRAVEL = 20.0  # distance that the centre of the cloth may travel, over its size
 
 
 @overload
@@ -131,44 +133,49 @@ def settle(
     >>> lowest = run.x[-1, ..., 1].min()  # the sag [m]
     """
     if not isinstance(scene, Scene):
-        more: Any = {
-            "t": t,
-            "max_evaluations": max_evaluations,
-            "threads": threads,
-            "progress": progress,
-        }
         scenes = scenes_of(scene)
         forces = forces_of(force, scenes, True) or [None] * len(scenes)
-        return [settle(s, tolerance, **more, force=f) for s, f in zip(scenes, forces, strict=True)]
+        return [
+            settle(
+                member,
+                tolerance,
+                t=t,
+                max_evaluations=max_evaluations,
+                threads=threads,
+                progress=progress,
+                force=force_of_member,
+            )
+            for member, force_of_member in zip(scenes, forces, strict=True)
+        ]
     tolerance = check.number("tolerance", tolerance, minimum=1e-12)
     t = check.number("t", t)
     most = check.integer("max_evaluations", max_evaluations, minimum=1)
     force = checked_force(force)
-    held = None if force is None else Held(force, t)
+    force_at_t = None if force is None else ForceAtTime(force, t)
     options = Options(_INTEGRATOR, threads=threads)
-    search = _Relaxation(scene_at(scene, t), tolerance, most, t, options, held)
+    relaxation = _Relaxation(scene_at(scene, t), tolerance, most, t, options, force_at_t)
     with ProgressBar(check.boolean("progress", progress), total=most) as bar:
         try:
-            reason = search.run(bar.bar)
+            reason = relaxation.run(bar.bar)
         except KeyboardInterrupt:
-            interrupted(lambda: search.result("interrupted"))
-    return search.result(reason)
+            interrupted(lambda: relaxation.result("interrupted"))
+    return relaxation.result(reason)
 
 
 def scene_at(scene: Scene, t: float) -> Scene:
-    """The scene with everything that moves held at its place at a time [s]."""
+    """Return the scene with all that moves stopped at its place at a time [s]."""
     wind = scene.wind
     if wind and wind.motion:
         velocity = np.array(wind.velocity) + wind.motion.velocity_at(t)
         wind = wind.replace(velocity=velocity, motion=None)
     spheres = [sphere._at_rest(sphere.center_at(t)) for sphere in scene.spheres]
-    still = scene.replace(spheres=spheres, wind=wind)
+    scene_at_t = scene.replace(spheres=spheres, wind=wind)
     if not scene.cloth.driven:
-        return still
+        return scene_at_t
     x = scene.initial_position.copy()
     for pins in scene.driven_pins:
         x[pins.rows, pins.columns] = pins.places_at(t)
-    return still.replace(cloth=scene.cloth.replace(pins=scene.cloth.pinned), position=x)
+    return scene_at_t.replace(cloth=scene.cloth.replace(pins=scene.cloth.pinned), position=x)
 
 
 class _Relaxation:
@@ -181,48 +188,50 @@ class _Relaxation:
         most: int,
         t: float,
         options: Options,
-        force: Held | None,
+        force: ForceAtTime | None,
     ) -> None:
+        self.scene = scene
+        self._tolerance = tolerance
+        self._most = most
+        self._t = t
+        self._options = options
         self._force = force
-        self.scene, self._tolerance, self._most, self._t, self._options = (
-            scene,
-            tolerance,
-            most,
-            t,
-            options,
-        )
         # The friction of a layer is 0 at rest, and would only slow the way there.
-        still = [sphere._as_layer(friction=0.0) for sphere in scene.spheres]
-        self._plain = scene.replace(spheres=still)
+        layers = [sphere._as_layer(friction=0.0) for sphere in scene.spheres]
+        self._plain = scene.replace(spheres=layers)
         self._mass = scene.cloth.mass_per_point[..., None]
         self._free = ~scene.cloth.pinned
         self._scale = self._force_scale()
         self._slow = math.sqrt(self._scale / float(self._mass.max()) / max(scene.cloth.size))
         self._start = scene.initial_position
-        damped = self._with_drag(self._slow)
-        limits = [stable_dt(damped, _INTEGRATOR)]
-        for k, sphere in enumerate(still):
-            depth = sphere.layer(damped.cloth)["thickness"] / 2
-            limits.append(limit_in_layer(damped, _INTEGRATOR, k, depth))
+        damped_scene = self._with_drag(self._slow)
+        limits = [stable_dt(damped_scene, _INTEGRATOR)]
+        for k, layer in enumerate(layers):
+            depth = layer.layer(damped_scene.cloth)["thickness"] / 2
+            limits.append(limit_in_layer(damped_scene, _INTEGRATOR, k, depth))
         stable = _STEP * min(limits)
         self._dt = stable if math.isfinite(stable) else 0.1 / self._slow
-        self._state = self._state_of(damped, self._start)
-        self._steps, self._seconds = 0, 0.0
-        self._best, self._residual, self._best_steps = self._start, self._unbalanced(self._start), 0
-        self._mark, self._halved = (
-            math.inf,
-            0,
-        )  # the residual when it was last halved, and the steps until then
+        self._state = self._state_of(damped_scene, self._start)
+        self._steps = 0
+        self._seconds = 0.0
+        self._best = self._start
+        self._best_steps = 0  # steps until the best state
+        self._residual = self._measure_residual(self._start)  # residual of the best state
+        self._mark = math.inf  # residual that has to be halved
+        self._steps_at_mark = 0
 
     def _force_scale(self) -> float:
         scene = self._plain
         weight = float(self._mass.max() * np.linalg.norm(scene.gravity))
-        given = 0.0 if scene.force is None else float(np.linalg.norm(scene.force, axis=-1).max())
+        force = 0.0 if scene.force is None else float(np.linalg.norm(scene.force, axis=-1).max())
         springs = max(scene.cloth.family_stiffness.values(), default=0.0) * min(scene.cloth.spacing)
-        return weight or given or springs or 1.0
+        return weight or force or springs or 1.0
 
     def _with_drag(self, omega: float) -> Scene:
-        """The scene that relaxes: drag for this frequency [1/s], spring damping for the fastest."""
+        """Return the scene that relaxes.
+
+        Drag damps motion of the frequency `omega` [1/s], and spring damping the fastest modes.
+        """
         cloth = self._plain.cloth
         mean = float(self._mass.mean())
         damping = {
@@ -232,25 +241,26 @@ class _Relaxation:
 
     def _state_of(self, scene: Scene, x: Floats) -> State:
         options = Options(integrator=_INTEGRATOR, threads=self._options.threads)
-        still = np.zeros_like(x)
-        return State.checked(scene, x, still, 0.0, options, self._force, quiet=TIME_STEP)
+        v = np.zeros_like(x)
+        return State.checked(scene, x, v, 0.0, options, self._force, quiet=TIME_STEP)
 
-    def _unbalanced(self, x: Floats) -> float:
-        """Largest unbalanced force over the scale: momentum that a step from rest leaves after the
-        responses.
+    def _measure_residual(self, x: Floats) -> float:
+        """Measure the largest unbalanced force, over the scale of forces.
+
+        It is the momentum after the responses of a short step from rest, over the step.
         """
         probe = self._state_of(self._plain, x)
         dt = _PROBE * self._dt
         try:
             probe.advance(1, dt)
-        except (UnstableError, ContactError):  # the next step of the relaxation says why
-            return math.inf
+        except (UnstableError, ContactError):
+            return math.inf  # The next step of the relaxation says why.
         _, v = probe.arrays()
         force = self._mass * v / dt
         return float(np.linalg.norm(force, axis=-1)[self._free].max(initial=0.0)) / self._scale
 
     def run(self, bar: Any) -> str:
-        """Relax; "" at rest, else the reason why not."""
+        """Relax the cloth, and return "" at rest, else why it does not rest."""
         begin = time.perf_counter()
         try:
             return self._relax(bar)
@@ -260,40 +270,46 @@ class _Relaxation:
             self._seconds = time.perf_counter() - begin
 
     def _relax(self, bar: Any) -> str:
-        before: tuple[Floats, Floats] | None = None
-        blocks = 0
+        last_state: tuple[Floats, Floats] | None = None
+        estimates = 0
         while self._residual > self._tolerance:
             if self._steps >= self._most:
                 return Reason.MOST_EVALUATIONS.format(most=self._most)
-            if self._steps - self._halved > _PATIENCE:
+            if self._steps - self._steps_at_mark > _PATIENCE:
                 return Reason.NOT_HALVED.format(steps=_PATIENCE)
-            count = min(_BLOCK, self._most - self._steps)
+            count = min(_STEPS_OF_ESTIMATE, self._most - self._steps)
             self._state.advance(count, self._dt)
             self._steps += count
-            blocks += 1
+            estimates += 1
             if bar is not None:
                 bar.update(count)
             x, _ = self._state.arrays()
-            if self._left(x):
+            if self._is_away(x):
                 return Reason.MOVES_AWAY
-            now = x, acceleration(self._plain, x, np.zeros_like(x), force=self._force)
-            if before is not None:
-                self._damp(before, now)
-            before = now
-            if blocks % _BLOCKS_OF_RESIDUAL == 0 or self._steps >= self._most:
-                self._compare(x, self._unbalanced(x))
+            state = x, acceleration(self._plain, x, np.zeros_like(x), force=self._force)
+            if last_state is not None:
+                self._damp(last_state, state)
+            last_state = state
+            if estimates % _ESTIMATES_OF_RESIDUAL == 0 or self._steps >= self._most:
+                self._compare(x, self._measure_residual(x))
         return ""
 
     def _compare(self, x: Floats, residual: float) -> None:
         """Keep the state if it is the best so far."""
         if residual < self._residual:
-            self._best, self._residual, self._best_steps = x, residual, self._steps
+            self._best = x
+            self._best_steps = self._steps
+            self._residual = residual
         if residual < self._mark / 2:
-            self._mark, self._halved = residual, self._steps
+            self._mark = residual
+            self._steps_at_mark = self._steps
 
-    def _damp(self, before: tuple[Floats, Floats], now: tuple[Floats, Floats]) -> None:
-        """Damp motion between two states critically, by the frequency of Rayleigh's quotient."""
-        change, response = ((b - a)[self._free] for a, b in zip(before, now))
+    def _damp(self, first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> None:
+        """Damp motion between two states critically, by the frequency of Rayleigh's quotient.
+
+        A state is given by its positions and accelerations.
+        """
+        change, response = ((b - a)[self._free] for a, b in zip(first, second))
         square = float((change**2).sum())
         if square == 0.0:
             return
@@ -303,7 +319,8 @@ class _Relaxation:
         rate = min(max(omega, _SLOWEST * self._slow), _FASTEST * self._slow)
         self._state.set_scene(self._with_drag(rate))
 
-    def _left(self, x: Floats) -> bool:
+    def _is_away(self, x: Floats) -> bool:
+        """Tell whether a cloth without pins has left its place."""
         if not self._free.all():
             return False
         centre = self._start.mean(axis=(0, 1))
@@ -316,10 +333,9 @@ class _Relaxation:
         )
 
     def result(self, reason: str) -> Run:
-        """The run that ends with the best state."""
-        still = np.zeros_like(self._start)
+        """Return a run that ends with the best state."""
         x = np.array([self._start, self._best])
-        v = np.array([still, still])
+        v = np.zeros_like(x)
         t = [self._t, self._t + max(self._best_steps, 1) * self._dt]
         rest = self._plain.replace(position=self._best, velocity=None)
         state = State.own([rest], False, self._t, self._options)
@@ -341,11 +357,12 @@ class _Relaxation:
             saved=None,
             continuation=Continuation(self._t),
         )
-        found = report(run, unknown=Reason.AT_REST)
-        found["residual"] = self._residual if math.isfinite(self._residual) else math.nan
-        found["reason"] = reason
-        found["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]
-        found["obstacle_work"] = [math.nan] * len(self.scene.spheres)
-        found["force_work"] = found["wind_work"] = math.nan
-        found["impulse_reason"] = Reason.RELAXED
-        return Run(self.scene, np.array(t), x, v, found)
+        values = report(run, unknown=Reason.AT_REST)
+        values["residual"] = self._residual if math.isfinite(self._residual) else math.nan
+        values["reason"] = reason
+        values["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]
+        values["obstacle_work"] = [math.nan] * len(self.scene.spheres)
+        values["force_work"] = math.nan
+        values["wind_work"] = math.nan
+        values["impulse_reason"] = Reason.RELAXED
+        return Run(scene=self.scene, t=np.array(t), x=x, v=v, report=values)

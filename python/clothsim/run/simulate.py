@@ -26,7 +26,7 @@ from .error_control import estimate_of, size_of, solve
 from .reasons import Reason
 from .report import report
 from .result import Run
-from .trajectory import Failure, Frames, Job, Recorder, StopRun, Trajectory, Watch
+from .trajectory import Failure, Frames, Job, Recording, StopRun, Trajectory, Watch
 
 _DEFAULT_RTOL = 1e-3  # Where neither a step nor a tolerance is given.
 # A duration over the time of its end that is above the rounding of the clock by a thousand times.
@@ -159,29 +159,44 @@ def simulate(
     batched = not isinstance(scene, Scene)
     scenes = scenes_of(scene)
     if batched and (dt is None or callback is not None or estimate_error or backend == "gpu"):
-        given = (duration, dt, integrator, precision, rtol, atol, every, threads, progress)
-        named = {"t": t, "times": times, "fps": fps, "callback": callback, "kernel": kernel}
         forces = forces_of(force, scenes, batched) or [None] * len(scenes)
         return _one_by_one(
-            scenes, forces, *given, **named, backend=backend, estimate_error=estimate_error
+            scenes,
+            forces,
+            duration=duration,
+            dt=dt,
+            integrator=integrator,
+            precision=precision,
+            rtol=rtol,
+            atol=atol,
+            every=every,
+            threads=threads,
+            progress=progress,
+            t=t,
+            times=times,
+            fps=fps,
+            callback=callback,
+            kernel=kernel,
+            backend=backend,
+            estimate_error=estimate_error,
         )
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     t = check.number("t", t)
     _check_end(t, duration)
-    asked = _asked_error(scenes[0], dt, rtol, atol)
+    request = _requested_error(scenes[0], dt, rtol, atol)
     frames = Frames.of(every, times, fps, t, duration)
     if integrator is None:
         integrator = "rk4" if dt is not None or backend == "gpu" else "auto"
     integrator = integrator_name(integrator, "auto", fixed=dt is not None)
     method = "rk4" if integrator == "auto" else integrator
     options = Options(method, precision, threads, kernel, backend)
-    if options.backend == "gpu" and (asked is not None or integrator == "auto"):
+    if options.backend == "gpu" and (request is not None or integrator == "auto"):
         raise ValueError(
             "rtol and atol must be None and integrator must be 'rk4' with backend 'gpu', which "
             "takes fixed steps: give dt, or leave it out for steps that meet rtol "
             f"{_DEFAULT_RTOL:g}"
         )
-    any(warn_of_order(method, one) for one in scenes)
+    any(warn_of_order(method, member) for member in scenes)
     if dt is not None:
         if integrator == "auto":
             raise ValueError("integrator must be a name with dt, got 'auto': it chooses the step")
@@ -192,30 +207,30 @@ def simulate(
     _check_callback(callback)
     forces_of(force, scenes, batched)
     if integrator == "auto":
-        relative = _DEFAULT_RTOL if asked is None else asked / size_of(scenes[0])
+        relative = _DEFAULT_RTOL if request is None else request / size_of(scenes[0])
         chosen = "rkc2" if relative >= least_rtol_of_rkc2(scenes[0]) else "dop853"
         options = replace(options, integrator=chosen, precision="double")
     if options.precision == "single":
         state_arrays(*own_arrays(scenes, batched), scenes, batched, "single")
     job = Job(scenes, batched, duration, options, t, frames, force, dt)
-    error = _DEFAULT_RTOL * size_of(scenes[0]) if asked is None else asked
+    tolerance = _DEFAULT_RTOL * size_of(scenes[0]) if request is None else request
 
     def compute(watch: Watch) -> Run | list[Run]:
         if batched:
             runs, errors = run_batch(job, watch)
             return _raise_first([errors[k] for k in sorted(errors)], runs)
         if dt is None:
-            found = solve(job, error, watch, auto=integrator == "auto")
-            run = _run(found.trajectory, controlled=found, asked=error)
+            controlled = solve(job, tolerance, watch, auto=integrator == "auto")
+            run = _run(controlled.trajectory, controlled=controlled, asked=tolerance)
             # After a response of the paper's, a call that asked for no error gets none.
-            if asked is not None or found.error.reason != Reason.CONTACT:
+            if request is not None or controlled.error.reason != Reason.CONTACT:
                 _warn_of_error(run)
             return run
-        trajectory = Recorder(job, watch).run().trajectory()
-        controlled = estimate_of(job, trajectory) if estimate_error else None
-        return _run(trajectory, controlled=controlled)
+        trajectory = Recording(job, watch).run().trajectory()
+        estimated = estimate_of(job, trajectory) if estimate_error else None
+        return _run(trajectory, controlled=estimated)
 
-    return _followed(compute, job, callback, progress)
+    return _follow(compute, job, callback, progress)
 
 
 def _warn_of_error(run: Run) -> None:
@@ -223,27 +238,28 @@ def _warn_of_error(run: Run) -> None:
     if run.report["tolerance"]["reached"]:
         return
     error = run.report["error_estimate"]
-    what = "not known" if math.isnan(error["rms"]) else "above the one that was asked for"
-    warn_caller(f"the error at the end is {what}: {error['reason']}", ToleranceWarning)
+    result = "not known" if math.isnan(error["rms"]) else "above the one that was asked for"
+    warn_caller(f"the error at the end is {result}: {error['reason']}", ToleranceWarning)
 
 
 Runs = TypeVar("Runs", bound=Run | list[Run])
 
 
 def run_batch(job: Job, watch: Watch | None = None) -> tuple[list[Run], dict[int, Failure]]:
-    """Runs side by side, at a fixed step, and errors of those that end early, by member."""
-    recorder = Recorder(job, watch or Watch()).run()
-    return _runs(recorder), {k: error for k, (error, _) in recorder.failed.items()}
+    """Return runs side by side, at a fixed step, and errors of those that end early, by member."""
+    recording = Recording(job, watch or Watch()).run()
+    return _runs(recording), {k: error for k, (error, _) in recording.failed.items()}
 
 
 def _one_by_one(
-    scenes: list[Scene], forces: list[Force | None], *arguments: Any, **options: Any
+    scenes: list[Scene], forces: list[Force | None], duration: float, **options: Any
 ) -> list[Run]:
+    """Return the runs of a call that cannot take its scenes side by side."""
     runs: list[Run] = []
     errors: list[Failure] = []
     for k, scene in enumerate(scenes):
         try:
-            runs.append(simulate(scene, *arguments, **options, force=forces[k]))
+            runs.append(simulate(scene, duration, **options, force=forces[k]))
         except (UnstableError, ContactError) as error:
             errors.append(replace(error, member=k))
             errors[-1].run = error.run
@@ -261,30 +277,29 @@ def _raise_first(errors: list[Failure], runs: list[Run]) -> list[Run]:
     raise errors[0]
 
 
-def _run(found: Trajectory, stopped: str = "", **told: Any) -> Run:
-    state = found.state
-    final = (
-        None
-        if found.saved is None and state.batched
-        else take(state, found.scene, found.options, found.saved)
-    )
+def _run(trajectory: Trajectory, stopped: str = "", **accuracy: Any) -> Run:
+    """Return the public form of a run; `accuracy` is what `report` takes about its error."""
+    state = trajectory.state
+    final = None
+    if trajectory.saved is not None or not state.batched:
+        final = take(state, trajectory.scene, trajectory.options, trajectory.saved)
     return Run(
-        found.scene,
-        np.array(found.t),
-        found.x,
-        found.v,
-        report(found, stopped, **told),
+        trajectory.scene,
+        np.array(trajectory.t),
+        trajectory.x,
+        trajectory.v,
+        report(trajectory, stopped, **accuracy),
         final,
-        found.continuation,
+        trajectory.continuation,
     )
 
 
-def _runs(recorder: Recorder, reason: str = "") -> list[Run]:
-    """The runs so far, which ended early for the `reason`, or for that of a member's own error."""
-    errors = {k: error for k, (error, _) in recorder.failed.items()}
+def _runs(recording: Recording, reason: str = "") -> list[Run]:
+    """Return the runs so far; they ended for the `reason`, or for that of a member's own error."""
+    errors = {k: error for k, (error, _) in recording.failed.items()}
     runs = [
-        _run(one, _reason(errors[k]) if k in errors else reason)
-        for k, one in enumerate(recorder.trajectories())
+        _run(trajectory, _reason(errors[k]) if k in errors else reason)
+        for k, trajectory in enumerate(recording.trajectories())
     ]
     for k, error in errors.items():
         error.run = runs[k]
@@ -295,16 +310,15 @@ def _reason(error: Failure) -> str:
     return "unstable" if isinstance(error, UnstableError) else "contact"
 
 
-def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progress: bool) -> Runs:
-    """What `compute` finds, or the runs up to an early end, at least their first frames."""
+def _follow(compute: Callable[[Watch], Runs], job: Job, callback: Any, progress: bool) -> Runs:
+    """Return what `compute` does, or the runs up to an early end, at least their first frames."""
     bar = ProgressBar.of_time(progress, job.duration)
     watch = Watch(callback, bar.bar)
 
     def so_far(reason: str) -> Any:
-        recorder = watch.recorder or Recorder(job, Watch())
-        recorder.end_here()
-        runs = _runs(recorder, reason)
-        return runs if recorder.state.batched else runs[0]
+        recording = watch.recording or Recording(job, Watch())
+        runs = _runs(recording, reason)
+        return runs if recording.state.batched else runs[0]
 
     try:
         with bar:
@@ -315,7 +329,7 @@ def _followed(compute: Callable[[Watch], Runs], job: Job, callback: Any, progres
         error.run = error.run or so_far(_reason(error))
         raise
     except Exception as error:  # of the user's force or callback
-        if watch.recorder is not None:
+        if watch.recording is not None:
             error.run = so_far("error")  # type: ignore[attr-defined]
         raise
     except KeyboardInterrupt:
@@ -338,40 +352,41 @@ def resume(
     callback: Any,
     progress: bool,
 ) -> Run:
-    """`Run.resume`."""
-    snapshot, before, scene = run.snapshot, run.continuation, run.scene
-    if snapshot is None or before is None or (before.dt is None and before.control is None):
+    """Continue a run, as `Run.resume` says."""
+    snapshot = run.snapshot
+    past = run.continuation
+    if snapshot is None or past is None or (past.dt is None and past.control is None):
         raise ValueError(
             "this run cannot be resumed, as its final state was not kept: runs of simulate "
             "and of load_run can"
         )
     duration = check.number("duration", duration, minimum=0, exclusive=True)
-    _check_end(before.start, before.seconds + duration)
-    if before.dt is not None:
-        check.step_count(duration, before.dt)
-    frames = before.frames
+    _check_end(past.start, past.seconds + duration)
+    if past.dt is not None:
+        check.step_count(duration, past.dt)
+    frames = past.frames
     if not (every is None and times is None and fps is None):
-        frames = Frames.of(every, times, fps, before.start + before.seconds, duration)
+        frames = Frames.of(every, times, fps, past.start + past.seconds, duration)
     _check_callback(callback)
     checked_force(force)
-    if before.forced and force is None:
+    if past.forced and force is None:
         raise ValueError("force must be given: this run had one, and functions are not kept")
     job = Job(
-        [scene],
+        [run.scene],
         False,
         duration,
         snapshot.options,
-        before.start,
+        past.start,
         frames,
         force,
-        before.dt,
-        resumed=(snapshot, before),
+        past.dt,
+        resumed=(snapshot, past),
     )
 
     def compute(watch: Watch) -> Run:
-        return _run(Recorder(job, watch).run().trajectory(), unknown=Reason.RESUMED)
+        return _run(Recording(job, watch).run().trajectory(), unknown=Reason.RESUMED)
 
-    return _followed(compute, job, callback, progress)
+    return _follow(compute, job, callback, progress)
 
 
 def _check_end(t: float, duration: float) -> None:
@@ -391,12 +406,11 @@ def _check_callback(callback: Any) -> None:
 
 
 def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:
-    """The tolerances as numbers; they choose the step, so `dt` must be None."""
+    """Return the tolerances as numbers; they choose the step, so `dt` must be None."""
     if dt is not None:
-        given = check.shown(dt)
         raise ValueError(
             "dt must be None with rtol or atol, or with integrator 'auto': they choose it; "
-            f"got {given}"
+            f"got {check.shown(dt)}"
         )
     rtol = None if rtol is None else check.number("rtol", rtol, minimum=0)
     atol = None if atol is None else check.number("atol", atol, minimum=0)
@@ -405,10 +419,10 @@ def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, flo
     return rtol, atol
 
 
-def _asked_error(
+def _requested_error(
     scene: Scene, dt: float | None, rtol: float | None, atol: float | None
 ) -> float | None:
-    """The error asked for [m], or None."""
+    """Return the error that is asked for [m], or None."""
     if rtol is None and atol is None:
         return None
     rtol, atol = checked_tolerances(dt, rtol, atol)

@@ -56,8 +56,10 @@ class ClothsimAccessor:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The "identity" (scene, grid, settings, version), and "created", "build" and "machine" of
-        the first call.
+        """Origin of the sweep.
+
+        It has the "identity" (scene, grid, settings, version), and "created", "build" and "machine"
+        of the first call.
         """
         text = self._dataset.attrs.get(ATTRIBUTE)
         if text is None:
@@ -72,11 +74,11 @@ class ClothsimAccessor:
     ) -> Run:
         """Compute the `Run` of a member again, with equal bits, to show, play and export it.
 
-        `every` is as for `simulate`; default: that of the sweep. `force`: that of the sweep, which
-        keeps no function. `selection` has labels as for
-        ``Dataset.sel``, one for each remaining dimension. The run of an unstable member ends at the
-        last good state. Raises a ValueError if more than one member is selected, or the Dataset
-        does not keep a swept array because of its size.
+        `every` is as for `simulate`; default: that of the sweep. `force` is that of the sweep,
+        which keeps no function. `selection` has labels as for ``Dataset.sel``, one for each
+        remaining dimension. The run of an unstable member ends at the last good state. Raises a
+        ValueError if more than one member is selected, or the Dataset does not keep a swept array
+        because of its size.
 
         Examples
         --------
@@ -122,7 +124,7 @@ class ClothsimAccessor:
 
 
 def _axis(entry: Mapping[str, Any]) -> Axis:
-    """Make the axis that `Grid.describe` described."""
+    """Make an axis from its plain data, as `Grid.describe` returns it."""
     columns = [
         [_value(name, value) for value in values] for name, values in entry["values"].items()
     ]

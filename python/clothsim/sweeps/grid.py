@@ -1,5 +1,6 @@
-"""The members of a sweep: products of values, zipped lists, or samples; and values as plain data,
-labels and digests.
+"""The members of a sweep: products of values, zipped lists, or samples.
+
+Values become plain data, labels and digests.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from ..base import check
 from ..model.fields import check_name, units
 from ..model.record import Record
 
-# A larger array is described by its digest, not by its entries.
-_LARGEST_LISTED = 64  # entries
+# An array with more entries is described by its digest.
+_MOST_ENTRIES = 64
 
 
 def plain(value: Any) -> Any:
@@ -29,7 +30,7 @@ def plain(value: Any) -> Any:
         return plain(value.to_dict())
     if isinstance(value, Mapping):
         return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray) and value.size > _LARGEST_LISTED:
+    if isinstance(value, np.ndarray) and value.size > _MOST_ENTRIES:
         return {
             "shape": list(value.shape),
             "dtype": value.dtype.str,
@@ -70,7 +71,7 @@ class Axis:
 
     dimension: str
     places: tuple[Mapping[str, Any], ...]
-    labels: tuple[str, ...] | None = None  # of the user; else they are made from the values
+    labels: tuple[str, ...] | None = None  # labels of the user; else they are made from the values
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -84,7 +85,7 @@ class Axis:
 
 
 class Grid:
-    """All members; a member's number is its flat index, last dimension fastest."""
+    """All members of a sweep; the number of each is its flat index, last dimension fastest."""
 
     def __init__(self, axes: Sequence[Axis]) -> None:
         self.axes = tuple(axes)
@@ -92,9 +93,11 @@ class Grid:
         self.shape = tuple(map(len, self.axes))
         self.size = math.prod(self.shape)
         self.names = tuple(name for axis in self.axes for name in axis.names)
-        twice = {name for name in self.names if self.names.count(name) > 1}
-        if twice:
-            raise ValueError(f"over must name each thing once, got {sorted(twice)} more than once")
+        repeats = {name for name in self.names if self.names.count(name) > 1}
+        if repeats:
+            raise ValueError(
+                f"over must name each thing once, got {sorted(repeats)} more than once"
+            )
 
     def values(self, index: int) -> dict[str, Any]:
         """Return the swept values of a member, by name."""
@@ -105,8 +108,9 @@ class Grid:
         return values
 
     def coordinates(self) -> dict[str, Any]:
-        """Return labels as xarray takes them: one per swept name, two more for a swept shape, and
-        the number of each member.
+        """Return labels as xarray takes them.
+
+        Each swept name has a label, a swept shape two more, and each member its number.
         """
         coordinates: dict[str, Any] = {}
         for axis in self.axes:
@@ -163,20 +167,20 @@ def make_grid(over: Any) -> Grid:
 
 def _axis(key: Any, values: Any) -> Axis:
     """Make the axis of a name, or of names with zipped values."""
-    zipped = isinstance(key, tuple)
+    is_zip = isinstance(key, tuple)
     labels = None
-    names = tuple(map(check_name, key if zipped else (key,)))
+    names = tuple(map(check_name, key if is_zip else (key,)))
     if len(set(names)) < len(names):
         raise ValueError(f"over must name each thing once, got the zipped names {names!r}")
-    if isinstance(values, Mapping) and not zipped:
+    if isinstance(values, Mapping) and not is_zip:
         labels = tuple(map(str, values))
         values = list(values.values())
-    rows = [row if zipped else (row,) for row in _values(f"over[{key!r}]", values)]
+    rows = [row if is_zip else (row,) for row in _values(f"over[{key!r}]", values)]
     for k, row in enumerate(rows):
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
-            accepted = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
+            requirement = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
             raise ValueError(
-                f"over[{key!r}] must have {accepted}, got {check.shown(row)} at index {k}"
+                f"over[{key!r}] must have {requirement}, got {check.shown(row)} at index {k}"
             )
     return Axis("_".join(names), tuple(dict(zip(names, row, strict=True)) for row in rows), labels)
 
@@ -188,8 +192,8 @@ def _samples(over: Any) -> Axis:
     samples = _values("over", over)
     for k, sample in enumerate(samples):
         if not isinstance(sample, Mapping) or not sample:
-            accepted = "a mapping of names to values or a sequence of mappings"
-            raise TypeError(f"over must be {accepted}, got {check.shown(sample)} at index {k}")
+            requirement = "a mapping of names to values or a sequence of mappings"
+            raise TypeError(f"over must be {requirement}, got {check.shown(sample)} at index {k}")
         if set(sample) != set(samples[0]):
             names = f"{sorted(sample)} at index {k} and {sorted(samples[0])} before"
             raise ValueError(f"over must give every sample the same names, got {names}")

@@ -25,7 +25,7 @@ STATUS = ("pending", "done", "unstable", "failed")
 
 @dataclass(frozen=True)
 class SweepOptions:
-    """The arguments of `sweep` on which results depend. Members share those not swept."""
+    """The arguments of `sweep` on which results depend; members share those that are not swept."""
 
     duration: float = 1.0
     dt: float | None = None
@@ -38,7 +38,7 @@ class SweepOptions:
     force: Any = None
 
     def __post_init__(self) -> None:
-        values = self.__dict__  # The class is frozen for others.
+        values = self.__dict__  # The class is frozen to its users.
         values["duration"] = check.number("duration", self.duration, minimum=0, exclusive=True)
         if self.dt is not None:
             values["dt"] = check.number("dt", self.dt, minimum=0, exclusive=True)
@@ -64,8 +64,9 @@ class Member:
 
 
 class Maker:
-    """A maker of members of a scene and swept values. Members with equal run values share their
-    `settings`.
+    """A maker of members of a scene and swept values.
+
+    Members with equal run values share their `settings`.
     """
 
     def __init__(self, base: Scene, options: SweepOptions) -> None:
@@ -73,8 +74,10 @@ class Maker:
         self._options = options
         self._settings_of: dict[str, dict[str, Any]] = {}
         # The scene caches these for all members.
-        shared = "initial_position", "initial_velocity", "driven_pins", "core_spheres", "has_layers"
-        for name in (*shared, "core_forces"):
+        for name in (
+            *("initial_position", "initial_velocity", "driven_pins"),
+            *("core_spheres", "core_forces", "has_layers"),
+        ):
             getattr(base, name)
         _ = base.cloth.core
 
@@ -99,8 +102,9 @@ class Maker:
         return Member(index, scene, settings, dt, limit)
 
     def _settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
-        """Check the arguments of `simulate` of members with the swept values `run`; None is left
-        to `simulate`.
+        """Check the arguments of `simulate` of members with the swept values `run`.
+
+        A choice that is None is left to `simulate`.
         """
         settings = {name: run.get(name, getattr(self._options, name)) for name in (*RUN, "force")}
         dt = settings["dt"]

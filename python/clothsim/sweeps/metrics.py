@@ -1,5 +1,4 @@
-"""Measures of every member: metrics by name, or any function of the run; and the reference of the
-metric "error".
+"""Measures of every member, by name or as functions of its run, and references for "error".
 
 The reference is the solution in double with which `cs.reference` checks its own. Its bound is twice
 the change by the last halving of the step, plus a unit in the last place. After a contact the
@@ -25,41 +24,39 @@ from ..run.settle import settle
 from ..typing import Force
 
 
-class Reference(NamedTuple):
-    """Positions at the end [m], a bound of their error [m], and whether a sphere has responded on
-    the way.
-    """
+class EndReference(NamedTuple):
+    """The trusted end of a motion."""
 
-    x: Floats
-    error: float
-    contact: bool
+    x: Floats  # positions [m]
+    error: float  # bound of their error [m]
+    contact: bool  # whether a sphere has responded
 
 
 def reference_of(
     scene: Scene, duration: float, threads: int | None = 1, force: Force | None = None
-) -> Reference:
+) -> EndReference:
     """Compute the reference of a scene; with a force each time, else once in a process."""
     if force is None:
-        return _kept_reference(scene, duration, threads)
+        return _cached_reference(scene, duration, threads)
     return _reference(scene, duration, threads, force)
 
 
 @functools.lru_cache(maxsize=64)
-def _kept_reference(scene: Scene, duration: float, threads: int | None) -> Reference:
+def _cached_reference(scene: Scene, duration: float, threads: int | None) -> EndReference:
     return _reference(scene, duration, threads, None)
 
 
 def _reference(
     scene: Scene, duration: float, threads: int | None, force: Force | None
-) -> Reference:
+) -> EndReference:
     solution = solve_in_double(scene, [duration], threads, force)
     x = solution.x[-1]
     # Both runs may err by rounding, each as much as the other.
     error = float(2 * solution.change[-1] + np.spacing(np.abs(x).max()))
-    return Reference(x, error, solution.ended.contact)
+    return EndReference(x, error, solution.finest.contact)
 
 
-def incomparable(run: Run, reference: Reference) -> str:
+def incomparable(run: Run, reference: EndReference) -> str:
     """Say why the run cannot be compared with the reference, or return ""."""
     contact = not math.isnan(run.report["first_contact"]["time"])
     if not (contact or reference.contact):
@@ -72,7 +69,7 @@ def incomparable(run: Run, reference: Reference) -> str:
     )
 
 
-def _error(run: Run, reference: Reference) -> tuple[float, ...]:
+def _error(run: Run, reference: EndReference) -> tuple[float, ...]:
     if incomparable(run, reference):
         return math.nan, math.nan, math.nan
     distance = distances(run.x[-1], reference.x)
@@ -95,12 +92,10 @@ def _impulse(run: Run, _: Any) -> tuple[float, ...]:
 
 
 class Metric(NamedTuple):
-    """A metric that has a name: the values of its variables, from a run and a reference; and their
-    long names and units.
-    """
+    """A metric that has a name."""
 
-    compute: Callable[[Run, Any], tuple[Any, ...]]
-    variables: Mapping[str, tuple[str, str]]
+    compute: Callable[[Run, Any], tuple[Any, ...]]  # values of a run and its reference
+    variables: Mapping[str, tuple[str, str]]  # long names and units of the values, by name
 
 
 METRICS = {
@@ -163,7 +158,7 @@ DEFAULT_METRICS = ("stable", "energy_drift", "largest_stretch")
 RESERVED = ("status", "max_stable_dt", "unstable_step", "unstable_time", "message")
 """Variables of every sweep, beside its metrics."""
 
-# Metrics by name; None where the name is of `METRICS`.
+# A name of `METRICS` stands for None here, another name for a user's function.
 Metrics = Mapping[str, Callable[[Run], Any] | None]
 
 
@@ -175,8 +170,8 @@ def variables_of(name: str, function: Callable[[Run], Any], run: Run) -> dict[st
         parts = {f"{name}_{key}": value for key, value in result.items()}
     for value in parts.values():
         if np.asarray(value).dtype.kind not in "biuf":
-            accepted = "a number, an array of numbers or a mapping of them"
-            raise TypeError(f"metric {name!r} must give {accepted}, got {check.shown(value)}")
+            requirement = "a number, an array of numbers or a mapping of them"
+            raise TypeError(f"metric {name!r} must give {requirement}, got {check.shown(value)}")
     return {part: np.asarray(value, float) for part, value in parts.items()}
 
 

@@ -1,5 +1,4 @@
-"""Results of a sweep: arrays over its members in memory, and a zarr store of them, which is written
-as members finish.
+"""Results of a sweep: arrays over its members, and a zarr store that is written as members finish.
 
 xarray writes the store, in chunks that end in their checksum (zarr's codec crc32c). zarr writes a
 new file for a chunk and renames it, and `status` is written after everything else: if the process
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
     import xarray
 
 _SECONDS_BETWEEN_WRITES = 1.0
-_SHARE_OF_WRITES = 0.05  # largest part of the time
+_SHARE_OF_WRITES = 0.05  # largest part of the time that writing takes
 
 ATTRIBUTE = "clothsim_sweep"
 """The attribute of Datasets and stores that identifies their sweep, as JSON text. Not "clothsim":
@@ -45,19 +44,23 @@ SCHEMA = 5
 
 
 class Results:
-    """The variables of a sweep, with an entry for each member, and dimensions of their own at the
-    end.
+    """The variables of a sweep.
 
-    `about` has the sweep's identity and provenance, `store` keeps them.
+    Each has an entry for each member, and dimensions of its own behind that of members.
+    `description` has the sweep's identity and provenance; `store` keeps them.
     """
 
     def __init__(
-        self, grid: Grid, metrics: Metrics, about: Mapping[str, Any], store: Store | None = None
+        self,
+        grid: Grid,
+        metrics: Metrics,
+        description: Mapping[str, Any],
+        store: Store | None = None,
     ) -> None:
         self.grid = grid
         self.store = store
         self._coordinates = grid.coordinates()
-        self._attrs = {ATTRIBUTE: json.dumps(store.about if store else about)}
+        self._attrs = {ATTRIBUTE: json.dumps(store.description if store else description)}
         self._variables: dict[str, tuple[tuple[str, ...], np.ndarray, Mapping[str, Any]]] = {}
         flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
         self._add("status", np.int8, PENDING, {"long_name": "what became of the member", **flags})
@@ -127,8 +130,9 @@ class Results:
         return np.flatnonzero((self["status"] == PENDING) | (self["status"] == FAILED))
 
     def record(self, records: Sequence[MemberRecord]) -> None:
-        """Take the results of members; their status comes last, so that a member that is marked as
-        done is complete.
+        """Take the results of members.
+
+        Their status comes last, so that a member that is marked as done is complete.
         """
         columns: dict[str, dict[int, Any]] = {}
         for record in records:
@@ -163,35 +167,34 @@ class Results:
         """Return the results as a Dataset."""
         variables = {}
         for name, (own, values, attrs) in self._variables.items():
-            whole = values.reshape((*self.grid.shape, *values.shape[1:]))
-            variables[name] = ((*self.grid.dimensions, *own), whole, attrs)
+            values = values.reshape((*self.grid.shape, *values.shape[1:]))
+            variables[name] = ((*self.grid.dimensions, *own), values, attrs)
         xr = needed("xarray", "sweep")
         dataset: xarray.Dataset = xr.Dataset(variables, self._coordinates, self._attrs)
         return dataset
 
 
 class Store:
-    """The zarr group of one sweep at `path`, with a lock on its folder until `close`. `about` has
-    its identity.
+    """The zarr group of one sweep at `path`, with a lock on its folder until `close`.
 
-    A ValueError refuses a folder that is not a store, is being written, or is of another sweep,
-    with the differences.
+    `description` has its identity. A ValueError refuses a folder that is not a store, is being
+    written, or is of another sweep, with the differences.
     """
 
-    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, description: Mapping[str, Any]) -> None:
         self.path = path
-        self.about = about
+        self.description = description
         self._zarr = needed("zarr", "store=...")
-        self._next = time.monotonic() + _SECONDS_BETWEEN_WRITES  # time of the next write
-        resumed = (path / "zarr.json").exists()
-        if not resumed and path.exists() and any(path.iterdir()):
+        self._next_write = time.monotonic() + _SECONDS_BETWEEN_WRITES
+        exists = (path / "zarr.json").exists()
+        if not exists and path.exists() and any(path.iterdir()):
             raise ValueError(f"store {str(path)!r} is no store of a sweep")
         path.mkdir(parents=True, exist_ok=True)
-        self._lock = _locked(path)
+        self._lock = _lock(path)
         try:
-            if resumed:
-                self.about = read_attrs(path)
-                texts = differences(self.about["identity"], about["identity"])
+            if exists:
+                self.description = read_attrs(path)
+                texts = differences(self.description["identity"], description["identity"])
                 if len(texts) > 6:
                     texts = [*texts[:6], f"and {len(texts) - 6} more"]
                 if texts:
@@ -200,7 +203,7 @@ class Store:
                     )
             else:
                 self._zarr.create_group(
-                    path, zarr_format=3, attributes={ATTRIBUTE: json.dumps(about)}
+                    path, zarr_format=3, attributes={ATTRIBUTE: json.dumps(description)}
                 )
         except BaseException:
             self.close()
@@ -213,7 +216,7 @@ class Store:
     @property
     def due(self) -> bool:
         """Tell whether it is time to write."""
-        return time.monotonic() >= self._next
+        return time.monotonic() >= self._next_write
 
     def write(self, dataset: xarray.Dataset) -> None:
         """Write all values, those of "status" last."""
@@ -238,7 +241,7 @@ class Store:
             }
             part.to_zarr(self.path, mode="a", encoding=new, **layout)
         end = time.monotonic()
-        self._next = end + max(_SECONDS_BETWEEN_WRITES, (end - begin) / _SHARE_OF_WRITES)
+        self._next_write = end + max(_SECONDS_BETWEEN_WRITES, (end - begin) / _SHARE_OF_WRITES)
 
     def close(self) -> None:
         """Release the lock, in processes forked from this one too."""
@@ -248,7 +251,7 @@ class Store:
             self._lock = None
 
 
-def _locked(path: Path) -> int | None:
+def _lock(path: Path) -> int | None:
     """Lock a folder, and return the lock's descriptor; None where the system has no locks."""
     if fcntl is None:
         return None
@@ -265,22 +268,22 @@ def _locked(path: Path) -> int | None:
 def read_attrs(path: Path) -> dict[str, Any]:
     """Read what the store at `path` says of its sweep; a ValueError refuses other folders."""
     try:
-        about = dict(
-            json.loads(json.loads((path / "zarr.json").read_bytes())["attributes"][ATTRIBUTE])
-        )
+        attributes = json.loads((path / "zarr.json").read_bytes())["attributes"]
+        description = dict(json.loads(attributes[ATTRIBUTE]))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"store {str(path)!r} is no store of a sweep ({error})") from None
-    if about.get("schema") != SCHEMA:
+    if description.get("schema") != SCHEMA:
         raise ValueError(
-            f"store {str(path)!r} has schema {about.get('schema')}, the version read here is "
-            f"{SCHEMA}"
+            f"store {str(path)!r} has schema {description.get('schema')}, the version read here "
+            f"is {SCHEMA}"
         )
-    return about
+    return description
 
 
 def read(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
-    """Read the values of a store, with the variables `names`; a ValueError names a variable that is
-    damaged or lacks a chunk.
+    """Read the values of a store, with the variables `names`.
+
+    A ValueError names a variable that is damaged or lacks a chunk.
     """
     name = "status"
     try:
@@ -291,10 +294,10 @@ def read(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
             # zarr takes a chunk without a file for empty.
             if has_results and name != "status" and array.nchunks_initialized < array.nchunks:
                 raise FileNotFoundError("a chunk is missing")
-            array[...]  # zarr compares checksums here
+            array[...]  # zarr compares checksums here.
         xr = needed("xarray", "open_sweep")
         dataset: xarray.Dataset = xr.open_zarr(path, chunks=None, consolidated=False).load()
-    except Exception as error:  # zarr raises many kinds
+    except Exception as error:  # zarr raises many kinds.
         raise ValueError(
             f"store {str(path)!r} is damaged at {name} ({type(error).__name__}: {error}): delete it"
         ) from None
@@ -308,19 +311,21 @@ def read(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
     return dataset
 
 
-def differences(theirs: Any, mine: Any, path: str = "") -> list[str]:
-    """List the differences of two plain values, as "path (theirs in the store, mine given)"."""
-    if isinstance(theirs, list) and isinstance(mine, list):
-        theirs = dict(enumerate(theirs))
-        mine = dict(enumerate(mine))
-    if isinstance(theirs, dict) and isinstance(mine, dict):
+def differences(stored: Any, new: Any, path: str = "") -> list[str]:
+    """List the differences of two plain values, as "path (value in the store, value given)"."""
+    if isinstance(stored, list) and isinstance(new, list):
+        stored = dict(enumerate(stored))
+        new = dict(enumerate(new))
+    if isinstance(stored, dict) and isinstance(new, dict):
         texts = []
-        for key in {**theirs, **mine}:
-            texts += differences(theirs.get(key), mine.get(key), f"{path}.{key}".lstrip("."))
+        for key in {**stored, **new}:
+            texts += differences(stored.get(key), new.get(key), f"{path}.{key}".lstrip("."))
         return texts
-    stored = json.dumps(theirs)
-    new = json.dumps(mine)
-    return [] if stored == new else [f"{path} ({stored:.60} in the store, {new:.60} given)"]
+    stored_text = json.dumps(stored)
+    new_text = json.dumps(new)
+    if stored_text == new_text:
+        return []
+    return [f"{path} ({stored_text:.60} in the store, {new_text:.60} given)"]
 
 
 @check.named

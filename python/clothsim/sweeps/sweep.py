@@ -1,5 +1,6 @@
-"""`sweep`: many cloths from one call, from checked arguments by tasks on threads or an executor to
-a labelled Dataset.
+"""`sweep`: many cloths from one call.
+
+Arguments are checked, tasks run on threads or an executor, and results become a labelled Dataset.
 """
 
 from __future__ import annotations
@@ -53,11 +54,12 @@ if TYPE_CHECKING:
     import xarray
 
 LARGEST_BATCH = 64
-"""Members of a call; more save nothing, and all of their states are held at once."""
+"""Most members of a call. More save nothing, and all of their states are in memory at once."""
 
-_MOST_WAITING = 256  # tasks of an executor, each with the scenes of its members
-_LEAST_TASKS = 4  # of a worker, where there are enough members, so that all workers end together
-_WORKERS = 32  # of an executor that does not say how many it has
+_MOST_TASKS = 256  # most tasks that an executor has, each with the scenes of its members
+# Each worker gets so many tasks if there are enough members, so that all workers end together.
+_LEAST_TASKS = 4
+_WORKERS = 32  # number of workers of an executor that does not tell it
 _MOST_CHECKED = 2048  # members that are made before anything is run, to find errors
 
 
@@ -176,23 +178,23 @@ def sweep(
         "over": grid.describe(),
         "settings": plain(settings),
     }
-    about = {"schema": SCHEMA, "identity": identity, **provenance()}
+    description = {"schema": SCHEMA, "identity": identity, **provenance()}
     archive = None
     try:
         if store is not None:
-            archive = Store(check.path("store", store), about)
-        results = Results(grid, choice, about, archive)
+            archive = Store(check.path("store", store), description)
+        results = Results(grid, choice, description, archive)
         work = tasks(make, grid, choice, options, results.pending, workers, members)
         _run(workers, work, results, progress)
     finally:
         workers.close()
         if archive is not None:
             archive.close()
-    failed = results["status"] == FAILED
-    if failed.any():
-        first = results["message"][failed][0]
+    has_failed = results["status"] == FAILED
+    if has_failed.any():
+        first = results["message"][has_failed][0]
         warn_caller(
-            f"{int(failed.sum())} of {failed.size} members failed; the first: {first}",
+            f"{int(has_failed.sum())} of {has_failed.size} members failed; the first: {first}",
             RuntimeWarning,
         )
     return results.dataset()
@@ -222,8 +224,8 @@ def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bo
     error: BaseException | None = None
     try:
         workers.run_all(tasks, record)
-    except BaseException as caught:
-        error = caught
+    except BaseException as failure:
+        error = failure
     with Interrupts():  # A second Ctrl-C waits.
         bar.close()
         results.flush(final=True)
@@ -239,15 +241,12 @@ def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bo
             raise error
 
 
-# Members and tasks
-
-
 def checked_members(make: Maker, grid: Grid) -> dict[int, Member]:
     """Make members, by their index, among which every swept value occurs."""
     indices = np.arange(grid.size)
     if grid.size > _MOST_CHECKED:
         most = _MOST_CHECKED // len(grid.axes)
-        # Steps between members along each axis
+        # These are the steps in the flat index from a member to the next along each axis.
         steps = [math.prod(grid.shape[k + 1 :]) for k in range(len(grid.shape))]
         offsets = [
             step * np.linspace(0, n - 1, min(n, most)).astype(int)
@@ -276,7 +275,7 @@ def _member(make: Maker, grid: Grid, index: int) -> Member:
 
 @dataclass(frozen=True)
 class Task:
-    """Members of a sweep, and what is asked of each."""
+    """Members of a sweep, and the metrics of each."""
 
     members: Sequence[Member]
     metrics: Metrics
@@ -298,8 +297,8 @@ def tasks(
     With a metric that needs references, tasks have members of equal physics instead, because they
     share a reference. `members` has those that are made already.
     """
-    compared = "error" in metrics
-    if compared:
+    needs_references = "error" in metrics
+    if needs_references:
         most = LARGEST_BATCH
         names = [name for name in grid.names if name not in NUMERICS]
     else:
@@ -309,7 +308,7 @@ def tasks(
     def kind(index: int) -> str:
         """Describe the values in which members of a task are equal."""
         values = grid.values(index)
-        if "scene" in names and not compared:
+        if "scene" in names and not needs_references:
             values["scene"] = values["scene"].cloth.shape
         return repr([values[name] for name in names])
 
@@ -328,16 +327,14 @@ def tasks(
             yield Task(batch, metrics, every, threads)
 
 
-# What a worker does
-
-
 class Stopped(Exception):
-    """The sweep must stop; members in progress are abandoned."""
+    """An order to stop the sweep, which abandons members in progress."""
 
 
 def run_task(task: Task, pause: Callable[[], None] | None = None) -> list[MemberRecord]:
-    """Run the members of a task. If `pause`, called from time to time, raises Stopped, the finished
-    members come back.
+    """Run the members of a task, and return their records.
+
+    `pause` is called from time to time. If it raises Stopped, finished members are returned.
     """
     records: list[MemberRecord] = []
     token = PAUSE.set(pause)
@@ -373,7 +370,7 @@ def _runs(members: Sequence[Member], task: Task) -> tuple[Sequence[Run], Mapping
     """Run the members of a batch, and return errors of those that did not come to their end."""
     settings = members[0].settings
     dt = members[0].dt
-    if dt is None:  # error control
+    if dt is None:
         scene = members[0].scene
         try:
             return [simulate(scene, **settings, every=task.every, threads=task.threads)], {}
@@ -449,8 +446,8 @@ class Workers:
             self.count = int(sum(executor.nthreads().values())) or _WORKERS
             self.executor = executor.get_executor(pure=False)
         else:
-            accepted = "None, a concurrent.futures.Executor or a dask.distributed Client"
-            raise TypeError(f"executor must be {accepted}, got {check.shown(executor)}")
+            requirement = "None, a concurrent.futures.Executor or a dask.distributed Client"
+            raise TypeError(f"executor must be {requirement}, got {check.shown(executor)}")
 
     def _pause(self) -> None:
         """Stop a task on a thread of this process where the sweep has ended."""
@@ -472,22 +469,22 @@ class Workers:
         from concurrent.futures import FIRST_COMPLETED, wait
 
         run = partial(run_task, pause=self._pause) if self.own else run_task
-        waiting: set[Future[list[MemberRecord]]] = set()
+        futures: set[Future[list[MemberRecord]]] = set()
         try:
             while True:
-                while len(waiting) < _MOST_WAITING and (task := next(tasks, None)) is not None:
-                    waiting.add(self.executor.submit(run, task))
-                if not waiting:
+                while len(futures) < _MOST_TASKS and (task := next(tasks, None)) is not None:
+                    futures.add(self.executor.submit(run, task))
+                if not futures:
                     return
-                for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                    waiting.remove(future)
+                for future in wait(futures, return_when=FIRST_COMPLETED).done:
+                    futures.remove(future)
                     record(future.result())
         except BaseException:
             with Interrupts():
                 self._stop.set()
-                for future in [future for future in waiting if not future.cancel()]:
-                    # Threads of this process give up within a tenth of a second; others' are not
-                    # waited for.
+                for future in [future for future in futures if not future.cancel()]:
+                    # Threads of this process give up within a tenth of a second. Nothing waits for
+                    # other processes.
                     if (self.own or future.done()) and future.exception() is None:
                         record(future.result())
                 raise

@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import _core
 from ..base import Floats, check, files
 from ..base.extras import needed
 from ..base.progress import ProgressBar
+from ..engine.options import Options, kept_plan
 from ..model.mesh import triangles
-from ..run.trajectory import interpolated
 from .camera import extremes
 from .picture import file_path
 
@@ -224,13 +225,11 @@ def _rate(steps: Floats) -> float | None:
 
 
 def between(run: Any, before: int, after: int, t: float) -> tuple[Floats, Floats]:
-    """Return the positions and velocities at a time `t` [s] between two stored frames; see
-    `interpolated`.
-    """
-    states = [(run.x[k], run.v[k]) for k in (before, after)]
-    return interpolated(
-        t, [run.scene], float(run.t[before]), float(run.t[after] - run.t[before]), *states
-    )
+    """Return the positions and velocities at a time `t` [s] between two stored frames."""
+    begin = float(run.t[before])
+    length = float(run.t[after]) - begin
+    ends = (run.x[before], run.v[before], run.x[after], run.v[after])
+    return _core.interpolate(kept_plan(run.scene, Options()), t, begin, length, *ends)
 
 
 def _check_interpolation(run: Any, fps: float) -> None:

@@ -1,5 +1,6 @@
-"""Fixed steps of Verlet, halved, where an error is asked for: their cost and error, and what they
-leave to others.
+"""Fixed steps of Verlet are halved where an error is asked for: their cost and error.
+
+Other scenes are left to dop853.
 """
 
 import clothsim as cs
@@ -36,8 +37,8 @@ def drag(t, x, v):
 @pytest.mark.parametrize(
     "change, options",
     [
-        ({}, {"rtol": 1e-7}),  # tight
-        ({}, {"force": drag}),  # may depend on velocities
+        ({}, {"rtol": 1e-7}),
+        ({}, {"force": drag}),
         ({"cloth": DENIM.cloth.replace(drag=1e-4)}, {}),
         ({"spheres": cs.Sphere((0.5, -5.0, 0.5), 0.25, dissipation=0.0)}, {}),
         ({"cloth": DENIM.cloth.replace(pins={(0, 0): cs.Sinusoid((0.01, 0, 0), 2.0)})}, {}),
@@ -66,8 +67,10 @@ def test_errors_are_told_on_random_scenes(number):
     scene = case.scene.replace(cloth=case.scene.cloth.replace(damping=0.0, drag=0.0))
     run = cs.simulate(scene, case.duration, rtol=1e-4)
     right = cs.simulate(scene, case.duration, rtol=1e-8)
-    told = run.report["error_estimate"]
+    estimate = run.report["error_estimate"]
+    if estimate["reason"]:
+        return
+    assert estimate["rms"] <= 1e-4 * max(scene.cloth.size)
     error = rms(run.x[-1] - right.x[-1])
-    known = right.report["error_estimate"]["rms"] < 0.1 * error
-    assert told["reason"] or not known or error <= 2 * told["rms"]
-    assert told["reason"] or told["rms"] <= 1e-4 * max(scene.cloth.size)
+    if right.report["error_estimate"]["rms"] < 0.1 * error:
+        assert error <= 2 * estimate["rms"]

@@ -1,4 +1,4 @@
-"""Engines wait at their scene for the next call of `step` or `acceleration`: nothing of one call
+"""A scene keeps spare states for the next call of `step` or `acceleration`: nothing of one call
 reaches the next.
 """
 
@@ -39,7 +39,7 @@ def fresh(scene, x, v, steps=3, **options):
     "options",
     [{}, {"precision": "single"}, {"integrator": "velocity_verlet"}, {"kernel": "gather"}],
 )
-def test_later_calls_have_the_bits_of_a_new_engine(scene, options):
+def test_later_calls_have_the_bits_of_a_new_state(scene, options):
     for seed in range(3):
         x, v = state(scene, seed)
         state_after = cs.step(scene, x, v, DT, steps=3, **options)
@@ -55,8 +55,8 @@ def test_later_calls_have_the_bits_of_a_new_engine(scene, options):
                 precision=options.get("precision", "double"),
             ),
         )
-    assert 1 <= len(scene.engines) <= 2
-    assert all(len(waiting) == 1 for waiting in scene.engines.values())
+    assert 1 <= len(scene._spare_states) <= 2
+    assert all(len(spares) == 1 for spares in scene._spare_states.values())
 
 
 def test_one_scene_serves_several_threads(scene):
@@ -75,7 +75,7 @@ def test_one_scene_serves_several_threads(scene):
     for thread in team:
         thread.join()
     assert not wrong
-    assert all(len(waiting) <= 2 for waiting in scene.engines.values())
+    assert all(len(spares) <= 2 for spares in scene._spare_states.values())
 
 
 @pytest.mark.parametrize("response", ["ray", "penalty"])
@@ -97,8 +97,8 @@ def test_a_call_that_meets_a_sphere_has_the_bits_of_a_stepper(
 
 
 @pytest.mark.parametrize("batched", [False, True])
-def test_engines_that_wait_do_not_keep_their_scenes(batched):
-    """Without the collector of cycles."""
+def test_spare_states_do_not_keep_their_scenes(batched):
+    """The collector of cycles is off."""
     scene = cs.scenes.paper_swing()
     second = scene.replace(gravity=(0, -1, 0))
     x, v = state(scene)
@@ -110,14 +110,14 @@ def test_engines_that_wait_do_not_keep_their_scenes(batched):
             for _ in range(2):
                 cs.step(scenes, *arrays, DT)
                 cs.acceleration(scenes, *arrays)
-        assert scene.engines and second.engines
+        assert scene._spare_states and second._spare_states
         del scene, second, scenes
         assert [reference() for reference in references] == [None, None]
     finally:
         gc.enable()
 
 
-def test_an_engine_of_a_batch_serves_its_own_scenes_alone(scene):
+def test_a_state_of_a_batch_serves_its_own_scenes_alone(scene):
     """A scene that died may leave its identity to another."""
     x, v = (np.stack([array, array]) for array in state(scene))
     for gravity in range(20):
@@ -128,13 +128,13 @@ def test_an_engine_of_a_batch_serves_its_own_scenes_alone(scene):
 
 
 def test_another_thread_may_add_a_kind_of_call_at_any_moment():
-    """At each instruction of Python, where a scene keeps as many kinds already as it may."""
+    """It does so at each instruction of Python, where a scene has as many kinds as it may."""
     scene = cs.Scene(cs.Cloth((2, 2)))
     at = 0
     reached = True
     x, v = state(scene)
     while reached:
-        kinds = scene.__dict__["engines"] = {k: [] for k in range(8)}
+        kinds = scene.__dict__["_spare_states"] = {k: [] for k in range(8)}
         plans = scene.__dict__["_plans"] = dict.fromkeys(range(8))
         count = 0
         reached = False
@@ -142,7 +142,7 @@ def test_another_thread_may_add_a_kind_of_call_at_any_moment():
         def trace(frame, event, argument, at=at, kinds=kinds, plans=plans):
             nonlocal count, reached
             frame.f_trace_opcodes = True
-            if frame.f_code.co_name in ("_engine", "kept_plan", "make_room"):
+            if frame.f_code.co_name in ("_take_state", "kept_plan", "make_room"):
                 count += event == "opcode"
                 if count == at:
                     kinds["more"] = plans["more"] = []

@@ -28,15 +28,15 @@ def test_only_a_part_with_the_last_frame_can_be_resumed(run, tmp_path):
 
 
 def test_a_mass_point_over_the_frames_has_the_stretch_of_the_page(run):
-    found = run.at(-1, 5)
-    assert np.array_equal(found["x"], run.x[:, 31, 5]) and np.array_equal(
-        found["v"], run.v[:, 31, 5]
+    point = run.at(-1, 5)
+    assert np.array_equal(point["x"], run.x[:, 31, 5]) and np.array_equal(
+        point["v"], run.v[:, 31, 5]
     )
-    assert np.array_equal(found["speed"], np.linalg.norm(run.v[:, 31, 5], axis=-1))
+    assert np.array_equal(point["speed"], np.linalg.norm(run.v[:, 31, 5], axis=-1))
     expected = point_stretch(run.scene, run.x).reshape(11, 32, 32)
     for row, column in ((31, 5), (0, 0), (7, 13), (16, 2), (31, 31)):
         assert np.array_equal(run.at(row, column)["stretch"], expected[:, row, column])
-    assert found["stretch"].max() > 1e-3
+    assert point["stretch"].max() > 1e-3
     with pytest.raises(ValueError, match="row must be .* 31, got 32"):
         run.at(32, 0)
 
@@ -44,21 +44,22 @@ def test_a_mass_point_over_the_frames_has_the_stretch_of_the_page(run):
 def test_rms_and_maximum_are_over_the_mass_points(run):
     x = run.x.copy()
     x[4, 1, 2, 0] += 0.32
-    found = cs.difference(run, cs.Run(run.scene, run.t, x, run.v, {}))
-    assert found["max"][4] == pytest.approx(0.32) and found["rms"][4] == pytest.approx(0.01)
-    assert np.delete(found["max"], 4).max() == 0
+    difference = cs.difference(run, cs.Run(run.scene, run.t, x, run.v, {}))
+    assert difference["max"][4] == pytest.approx(0.32) and difference["rms"][4] == pytest.approx(
+        0.01
+    )
+    assert np.delete(difference["max"], 4).max() == 0
 
 
 def test_frames_pair_off_to_half_a_step(run):
-    """Times in float32 are those of the run; half a step later is another time, and frames without
-    a partner are counted.
-    """
+    """Times in float32 are those of the run, and half a step later is another time."""
     rounded = cs.Run(run.scene, run.t.astype(np.float32).astype(float), run.x, run.v, {})
-    found = cs.difference(run, rounded)
-    assert len(found["t"]) == len(run) and found["unmatched"] == 0
-    step, times = run.report["dt"], run.t[3:7]
+    difference = cs.difference(run, rounded)
+    assert len(difference["t"]) == len(run) and difference["unmatched"] == 0
+    step = run.report["dt"]
+    times = run.t[3:7]
     for shift, unmatched in ((0.4, 0), (0.6, 2 * len(times))):
         other = cs.Run(run.scene, np.append(times + shift * step, 99.0), run.x[3:8], run.v[3:8], {})
-        fewer = cs.Run(run.scene, np.append(times, 99.0), run.x[3:8], run.v[3:8], run.report)
-        assert cs.difference(fewer, other)["unmatched"] == unmatched
+        part = cs.Run(run.scene, np.append(times, 99.0), run.x[3:8], run.v[3:8], run.report)
+        assert cs.difference(part, other)["unmatched"] == unmatched
     assert cs.difference(run, run[2:4])["unmatched"] == len(run) - 2

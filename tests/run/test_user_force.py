@@ -5,7 +5,7 @@ import ctypes
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.engine.force import parsed
+from clothsim.engine.force import types_of
 
 CLOTH = cs.Cloth((6, 7), mass=2.0, stiffness=200.0, damping=0.1)
 SCENE = cs.Scene(CLOTH, force=np.full((6, 7, 3), 0.01))
@@ -29,11 +29,11 @@ def c_function(function, data=None):
     kinds = [ctypes.c_double, pointer, pointer, pointer, ctypes.c_int64]
     kinds += [ctypes.c_void_p] * (data is not None)
 
-    def called(t, x, v, f, points, *more):
+    def call(t, x, v, f, points, *more):
         arrays = [np.ctypeslib.as_array(p, (points, 3)) for p in (x, v, f)]
         function(t, *arrays, *more)
 
-    pointer_to = ctypes.CFUNCTYPE(None, *kinds)(called)
+    pointer_to = ctypes.CFUNCTYPE(None, *kinds)(call)
     return scipy.LowLevelCallable(pointer_to, data)
 
 
@@ -43,13 +43,15 @@ def test_it_is_added_to_the_acceleration(kernel, precision, bound):
     rng = np.random.default_rng(0)
     cloth = CLOTH.replace(mass=rng.uniform(0.01, 0.1, (6, 7)), drag=0.1)
     scene = SCENE.replace(cloth=cloth)
-    x, v = START + rng.normal(0, 0.02, START.shape), rng.normal(0, 1, START.shape)
+    x = START + rng.normal(0, 0.02, START.shape)
+    v = rng.normal(0, 1, START.shape)
     options = {"t": 0.2, "kernel": kernel, "precision": precision}
-    forced, plain = (cs.acceleration(scene, x, v, force=f, **options) for f in (gust, None))
-    v = v * ~cloth.pinned[..., None]  # pins have none
+    free = ~cloth.pinned[..., None]
+    with_force, plain = (cs.acceleration(scene, x, v, force=f, **options) for f in (gust, None))
+    v = v * free  # Pins have no velocity.
     x.flags.writeable = v.flags.writeable = False
-    added = gust(0.2, x, v) / cloth.mass_per_point[..., None] * ~cloth.pinned[..., None]
-    assert abs(forced - plain - added).max() < bound * abs(plain).max()
+    expected = gust(0.2, x, v) / cloth.mass_per_point[..., None] * free
+    assert abs(with_force - plain - expected).max() < bound * abs(plain).max()
 
 
 @pytest.mark.parametrize(
@@ -57,8 +59,8 @@ def test_it_is_added_to_the_acceleration(kernel, precision, bound):
     [("rk4", 4), ("velocity_verlet", 2), ("implicit_midpoint", 2), ("semi_implicit_euler", 1)],
 )
 def test_order(integrator, order):
-    found = cs.convergence(SCENE, 0.4, [4e-3, 2e-3, 1e-3], integrator, force=gust)
-    assert found.order == pytest.approx(order, abs=0.1)
+    errors = cs.convergence(SCENE, 0.4, [4e-3, 2e-3, 1e-3], integrator, force=gust)
+    assert errors.order == pytest.approx(order, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -75,10 +77,10 @@ def test_the_error_is_told(options):
 
 
 def test_frames_change_nothing(same_bits):
-    one, two = (cs.simulate(SCENE, 0.3, dt=1e-3, force=gust, fps=fps) for fps in (None, 377))
-    assert same_bits([one.x[-1], one.v[-1]], [two.x[-1], two.v[-1]])
-    asked = [cs.simulate(SCENE, 0.3, rtol=1e-6, force=gust, fps=fps) for fps in (None, 377)]
-    assert same_bits([asked[0].x[-1]], [asked[1].x[-1]])
+    for options in ({"dt": 1e-3}, {"rtol": 1e-6}):
+        plain = cs.simulate(SCENE, 0.3, force=gust, **options)
+        framed = cs.simulate(SCENE, 0.3, force=gust, fps=377, **options)
+        assert same_bits([plain.x[-1], plain.v[-1]], [framed.x[-1], framed.v[-1]])
 
 
 @pytest.mark.parametrize(
@@ -88,7 +90,8 @@ def test_frames_change_nothing(same_bits):
 def test_its_work_is_the_energy_that_it_brings(integrator, bound):
     scene = SCENE.replace(cloth=CLOTH.replace(damping=0.0))
     run = cs.simulate(scene, 0.5, dt=5e-4, integrator=integrator, force=gust)
-    total, work = run.energy()["total"], run.report["force_work"]
+    total = run.energy()["total"]
+    work = run.report["force_work"]
     exact = cs.simulate(scene, 0.5, rtol=1e-10, force=gust).report["force_work"]
     assert abs(exact) > 0.05 and work == pytest.approx(exact, rel=bound)
     if integrator != "semi_implicit_euler":
@@ -121,8 +124,8 @@ def test_a_cfunc_of_numba_is_the_same_force(same_bits):
 
     scenes = [SCENE, SCENE.replace(gravity=(0, -3, 0)), SCENE]
     runs = cs.simulate(scenes, 0.1, dt=1e-3, force=against, threads=2)
-    alone = cs.simulate(scenes[1], 0.1, dt=1e-3, force=lambda t, x, v: -0.5 * v)
-    assert same_bits([runs[1].x, runs[0].x], [alone.x, runs[2].x])
+    expected = cs.simulate(scenes[1], 0.1, dt=1e-3, force=lambda t, x, v: -0.5 * v)
+    assert same_bits([runs[1].x, runs[0].x], [expected.x, runs[2].x])
 
 
 @pytest.mark.parametrize(
@@ -139,8 +142,8 @@ def test_a_cfunc_of_numba_is_the_same_force(same_bits):
     ],
 )
 def test_signatures(signature, good):
-    wanted = parsed("void (double, double *, double *, double *, int64_t)")
-    assert (parsed(signature)[:6] == wanted) == good
+    expected = types_of("void (double, double *, double *, double *, int64_t)")
+    assert (types_of(signature)[:6] == expected) == good
 
 
 def test_a_c_function_of_another_signature_is_refused():
@@ -161,7 +164,7 @@ def test_steppers_and_steps_take_it(same_bits):
     other.advance(30, 1e-3)
     x, v = cs.step(SCENE, START, SCENE.initial_velocity, 1e-3, 50, force=gust)
     assert same_bits([other.x, other.v, x, v], [expected.x[-1], expected.v[-1]] * 2)
-    # A function is kept for no later call.
+    # No later call has the function.
     x, v = cs.step(SCENE, START, SCENE.initial_velocity, 1e-3, 50)
     assert same_bits([x], [cs.simulate(SCENE, 0.05, dt=1e-3).x[-1]])
     stepper.set_scene(SCENE.replace(gravity=(0, 0, 0)))
@@ -171,12 +174,12 @@ def test_steppers_and_steps_take_it(same_bits):
 
 def test_a_list_of_scenes_takes_a_force_or_a_list(same_bits):
     scenes = [SCENE, SCENE.replace(gravity=(0, -3, 0))]
-    one = cs.simulate(scenes, 0.1, dt=1e-3, force=gust)
-    several = cs.simulate(scenes, 0.1, rtol=1e-4, force=[None, gust])
+    batch = cs.simulate(scenes, 0.1, dt=1e-3, force=gust)
+    mixed = cs.simulate(scenes, 0.1, rtol=1e-4, force=[None, gust])
     for k, scene in enumerate(scenes):
-        assert one[k] == cs.simulate(scene, 0.1, dt=1e-3, force=gust)
-    assert several[0] == cs.simulate(SCENE, 0.1, rtol=1e-4)
-    assert several[1] == cs.simulate(scenes[1], 0.1, rtol=1e-4, force=gust)
+        assert batch[k] == cs.simulate(scene, 0.1, dt=1e-3, force=gust)
+    assert mixed[0] == cs.simulate(SCENE, 0.1, rtol=1e-4)
+    assert mixed[1] == cs.simulate(scenes[1], 0.1, rtol=1e-4, force=gust)
     with pytest.raises(ValueError, match="a list of 2 for as many scenes, got 1"):
         cs.simulate(scenes, 0.1, dt=1e-3, force=[gust])
 
@@ -206,33 +209,35 @@ def test_a_force_that_the_step_cannot_follow_is_named():
 def test_an_exception_leaves_the_last_whole_step():
     calls = []
 
-    def failing(t, x, v):
+    def sensor(t, x, v):
         calls.append(t)
         if t > 0.1:
             raise KeyError("sensor")
         return 0 * x
 
     with pytest.raises(KeyError, match="sensor") as raised:
-        cs.simulate(SCENE, 0.5, dt=1e-3, fps=50, force=failing)
-    run, good = raised.value.run, cs.simulate(SCENE, 0.1, dt=1e-3, force=lambda t, x, v: 0 * x)
+        cs.simulate(SCENE, 0.5, dt=1e-3, fps=50, force=sensor)
+    run = raised.value.run
+    good = cs.simulate(SCENE, 0.1, dt=1e-3, force=lambda t, x, v: 0 * x)
     assert run.t[-1] == pytest.approx(0.1) and abs(run.x[-1] - good.x[-1]).max() < 1e-15
-    assert len(calls) < 1000  # nothing more is asked with a state that is no longer known
-    stepper = cs.Stepper(SCENE, force=failing)
+    # Nobody calls the function with a state that is no longer known.
+    assert len(calls) < 1000
+    stepper = cs.Stepper(SCENE, force=sensor)
     with pytest.raises(KeyError):
         stepper.advance(500, 1e-3)
     assert stepper.t == pytest.approx(0.1) and np.isfinite(stepper.x).all()
 
 
 def test_an_interrupt_within_it_ends_the_run():
-    asked = iter([*[None] * 40, KeyboardInterrupt])
+    interrupts = iter([*[None] * 40, KeyboardInterrupt])
 
-    def interrupted(t, x, v):
-        if next(asked, None):
+    def function(t, x, v):
+        if next(interrupts, None):
             raise KeyboardInterrupt
         return 0 * x
 
     with pytest.raises(cs.RunInterrupted) as raised:
-        cs.simulate(SCENE, 0.5, dt=1e-3, force=interrupted)
+        cs.simulate(SCENE, 0.5, dt=1e-3, force=function)
     assert np.isfinite(raised.value.run.x).all()
 
 
@@ -272,43 +277,40 @@ def test_sweeps_fits_and_derivatives_take_it():
     pytest.importorskip("xarray")
     pytest.importorskip("scipy")
     over = {"stiffness": [150.0, 200.0]}
-    swept = cs.sweep(SCENE, over, duration=0.2, metrics=("error",), progress=False, force=gust)
-    assert (swept.error < 1e-3).all() and (swept.status == 1).all()
+    results = cs.sweep(SCENE, over, duration=0.2, metrics=("error",), progress=False, force=gust)
+    assert (results.error < 1e-3).all() and (results.status == 1).all()
     with pytest.raises(ValueError, match="force must be given: the sweep had"):
-        swept.clothsim.member(stiffness=200.0)
-    run = swept.clothsim.member(stiffness=200.0, force=gust)
+        results.clothsim.member(stiffness=200.0)
+    run = results.clothsim.member(stiffness=200.0, force=gust)
     assert run == cs.simulate(SCENE, 0.2, force=gust)
     times = np.linspace(0.05, 0.4, 8)
     noise = np.random.default_rng(0).normal(0, 1e-4, (8, 6, 7, 3))
-    moved = cs.simulate(SCENE, 0.4, rtol=1e-9, times=times, force=gust).x[1:] + noise
+    data = cs.simulate(SCENE, 0.4, rtol=1e-9, times=times, force=gust).x[1:] + noise
     guess = SCENE.replace(cloth=CLOTH.replace(stiffness=150.0))
-    fit = cs.fit(guess, times, moved, over=["stiffness"], sigma=1e-4, force=gust)
+    fit = cs.fit(guess, times, data, over=["stiffness"], sigma=1e-4, force=gust)
     assert abs(fit.values["stiffness"] - 200) < 4 * fit.errors["stiffness"] < 1
-    found = cs.sensitivity(SCENE, [0.2], ["stiffness"], force=gust)
+    slopes = cs.sensitivity(SCENE, [0.2], ["stiffness"], force=gust)
     higher = SCENE.replace(cloth=CLOTH.replace(stiffness=200.1))
-    ends = [cs.reference(one, 0.2, force=gust).x[-1] for one in (higher, SCENE)]
-    np.testing.assert_allclose(found.dx[0, 0], (ends[0] - ends[1]) / 0.1, atol=2e-7)
+    ends = [cs.reference(scene, 0.2, force=gust).x[-1] for scene in (higher, SCENE)]
+    np.testing.assert_allclose(slopes.dx[0, 0], (ends[0] - ends[1]) / 0.1, atol=2e-7)
     table = cs.work_precision(SCENE, 0.1, ["rk4"], dts=[2e-3, 1e-3], windows=1, force=gust)
     assert table.rms_error[0, 1] < table.rms_error[0, 0] / 12
 
 
 def test_a_run_with_a_force_goes_on_with_one(same_bits, tmp_path):
-    whole = cs.simulate(SCENE, 0.4, dt=1e-3, fps=50, force=gust)
+    expected = cs.simulate(SCENE, 0.4, dt=1e-3, fps=50, force=gust)
     first = cs.simulate(SCENE, 0.2, dt=1e-3, fps=50, force=gust)
     with pytest.raises(ValueError, match="force must be given"):
         cs.load_run(first.save(tmp_path / "run")).resume(0.2)
-    both = first + first.resume(0.2, force=gust)
-    assert same_bits([both.t, both.x, both.v], [whole.t, whole.x, whole.v])
-    assert both.report["force_work"] == pytest.approx(whole.report["force_work"], rel=1e-12)
+    joined = first + first.resume(0.2, force=gust)
+    assert same_bits([joined.t, joined.x, joined.v], [expected.t, expected.x, expected.v])
+    assert joined.report["force_work"] == pytest.approx(expected.report["force_work"], rel=1e-12)
 
 
 @pytest.mark.parametrize("name, instead", [("wind", "cs.Wind"), ("air", "drag=")])
 def test_other_names_for_it_are_hinted_at(name, instead):
     with pytest.raises(TypeError, match=f"unknown argument '{name}'.*{instead}"):
         cs.simulate(SCENE, 0.1, **{name: 1.0})
-
-
-# A run and its continuation
 
 
 @pytest.mark.parametrize("response", ["ray", "penalty"])
@@ -322,22 +324,22 @@ def test_a_run_and_its_continuation_are_the_whole_run(response):
         offset="edge",
     )
     scene = cs.Scene(CLOTH.replace(damping=0.1), ball)
-    whole, first = (cs.simulate(scene, duration, dt=5e-4, fps=50) for duration in (0.8, 0.4))
-    both = first + first.resume(0.4)
-    assert both == whole and both.resume(0.1) == whole.resume(0.1)
+    run, first = (cs.simulate(scene, duration, dt=5e-4, fps=50) for duration in (0.8, 0.4))
+    joined = first + first.resume(0.4)
+    assert joined == run and joined.resume(0.1) == run.resume(0.1)
     for name in ("steps", "force_evaluations", "first_contact", "dt", "stopped", "version"):
-        assert both.report[name] == whole.report[name]
-    depth, expected = both.report["penetration"], whole.report["penetration"]
-    assert depth["points"] == expected["points"] and depth["triangles"] == pytest.approx(
-        expected["triangles"], rel=0.1
-    )
+        assert joined.report[name] == run.report[name]
+    depth = joined.report["penetration"]
+    expected = run.report["penetration"]
+    assert depth["points"] == expected["points"]
+    assert depth["triangles"] == pytest.approx(expected["triangles"], rel=0.1)
     for name in ("impulse", "obstacle_work"):
-        np.testing.assert_allclose(both.report[name], whole.report[name], rtol=1e-9)
-    assert (whole.report["obstacle_work"][0] > 0) == (response == "penalty")
-    assert both.report["energy"]["end"] == whole.report["energy"]["end"]
-    assert both.report.keys() == whole.report.keys()
+        np.testing.assert_allclose(joined.report[name], run.report[name], rtol=1e-9)
+    assert (run.report["obstacle_work"][0] > 0) == (response == "penalty")
+    assert joined.report["energy"]["end"] == run.report["energy"]["end"]
+    assert joined.report.keys() == run.report.keys()
     early = cs.simulate(scene, 0.02, dt=5e-4, fps=50)
-    assert (early + early.resume(0.78)).report["first_contact"] == whole.report["first_contact"]
+    assert (early + early.resume(0.78)).report["first_contact"] == run.report["first_contact"]
 
 
 def test_only_a_continuation_can_be_added():
