@@ -5,8 +5,8 @@ installed.
     python benchmarks/peers --threads 2
     # one scene, these errors
     python benchmarks/peers paper_swing --bend --threads 2 --errors 1e-3,1e-9
-    # also a figure of speed against error
-    python benchmarks/peers paper_swing --bend --threads 2 --out speed.png
+    # the call `cs.simulate(scene, duration, rtol=...)`, and a figure of speed against error
+    python benchmarks/peers paper_swing --bend --threads 2 --method simulate --out speed.png
 
 docs/accuracy.md explains the figures. A peer that its experts would write faster: please send us
 the code, in benchmarks/peers/solvers.py, as an issue or a pull request.
@@ -27,7 +27,7 @@ import clothsim as cs
 import numpy as np
 from common import aligned, conditions
 
-from peers.solvers import installed_peers
+from peers.solvers import default_call, installed_peers
 
 SCENES = {
     "oscillator": cs.scenes.oscillator,
@@ -71,7 +71,8 @@ def main(argv: list[str] | None = None) -> None:
         "--method",
         action="append",
         metavar="NAME",
-        help="of clothsim, only this one (default: all)",
+        help='of clothsim, only this one; "simulate" is the default call with its estimate '
+        "(default: all, without that call)",
     )
     parser.add_argument(
         "--precision", action="append", choices=("double", "single"), help="default: both"
@@ -145,10 +146,11 @@ def measure(
             f"{name} adaptive" for name, facts in cs.integrators().items() if facts.adaptive
         ]
         methods = [*cs.integrators(), *adaptive]
+    calls = [default_call(threads) if name == "simulate" else name for name in methods]
     data = cs.work_precision(
         scene,
         duration,
-        [*methods, *peers],
+        [*calls, *peers],
         precisions=precisions,
         threads=threads,
         windows=windows,

@@ -1,10 +1,12 @@
-"""Solvers of other packages on the same scene: numba, SciPy, diffrax.
+"""clothsim's default call, and solvers of other packages on the same scene: numba, SciPy, diffrax.
 
+- "simulate": clothsim's own `cs.simulate(scene, duration, rtol=...)`, as a user calls it.
 - "rk4 (numba)": the kernel of `python benchmarks/bench.py`, written for LLVM's vectoriser.
 - "DOP853 (SciPy)", "RK45 (SciPy)": `scipy.integrate.solve_ivp` over that kernel's forces.
 - "Tsit5 (diffrax)", "Dopri8 (diffrax)": JAX on the processor, in double, compiled as a whole.
 
-All take uniform mass, spring damping and no spheres. Compilation ends before the clock starts.
+The others take uniform mass, spring damping and no spheres. Compilation ends before the clock
+starts.
 """
 
 from __future__ import annotations
@@ -23,6 +25,17 @@ from timing import measure
 
 from .numba_peer import NumbaPeer, NumbaSlopes, set_threads
 from .numpy_peer import spring_ends, spring_kinds
+
+
+def default_call(threads: int | None = None) -> Method:
+    """Return the call that a user of clothsim writes first, with the estimate of its error."""
+
+    def solve(scene: cs.Scene, duration: float, rtol: float) -> Any:
+        with Stopwatch() as watch:
+            run = cs.simulate(scene, duration, rtol=rtol, threads=threads)
+        return run.x[-1], run.v[-1], run.report["force_evaluations"], watch.seconds
+
+    return Method("simulate", solve, "rtol", "clothsim", "double", threads)
 
 
 def numba_rk4(precision: Precision = "double", threads: int = 1) -> Method:

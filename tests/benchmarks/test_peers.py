@@ -86,6 +86,13 @@ def _close(method, setting, solution, bound):
     assert abs(v - solution.v[-1]).max() < 1e4 * bound
 
 
+def test_the_default_call_is_timed_with_its_estimate(solution):
+    _close(peers.default_call(), 1e-7, solution, 1e-7)
+    *_, evaluations, _ = peers.default_call().solve(SCENE, DURATION, 1e-7)
+    run = cs.simulate(SCENE, DURATION, rtol=1e-7)
+    assert evaluations == run.report["force_evaluations"] > run.report["solution_evaluations"]
+
+
 @pytest.mark.peers
 def test_numba_peers_solve_the_scene(solution):
     _close(peers.numba_rk4(), 5e-4, solution, 2e-10)
