@@ -20,7 +20,7 @@ TIDIED := $(wildcard $(foreach room,driver engines forces lanes measure model pi
 lint: $(VENV)/.lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/clang-format --dry-run -Werror $$(find cpp -name '*.[ch]pp')
+	$(BIN)/clang-format --dry-run -Werror $$(find cpp -name '*.[ch]pp') python/clothsim/viewing/web/*.js
 	@! command -v g++ > /dev/null || { echo "clang-tidy of $(words $(TIDIED)) files"; \
 	  eigen=$$(echo $(VENV)/lib/python3*/site-packages/cmeel.prefix/include/eigen3); \
 	  printf '%s\n' $(TIDIED) | xargs -P 2 -I FILE $(BIN)/clang-tidy --quiet FILE -- -std=c++20 -Icpp -isystem $$eigen \

@@ -271,7 +271,7 @@ def test_controls_change_the_scene_and_the_file_has_it(live):
     set_slider(page, "restitution", 0.25)
     page.tab.select_option("#method", label="1 (reflect)")
     page.tab.select_option("#offset", label="none")
-    page.tab.evaluate("() => { window.live.live.moved[0] = { by: [0.1, 0, 0], to: [0.1, 0, 0] }; }")
+    page.tab.evaluate("() => { window.live.live.drags[0] = { by: [0.1, 0, 0], to: [0.1, 0, 0] }; }")
     idle(page)
     with page.tab.expect_download() as download:
         page.tab.click("#save-scene")
@@ -537,7 +537,7 @@ def test_a_dragged_sphere_has_the_velocity_of_its_travel(live):
     planes = page.tab.evaluate("""async () => {
       const { live, then } = window.live;
       await then(async () => {
-        live.moved[0].to = [0.02, 0.02, 0];
+        live.drags[0].to = [0.02, 0.02, 0];
         for (let k = 0; k < 2; k++) await live.advance(100);
       });
       return [...live.planes];
@@ -655,7 +655,7 @@ def test_two_fingers_turn_and_zoom_and_one_drags_a_sphere(live):
     x, y = place(page, ball().center)
     fingers(page, "touchStart", (x, y))
     fingers(page, "touchMove", (x + 40, y))
-    page.tab.wait_for_function("() => Math.hypot(...window.live.live.moved[0].by) > 0.02")
+    page.tab.wait_for_function("() => Math.hypot(...window.live.live.drags[0].by) > 0.02")
     fingers(page, "touchEnd")
     angle = page.tab.evaluate("() => window.live.camera.azimuth")
     box = page.tab.locator("#canvas-0").bounding_box()

@@ -233,7 +233,7 @@ def test_runs_play_in_step_by_the_clock_and_end_on_their_last_frames(both, runs,
     seek(page, 0)
     page.tab.click("#play")
     read = (
-        "() => new Promise((d) => requestAnimationFrame(() => d([page.state.before, "
+        "() => new Promise((d) => requestAnimationFrame(() => d([page.state.lastTick, "
         "page.state.t])))"
     )
     wall0, t0 = page.tab.evaluate(read)
