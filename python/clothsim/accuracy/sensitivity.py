@@ -73,6 +73,11 @@ class Schedule:
                 depth = obstacle.layer(scene.cloth)["thickness"] / 2
                 limits.append(limit_in_layer(scene, METHOD, k, depth))
         longest = _LONGEST * min(limits) / self.refinement
+        if not self.stops[-1] / longest < check.INT64_MAX / 2:
+            raise ValueError(
+                f"times must end within {check.INT64_MAX / 2 * longest:.3g} s, which steps of "
+                f"{longest:.3g} s reach, got {self.stops[-1]:g} s"
+            )
         return np.maximum(np.ceil(np.diff(self.stops, prepend=0.0) / longest), 1).astype(np.int64)
 
     def run(self, scenes: Sequence[Scene], counts: npt.NDArray[np.int64]) -> Positions:
