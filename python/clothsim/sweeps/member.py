@@ -63,7 +63,7 @@ class Member:
     max_stable_dt: float
 
 
-class Maker:
+class MemberMaker:
     """A maker of members of a scene and swept values.
 
     Members with equal run values share their `settings`.
@@ -92,7 +92,7 @@ class Maker:
         key = repr(run)
         settings = self._settings_of.get(key)
         if settings is None:
-            settings = self._settings(run)
+            settings = self._make_settings(run)
             self._settings_of[key] = settings
         dt = settings["dt"]
         integrator = settings["integrator"]
@@ -101,7 +101,7 @@ class Maker:
         limit = usable_dt(scene, integrator) if dt is None else stable_dt(scene, integrator)
         return Member(index, scene, settings, dt, limit)
 
-    def _settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
+    def _make_settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
         """Check the arguments of `simulate` of members with the swept values `run`.
 
         A choice that is None is left to `simulate`.
