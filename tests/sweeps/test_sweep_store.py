@@ -272,7 +272,7 @@ def test_one_writer_at_a_time(tmp_path):
     for file in (path, tmp_path / "link.zarr"):
         with pytest.raises(ValueError, match=f"{file.name}' is being written by a sweep; "):
             sweep(file)
-    writing.close()
+    writing.release_lock()
     sweep(path)
 
 

@@ -16,7 +16,7 @@ from ..methods.integrators import integrator_name
 from ..model.fields import RUN, change_scene
 from ..model.scene import Scene
 from ..run.simulate import checked_tolerances
-from ..run.trajectory import checked_every
+from ..run.trajectory import checked_frame_interval
 
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
@@ -44,7 +44,7 @@ class SweepOptions:
             values["dt"] = check.number("dt", self.dt, minimum=0, exclusive=True)
         if self.integrator is not None:
             values["integrator"] = integrator_name(self.integrator, "auto")
-        values["every"] = checked_every(self.every)
+        values["every"] = checked_frame_interval(self.every)
         values["force"] = checked_force(self.force)
 
 
