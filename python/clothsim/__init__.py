@@ -115,7 +115,7 @@ from .run.settle import settle
 from .run.difference import difference
 from .run.result import Run, load_run
 from .run.simulate import simulate
-from .model.sphere import Plane, Sphere
+from .model.obstacle import Plane, Sphere
 from .model.wind import Wind
 from .engine.snapshot import Snapshot
 from .engine.stepper import Stepper

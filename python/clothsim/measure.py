@@ -12,7 +12,7 @@ from .base import check
 from .engine.options import Options, kept_plan
 from .engine.state import scenes_of, state_arrays
 from .model.scene import Scene, core_sphere
-from .model.sphere import Plane, Sphere
+from .model.obstacle import Plane, Sphere
 
 Value = float | npt.NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from clothsim.errors import UnstableError
 from clothsim.measure import energy
 from clothsim.model.cloth import Cloth
 from clothsim.model.scene import Scene
-from clothsim.model.sphere import Plane
+from clothsim.model.obstacle import Plane
 
 CLOTH = Cloth(shape=(3, 4))
 

@@ -28,7 +28,7 @@ from .residuals import (
     student,
     too_small,
 )
-from .search import Outcome, Problem
+from .fit_search import SearchOutcome, FitProblem
 from .sensitivity import checked_times, known_derivatives
 
 _COARSE = 0.3  # largest error of simulated positions over sigma
@@ -190,7 +190,7 @@ def fit(
             "positions must have more numbers at free points than over has names, "
             f"{len(names)}, got {count}"
         )
-    problem = Problem(scene, over, times, data, mask, sigma, rtol, force)
+    problem = FitProblem(scene, over, times, data, mask, sigma, rtol, force)
     if sigma is not None and problem.least > _COARSE * sigma:
         raise ValueError(
             f"rtol must be at most {_COARSE * sigma / max(scene.cloth.size):.2g} with sigma = "
@@ -201,7 +201,7 @@ def fit(
         problem.check_units()
         begin = perf_counter()
         outcome = problem.search(bar)
-        best = outcome.best
+        best = outcome.best_minimum
         scene = problem.at(best.x)
         parameters = parameters_of(scene, names, "over")
         slopes = known_derivatives(scene, parameters, problem.schedule(scene, times))
@@ -251,7 +251,7 @@ def fit(
 
 
 def _reason(
-    problem: Problem, outcome: Outcome, reasons: Sequence[str], ends: Sequence[str]
+    problem: FitProblem, outcome: SearchOutcome, reasons: Sequence[str], ends: Sequence[str]
 ) -> tuple[str, bool]:
     """Return why something is NaN, or "", and whether that takes the meaning from all errors.
 

@@ -10,7 +10,7 @@ from ..base import Floats, check
 from ..model.cloth import Cloth
 from ..model.fields import change_scene, check_name, units
 from ..model.scene import Scene
-from ..model.sphere import Plane, Sphere
+from ..model.obstacle import Plane, Sphere
 
 # This is the step of a difference over the scale of its parameter. With it, rounding and truncation
 # are below 1e-9 of most derivatives.

@@ -25,7 +25,7 @@ from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.scene import Scene, stops_of
-from ..model.sphere import kind_name
+from ..model.obstacle import kind_name
 from ..run.reasons import Reason
 from ..run.trajectory import PAUSE, Frames
 from ..typing import Force

@@ -14,7 +14,7 @@ from ..base.services import service
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError, warn_caller
 from ..methods.bound import limit_in_layer, limiting_term
 from ..model.scene import Scene
-from ..model.sphere import kind_name
+from ..model.obstacle import kind_name
 from ..typing import Force
 from .backend import Simulation
 from .options import Options, kept_plan

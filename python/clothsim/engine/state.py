@@ -20,7 +20,7 @@ from ..methods.bound import stable_depths, stable_dt
 from ..methods.integrators import METHODS, integrator_name, warn_of_order
 from ..model.motion import Linear
 from ..model.scene import Scene
-from ..model.sphere import kind_name
+from ..model.obstacle import kind_name
 from ..typing import Force
 from .backend import Simulation
 from .force import forces_of, is_python, with_force

@@ -32,7 +32,7 @@ from ..methods.region import border_of_region
 from ..model.mesh import GROUP
 from ..model.scene import Scene, core_sphere
 from ..model.scene_files import text_of
-from ..model.sphere import LAYER, RESPONSES, Sphere, lengths_of_offsets
+from ..model.obstacle import LAYER, RESPONSES, Sphere, lengths_of_offsets
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt

@@ -14,7 +14,7 @@ from ..base.text import counted
 from .cloth import FAMILIES, Cloth
 from .motion import MOTIONS
 from .scene import Scene
-from .sphere import Plane, Sphere
+from .obstacle import Plane, Sphere
 from .wind import Wind
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel")

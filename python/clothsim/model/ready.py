@@ -14,7 +14,7 @@ from ..typing import Family, Numbers, Offset, Response, Shape
 from .cloth import Cloth
 from .motion import Reciprocate
 from .scene import Scene
-from .sphere import RESPONSES, Sphere
+from .obstacle import RESPONSES, Sphere
 
 PAPER_DT = 5e-6
 """Time step of Table 2 of Kim et al. [s]."""

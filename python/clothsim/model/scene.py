@@ -20,7 +20,7 @@ from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
 from .motion import Keyframes, Motion
 from .record import Record
-from .sphere import Plane, Sphere
+from .obstacle import Plane, Sphere
 from .wind import Wind
 
 SCHEMA = 2

@@ -9,7 +9,7 @@ from typing import Any
 from .. import _core
 from ..engine.options import kept_plan
 from ..model.scene import Scene
-from ..model.sphere import kind_name
+from ..model.obstacle import kind_name
 from .error_control import ControlledRun, Estimate
 from .reasons import Reason
 from .trajectory import Trajectory

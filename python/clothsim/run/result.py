@@ -22,7 +22,7 @@ from ..engine import snapshot
 from ..engine.snapshot import Snapshot
 from ..measure import energy, largest_stretch, penetration
 from ..model.scene import Scene, cloth_text, spheres_text
-from ..model.sphere import Plane, Sphere
+from ..model.obstacle import Plane, Sphere
 from ..typing import Force
 from .reasons import Reason
 from .report import join_reports

@@ -49,7 +49,7 @@ _LEAST_FRAMES = 64  # least number of frames of a spectrum
 _MOST_FRAMES = 4096  # largest number of frames of a spectrum
 
 
-class Outcome(NamedTuple):
+class SearchOutcome(NamedTuple):
     """The result of a search."""
 
     minima: list[Any]  # result of scipy.optimize.least_squares for each start
@@ -58,11 +58,11 @@ class Outcome(NamedTuple):
     shift: float = 0.0  # s, which the times need
 
     @property
-    def best(self) -> Any:
+    def best_minimum(self) -> Any:
         return min(self.minima, key=lambda minimum: minimum.cost)
 
 
-class Problem:
+class FitProblem:
     """Residuals and their Jacobian, as functions of coordinates that are 0 at the start.
 
     A coordinate is the logarithm of a positive parameter over its start, else its change over its
@@ -150,7 +150,7 @@ class Problem:
         slopes = self.slopes(u) / [parameter.scale for parameter in parameters]
         return np.nan_to_num(change[:, self.mask[: change.shape[1]]].T * slopes)
 
-    def search(self, bar: ProgressBar) -> Outcome:
+    def search(self, bar: ProgressBar) -> SearchOutcome:
         """Return the minima of all starts, and the quality of the best.
 
         The bar counts the time up to which each start is fitted.
@@ -159,12 +159,12 @@ class Problem:
         random = np.random.default_rng(0)
         minima: list[Any] = []
 
-        def outcome(shift: float = 0.0) -> Outcome:
+        def outcome(shift: float = 0.0) -> SearchOutcome:
             best = min(minima, key=lambda minimum: minimum.cost)
             quality, misfit = quality_of(
                 best, self.mask, len(self.names), self.sigma, self.unit, self.least, self.way
             )
-            return Outcome(minima, quality, misfit, shift)
+            return SearchOutcome(minima, quality, misfit, shift)
 
         u = np.zeros(len(self.names))
         first_minimum = self._minimum(u, self.schedule(self.scene, self.times[:_LEAST_TIMES]))
@@ -187,7 +187,7 @@ class Problem:
             bar.expect(end)
         if result.misfit:
             return result
-        for place in self._aliases(result.best.x):
+        for place in self._aliases(result.best_minimum.x):
             bar.expect(end)
             minima.append(self._minimum(place, self.schedule(self.at(place), self.times)))
             bar.advance(end)
