@@ -163,7 +163,7 @@ __all__ += ["build_config", "thread_grid", "triangles"]
 __all__ += ["ContactError", "ContactWarning", "OrderWarning", "StabilityWarning"]
 __all__ += ["ToleranceWarning", "UnstableError"]
 
-__getattr__, __dir__ = _extras.on_demand(
+__getattr__, __dir__ = _extras.make_late_importers(
     globals(),
     {
         ".accuracy": ("Convergence", "Reference", "convergence", "reference", "work_precision"),
@@ -179,7 +179,7 @@ __getattr__, __dir__ = _extras.on_demand(
     },
     also=("errors", "typing"),
 )
-_services.register(
+_services.register_services(
     {
         "clothsim.engine.explain": ("explain",),
         "clothsim.gpu.live_page": ("live_page",),

@@ -11,8 +11,8 @@ from . import _core
 from .base import check
 from .engine.options import Options, kept_plan
 from .engine.state import scenes_of, state_arrays
-from .model.scene import Scene, core_sphere
 from .model.obstacle import Plane, Sphere
+from .model.scene import Scene, core_sphere
 
 Value = float | npt.NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def penetration(
     0.0
     """
     if not isinstance(sphere, (Sphere, Plane)):
-        raise TypeError(f"sphere must be a Sphere or a Plane, got {check.shown(sphere)}")
+        raise TypeError(f"sphere must be a Sphere or a Plane, got {check.value_text(sphere)}")
     accepted = "an array of shape (rows, columns, 3) or (B, rows, columns, 3) of finite numbers"
     x = check.as_array("x", x, accepted)
     if x.ndim not in (3, 4) or x.shape[-1] != 3 or 0 in x.shape:
@@ -131,7 +131,7 @@ def _times(
                 "per member of a batch, such as penetration(run.x, sphere, run.t)"
             )
         return 0.0
-    if check.real(t) is not None:
+    if check.real_or_none(t) is not None:
         return check.number("t", t)
     return check.array("t", t, batch, "finite times, one per member of x, or one for all")
 

@@ -129,7 +129,7 @@ def test_a_pulse_shorter_than_a_step_leaves_the_bound_at_rounding():
 def test_threads_do_not_change_its_bits(monkeypatch, swing):
     scene, truth = swing
     for threads in (2, 5):
-        monkeypatch.setattr(solution, "available_threads", lambda threads=threads: threads)
+        monkeypatch.setattr(solution, "available_thread_count", lambda threads=threads: threads)
         solution._solved.cache_clear()
         assert np.array_equal(cs.reference(scene, DURATION, every=0.1).x, truth.x)
 

@@ -113,7 +113,7 @@ def test_view_opens_a_small_silent_page_that_asks_for_nothing(opened, monkeypatc
 
 
 def test_view_is_a_cell_of_a_notebook(opened, monkeypatch, tmp_path):
-    monkeypatch.setattr("clothsim.gpu.live_page.in_notebook", lambda: True)
+    monkeypatch.setattr("clothsim.gpu.live_page.is_in_notebook", lambda: True)
     monkeypatch.setattr(
         "webbrowser.open", lambda url: pytest.fail("a notebook shows the page itself")
     )

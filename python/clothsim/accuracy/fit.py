@@ -12,13 +12,14 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.progress import ProgressBar
-from ..base.services import service
-from ..base.text import aligned
+from ..base.services import find_service
+from ..base.text import align_table
 from ..model.scene import Scene
 from ..run.reasons import Reason
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..typing import Force
+from .fit_search import FitProblem, SearchOutcome
 from .parameters import parameters_of
 from .residuals import (
     correlated_covariance,
@@ -28,7 +29,6 @@ from .residuals import (
     student,
     too_small,
 )
-from .fit_search import SearchOutcome, FitProblem
 from .sensitivity import checked_times, known_derivatives
 
 _COARSE = 0.3  # largest error of simulated positions over sigma
@@ -77,7 +77,7 @@ class Fit:
             (name, f"{value:.6g}", f"+- {self.errors[name]:.2g}", reasons[name])
             for name, value in self.values.items()
         ]
-        text = aligned([("parameter", "value", "one sigma", ""), *rows], left=(0, 3))
+        text = align_table([("parameter", "value", "one sigma", ""), *rows], left=(0, 3))
         return text + f"\n{self.report['reason']}".rstrip()
 
     def plot(self, ax: Any = None) -> Any:
@@ -98,7 +98,7 @@ class Fit:
         >>> len(cs.fit(guess, motion.t, motion.x, over=["stiffness"]).plot())
         3
         """
-        return service("draw_fit")(self, ax)
+        return find_service("draw_fit")(self, ax)
 
 
 @check.check_names
@@ -197,7 +197,7 @@ def fit(
             f"{sigma:g} m, so that simulated positions err by less than that, got {rtol:g}"
         )
     # The times count once for the first start, and once for the derivatives and the run at the end.
-    with ProgressBar.of_time(progress, 2 * float(times[-1]), "fit") as bar:
+    with ProgressBar.for_simulated_time(progress, 2 * float(times[-1]), "fit") as bar:
         problem.check_units()
         begin = perf_counter()
         outcome = problem.search(bar)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base import Floats, check
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
@@ -80,7 +80,7 @@ class FitProblem:
         rtol: float,
         force: Force | None,
     ) -> None:
-        self.least_squares = needed("scipy.optimize", "fit", "fit").least_squares
+        self.least_squares = import_from_extra("scipy.optimize", "fit", "fit").least_squares
         self.scene = scene
         self.times = times
         self.data = data  # m, shape (times, rows, columns, 3)
@@ -184,11 +184,11 @@ class FitProblem:
             if restarts >= _STARTS or not (result.misfit or needs_more):
                 break
             u = random.uniform(-_REACH, _REACH, len(self.names)) * self.logarithmic
-            bar.expect(end)
+            bar.expect_more(end)
         if result.misfit:
             return result
         for place in self._aliases(result.best_minimum.x):
-            bar.expect(end)
+            bar.expect_more(end)
             minima.append(self._minimum(place, self.schedule(self.at(place), self.times)))
             bar.advance(end)
         return outcome()

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..base.services import service
-from ..base.text import aligned
+from ..base.services import find_service
+from ..base.text import align_table
 from ..errors import UnstableError
 from ..methods.integrators import integrator_name
 from ..model.scene import Scene
@@ -79,7 +79,7 @@ class Convergence:
         >>> cs.convergence(cs.scenes.oscillator(), 0.1, [0.01, 0.005]).plot().get_xlabel()
         'time step dt [s]'
         """
-        return service("draw_convergence")(self, ax)
+        return find_service("draw_convergence")(self, ax)
 
     def __str__(self) -> str:
         title = f"order {self.order:.2f} (* fitted)"
@@ -95,7 +95,7 @@ class Convergence:
                 self.dt, self.rms, self.max, orders, self.fitted, strict=True
             )
         ]
-        table = aligned([("dt [s]", "rms [m]", "max [m]", "order", ""), *rows], left=())
+        table = align_table([("dt [s]", "rms [m]", "max [m]", "order", ""), *rows], left=())
         return f"{self.integrator}, {self.precision}: {title}\n{table}"
 
     __repr__ = __str__

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from ..base import Floats, check
 from ..model.cloth import Cloth
 from ..model.fields import change_scene, check_name, units
-from ..model.scene import Scene
 from ..model.obstacle import Plane, Sphere
+from ..model.scene import Scene
 
 # This is the step of a difference over the scale of its parameter. With it, rounding and truncation
 # are below 1e-9 of most derivatives.
@@ -39,7 +39,7 @@ def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
     if isinstance(names, str) or not isinstance(names, (Sequence, Mapping)) or not names:
         raise TypeError(
             f"{argument} must be a sequence of names such as ('stiffness', 'drag'), got "
-            f"{check.shown(names)}"
+            f"{check.value_text(names)}"
         )
     numbers = _numbers(scene)
     scales = {"m": max(scene.cloth.size), "m/s^2": 9.80665, "1": 1.0}

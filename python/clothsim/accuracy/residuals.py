@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base import Floats
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from ..run.reasons import Reason
 
 EDGE = 1e-3  # distance [logarithms or scales] from a bound at which a value ends at it
@@ -111,7 +111,7 @@ def correlated_covariance(
 
 def student(free: int) -> float:
     """Return the one-sigma quantile of Student's t: sigma is estimated from so many numbers."""
-    special = needed("scipy.special", "fit", "fit")
+    special = import_from_extra("scipy.special", "fit", "fit")
     return float(special.stdtrit(max(free, _LEAST_FREE), 0.5 + math.erf(math.sqrt(0.5)) / 2))
 
 

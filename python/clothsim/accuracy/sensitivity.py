@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from ..methods.bound import limit_in_layer, stable_dt
 from ..model.fields import units
 from ..model.scene import Scene, stops_of
@@ -39,7 +39,7 @@ def checked_times(times: npt.ArrayLike) -> Floats:
     requirement = "increasing times >= 0 [s] of which one is > 0"
     array = np.atleast_1d(check.array("times", times, kind=requirement))
     if array.ndim > 1 or not array.any():
-        raise ValueError(f"times must be {requirement}, got {check.shown(times)}")
+        raise ValueError(f"times must be {requirement}, got {check.value_text(times)}")
     check.check_all("times", array, np.diff(array, prepend=-1e-300) > 0, requirement)
     return array
 
@@ -217,7 +217,7 @@ def sensitivity(
     >>> abs(slope + 0.1 * math.sin(10.0) * 1.0 / 20.0) < 1e-12
     True
     """
-    xr: Any = needed("xarray", "sensitivity")
+    xr: Any = import_from_extra("xarray", "sensitivity")
     check.instance("scene", scene, Scene)
     parameters = parameters_of(scene, of, "of")
     schedule = Schedule(scene, checked_times(times), _DIGITS, force)

@@ -16,16 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import Floats, check, frozen
-from ..base.build import available_threads
-from ..base.services import service
+from ..base import Floats, check, make_read_only
+from ..base.build import available_thread_count
+from ..base.services import find_service
 from ..engine.force import checked_force, is_python, with_force
 from ..engine.options import Options, core_plan
 from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
-from ..model.scene import Scene, stops_of
 from ..model.obstacle import kind_name
+from ..model.scene import Scene, stops_of
 from ..run.reasons import Reason
 from ..run.trajectory import PAUSE, Frames
 from ..typing import Force
@@ -123,7 +123,7 @@ class Reference:
         >>> [axes.get_ylabel() for axes in solution.plot()]
         ['way from the start [m]', 'error [m]']
         """
-        return service("draw_reference")(self, ax)
+        return find_service("draw_reference")(self, ax)
 
 
 @check.check_names
@@ -211,7 +211,7 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
     """Return the reference with frames at 0 and at `times`."""
     layers = [obstacle for obstacle in scene.spheres if obstacle.response == "penalty"]
     free = scene.replace(spheres=layers)
-    threads = available_threads()
+    threads = available_thread_count()
     # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
     stops = sorted({*times, *stops_of(free, 0.0, times[-1])})
     frames = np.searchsorted(stops, times)
@@ -240,13 +240,13 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
     v = np.concatenate([scene.initial_velocity[None], v[frames]])
     second = np.concatenate([start, double.x[frames]])
     control = np.concatenate([start, control[frames]])
-    bound = {name: frozen(value + rounding) for name, value in distances(x, second).items()}
-    estimate = {name: frozen(value) for name, value in distances(x, control).items()}
+    bound = {name: make_read_only(value + rounding) for name, value in distances(x, second).items()}
+    estimate = {name: make_read_only(value) for name, value in distances(x, control).items()}
     return Reference(
         scene=scene,
-        t=frozen(np.array([0.0, *times])),
-        x=frozen(x),
-        v=frozen(v),
+        t=make_read_only(np.array([0.0, *times])),
+        x=make_read_only(x),
+        v=make_read_only(v),
         error_bound=bound,
         error_estimate=estimate,
         force=force,

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.build import build_config
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
 from ..engine.options import PRECISIONS
 from ..errors import OrderWarning, StabilityWarning, ToleranceWarning
@@ -188,7 +188,7 @@ def work_precision(
     >>> data.sizes["level"], bool(data.rms_error[0, 1] < data.rms_error[0, 0] / 10)
     (2, True)
     """
-    xr: Any = needed("xarray", "work_precision")
+    xr: Any = import_from_extra("xarray", "work_precision")
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     windows = check.integer("windows", windows, minimum=1)
@@ -200,7 +200,7 @@ def work_precision(
     stable = []
     spent = 0.0  # wall time of the last run [s]
     most = duration * len(places) * (1 + windows)
-    with ProgressBar.of_time(progress, most, "work_precision") as bar:
+    with ProgressBar.for_simulated_time(progress, most, "work_precision") as bar:
         solution = reference_for(scene, duration, reference, force)
         for m, n in places:
             # The first run is not timed: it compiles code and fills caches.
@@ -216,7 +216,7 @@ def work_precision(
         # Each round has another order, so a slow spell of the machine affects all methods, and none
         # always follows another.
         shuffle = Random(0).shuffle
-        bar.expect(-duration * windows * (len(places) - len(stable)))
+        bar.expect_more(-duration * windows * (len(places) - len(stable)))
         for _ in range(windows):
             shuffle(stable)
             for m, n in stable:

@@ -15,7 +15,7 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from ..base.progress import print_above
+from ..base.progress import print_above_bars
 from .commands import COMMANDS
 
 
@@ -78,4 +78,4 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _say(args: argparse.Namespace, message: str) -> None:
-    print_above(f"clothsim {args.command}: {' '.join(message.split())}", sys.stderr)
+    print_above_bars(f"clothsim {args.command}: {' '.join(message.split())}", sys.stderr)

@@ -13,7 +13,7 @@ import clothsim as cs
 from clothsim.gpu import adapters
 
 from ..base.files import as_json, npz_path
-from ..base.progress import print_above, wanted_by_command
+from ..base.progress import is_wanted_by_command, print_above_bars
 from ..model import fields
 from ..viewing.animation import FORMATS as FILMS
 from ..viewing.animation import animate, film_path
@@ -96,11 +96,11 @@ def _run(args: argparse.Namespace) -> None:
     if (args.html or args.film or args.export) and args.every is None and args.fps is None:
         options["fps"] = FPS
     try:
-        result = cs.simulate(scene, args.duration, **options, progress=wanted_by_command())
+        result = cs.simulate(scene, args.duration, **options, progress=is_wanted_by_command())
         _write(args, result, files)
     except BaseException:
         for file in files:
-            print_above(f"Written: {file}", sys.stderr)
+            print_above_bars(f"Written: {file}", sys.stderr)
         raise
     if args.json:
         print(as_json({**result.report, "files": files}))
@@ -110,7 +110,7 @@ def _run(args: argparse.Namespace) -> None:
 
 def _write(args: argparse.Namespace, result: cs.Run, files: list[Path]) -> None:
     """Write the files of the run, and append each to `files`."""
-    progress = wanted_by_command()
+    progress = is_wanted_by_command()
     if args.out:
         files.append(result.save(args.out))
     if args.html:
@@ -233,7 +233,7 @@ def _reproduce(args: argparse.Namespace) -> None:
         quick=args.quick,
         experiments=numbers,
         threads=args.threads,
-        progress=wanted_by_command(),
+        progress=is_wanted_by_command(),
     )
     print(as_json(report) if args.json else text(report))
     if not args.json:

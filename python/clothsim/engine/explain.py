@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ..base.text import aligned
+from ..base.text import align_table
 from ..methods.bound import damping_ratio, least_rtol_of_rkc2, limit_in_layer, limiting_term
 from ..methods.integrators import METHODS, integrator_name
 from ..model.cloth import FAMILIES
@@ -25,7 +25,7 @@ class Explanation(dict[str, Any]):
     """
 
     def __str__(self) -> str:
-        return aligned(
+        return align_table(
             [(name.replace("_", " "), _text(value)) for name, value in self.items()], left=(0, 1)
         )
 

@@ -44,7 +44,7 @@ def checked_force(force: Any, argument: str = "force") -> Force | None:
         or callable(force)
     ):
         return force
-    raise TypeError(f"{argument} must be {_KINDS}, or None, got {check.shown(force)}")
+    raise TypeError(f"{argument} must be {_KINDS}, or None, got {check.value_text(force)}")
 
 
 def forces_of(force: Any, scenes: Sequence[Scene], batched: bool) -> list[Force | None]:

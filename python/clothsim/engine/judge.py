@@ -10,11 +10,11 @@ from typing import Any, NoReturn
 import numpy as np
 
 from .. import _core
-from ..base.services import service
+from ..base.services import find_service
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError, warn_caller
 from ..methods.bound import limit_in_layer, limiting_term
-from ..model.scene import Scene
 from ..model.obstacle import kind_name
+from ..model.scene import Scene
 from ..typing import Force
 from .backend import Simulation
 from .options import Options, kept_plan
@@ -141,7 +141,7 @@ class Judge:
         """Return the stable time step [s] at the present state of a member."""
         try:
             state = self._state(member)
-            limit: float = service("max_stable_dt")(
+            limit: float = find_service("max_stable_dt")(
                 self._scenes[member], self._integrator, *state, t=self._core.time
             )
             return limit

@@ -7,8 +7,8 @@ from typing import Any, get_args
 
 from .. import _core
 from ..base import check
-from ..base.build import available_threads, processors
-from ..base.text import counted
+from ..base.build import available_thread_count, processor_count
+from ..base.text import format_count
 from ..errors import warn_caller
 from ..methods.integrators import integrator_name
 from ..model.scene import Scene
@@ -73,16 +73,16 @@ class Options:
         team = 1
         if points >= _core.heuristics["points_of_team"]:
             team = points // _core.heuristics["points_per_thread_of_step"]
-        return min(max(team, members), available_threads(), _core.most_threads)
+        return min(max(team, members), available_thread_count(), _core.most_threads)
 
 
 def _warn_of_threads(threads: int) -> None:
     """Warn once of more threads than processors: they wait for each other in turns."""
-    if threads > (count := processors()) and "threads" not in _past_warnings:
+    if threads > (count := processor_count()) and "threads" not in _past_warnings:
         _past_warnings.add("threads")
         warn_caller(
-            f"threads = {threads} is above the {counted(count, 'processor')} that this process may "
-            "use: steps take several times as long as with one thread",
+            f"threads = {threads} is above the {format_count(count, 'processor')} that this "
+            "process may use: steps take several times as long as with one thread",
             UserWarning,
         )
 

@@ -92,7 +92,7 @@ class Snapshot:
         0.0
         """
         arrays = _files.read_npz(path, "snapshot", ("snapshot",))
-        with _files.reading(path, "snapshot"):
+        with _files.explain_unreadable_file(path, "snapshot"):
             return from_arrays(arrays)
 
 

@@ -14,13 +14,13 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..base.interrupts import Interrupts
-from ..base.services import service
+from ..base.services import find_service
 from ..errors import ContactWarning, warn_caller
 from ..methods.bound import stable_depths, stable_dt
 from ..methods.integrators import METHODS, integrator_name, warn_of_order
 from ..model.motion import Linear
-from ..model.scene import Scene
 from ..model.obstacle import kind_name
+from ..model.scene import Scene
 from ..typing import Force
 from .backend import Simulation
 from .force import forces_of, is_python, with_force
@@ -44,7 +44,7 @@ def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
         return [scene]
     accepted = "a Scene or a non-empty sequence of Scene of one shape"
     if not isinstance(scene, Sequence) or isinstance(scene, (str, bytes)):
-        raise TypeError(f"scene must be {accepted}, got {check.shown(scene)}")
+        raise TypeError(f"scene must be {accepted}, got {check.value_text(scene)}")
     for k, member in enumerate(scene):
         if not isinstance(member, Scene):
             raise TypeError(f"scene must be {accepted}, got {type(member).__name__} at index {k}")
@@ -125,7 +125,7 @@ def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any
         return
     accepted = f"a writeable, C-contiguous, aligned {dtype} array of shape {shape}"
     if not isinstance(array, np.ndarray):
-        raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
+        raise TypeError(f"{name} must be {accepted}, got {check.value_text(array)}")
     flags = array.flags
     raise ValueError(
         f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}, writeable "
@@ -257,12 +257,13 @@ def sphere_targets(centers: Any, scenes: Sequence[Scene]) -> dict[int, npt.NDArr
     """Check `centers` of `Stepper.advance`."""
     if not isinstance(centers, Mapping):
         raise TypeError(
-            f"centers must be a mapping of spheres' indices to centres, got {check.shown(centers)}"
+            f"centers must be a mapping of spheres' indices to centres, "
+            f"got {check.value_text(centers)}"
         )
     count = min(len(scene.spheres) for scene in scenes)
     if centers and not count:
         raise ValueError(
-            f"centers must be None for a scene without spheres, got {check.shown(centers)}"
+            f"centers must be None for a scene without spheres, got {check.value_text(centers)}"
         )
     keys = [check.integer("centers", k, minimum=0, maximum=count - 1) for k in centers]
     return {
@@ -318,7 +319,7 @@ class State:
         plans, limits = self._compiled(scenes)
         self.core: Simulation
         if options.backend == "gpu":
-            self.core = service("Simulation")(scenes, t, options.precision)
+            self.core = find_service("Simulation")(scenes, t, options.precision)
         else:
             self.threads = _core.granted_threads(
                 options.threads_for(scenes[0].cloth.shape, len(scenes))
@@ -543,7 +544,7 @@ class State:
 
     def _set_stable_depths(self, dt: Any) -> None:
         """Tell the core from which depths in layers on it warns of a time step."""
-        if check.real(dt) is None or not dt > 0:
+        if check.real_or_none(dt) is None or not dt > 0:
             return
         for k, scene in enumerate(self.scenes):
             self.core.set_stable_depths(k, stable_depths(scene, self.integrator, float(dt)))
@@ -643,7 +644,7 @@ class State:
             total += count
             if time.monotonic() - begin < _LONGEST_PIECE / 2:
                 piece *= 2
-            interrupts.deliver()
+            interrupts.deliver_signal()
 
     def set_force(self, force: FloatArray) -> None:
         """Set the force on each point [N], float64, of the shape of the state."""

@@ -9,8 +9,8 @@ from typing import NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check, frozen
-from ..base.text import counted
+from ..base import check, make_read_only
+from ..base.text import format_count
 from ..model.scene import Scene, cloth_text, spheres_text
 from ..typing import Backend, Force, Integrator, Kernel, Precision
 from .force import forces_of
@@ -202,7 +202,8 @@ class Stepper:
         if members != (None if isinstance(scene, Scene) else len(scenes)):
             requirement = "a Scene" if members is None else f"a sequence of {members} scenes"
             raise ValueError(
-                f"scene must be {requirement}, as the stepper was made of, got {check.shown(scene)}"
+                f"scene must be {requirement}, as the stepper was made of, "
+                f"got {check.value_text(scene)}"
             )
         if scenes[0].cloth.shape != shape:
             raise ValueError(
@@ -275,7 +276,7 @@ class Stepper:
                 if isinstance(snapshot, (str, os.PathLike))
                 else ""
             )
-            raise TypeError(f"snapshot must be a Snapshot, got {check.shown(snapshot)}{hint}")
+            raise TypeError(f"snapshot must be a Snapshot, got {check.value_text(snapshot)}{hint}")
         scene = snapshot.scene
         stepper = cls.__new__(cls)
         stepper._options = snapshot.options
@@ -307,14 +308,14 @@ class Stepper:
         """Positions [m], a read-only copy; `set_state` changes them."""
         x = np.empty(self._state.shape, self._state.dtype)
         self._state.core.store(x, None)
-        return frozen(x)
+        return make_read_only(x)
 
     @property
     def v(self) -> FloatArray:
         """Velocities [m/s], a read-only copy."""
         v = np.empty(self._state.shape, self._state.dtype)
         self._state.core.store(None, v)
-        return frozen(v)
+        return make_read_only(v)
 
     @property
     def t(self) -> float:
@@ -368,6 +369,6 @@ class Stepper:
             cloths = f"a batch of {state.shape[0]}, each {cloth_text(scene)}"
         computation = (
             f"{state.integrator} in {self._options.precision}, kernel {state.kernel}, "
-            f"{counted(state.threads, 'thread')}, {state.instruction_set}"
+            f"{format_count(state.threads, 'thread')}, {state.instruction_set}"
         )
         return f"<Stepper of {cloths}; t = {self.time:.6g} s; {computation}>"

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 
 ADAPTER_VARIABLE = "CLOTHSIM_GPU_ADAPTER"
 # `keep` takes float64 through integers of its size.
@@ -27,8 +27,8 @@ _LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 @cache
 def load_wgpu() -> Any:
     """Return the module wgpu, or raise an ImportError that names the extra."""
-    wgpu = needed("wgpu", "backend 'gpu'", "gpu")
-    extras = needed("wgpu.backends.wgpu_native", "backend 'gpu'", "gpu").extras
+    wgpu = import_from_extra("wgpu", "backend 'gpu'", "gpu")
+    extras = import_from_extra("wgpu.backends.wgpu_native", "backend 'gpu'", "gpu").extras
     # OpenGL, and Mesa's layer that asks a display for its adapter, write to stderr if there is no
     # display.
     if "XDG_RUNTIME_DIR" not in os.environ:

@@ -25,14 +25,14 @@ import numpy as np
 from .. import _core
 from ..base import check
 from ..base.files import write_bytes
-from ..base.progress import in_notebook
+from ..base.progress import is_in_notebook
 from ..engine.options import Options, core_plan
 from ..errors import ContactError, UnstableError
 from ..methods.region import border_of_region
 from ..model.mesh import GROUP
+from ..model.obstacle import LAYER, RESPONSES, Sphere, lengths_of_offsets
 from ..model.scene import Scene, core_sphere
 from ..model.scene_files import text_of
-from ..model.obstacle import LAYER, RESPONSES, Sphere, lengths_of_offsets
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
@@ -113,7 +113,7 @@ def view(scene: Scene) -> Path | Frame:
     >>> page = cs.view(cs.scenes.paper_static())  # doctest: +SKIP
     """
     page = _page(check.instance("scene", scene, Scene))
-    if in_notebook():
+    if is_in_notebook():
         return Frame(page, "<live page, to be shown in a notebook>", HEIGHT)
     path = write_bytes(Path(mkdtemp(prefix="clothsim-"), "live.html"), page.encode())
     if not webbrowser.open(path.as_uri()):

@@ -402,7 +402,7 @@ class Simulation:
             seconds = max(time.monotonic() - start, 1e-9)
             quick = int(SECONDS_BETWEEN_CHECKS * count / seconds)
             self._steps_unchecked = min(max(1, quick), MOST_STEPS_UNCHECKED)
-            interrupts.deliver()
+            interrupts.deliver_signal()
         return []
 
     def _try(self, steps: int) -> dict[str, Any] | None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import _core
 from ..base import check
-from ..base.text import aligned
+from ..base.text import align_table
 from ..errors import OrderWarning, warn_caller
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ class _Integrators(dict[str, Integrator]):
             stages, kind = method._traits
             limits = (f"{limit:.3f}" for limit in (method.imaginary_limit, method.real_limit))
             rows.append((method.name, str(method.order), stages, *limits, kind))
-        return aligned(rows, left=range(6))
+        return align_table(rows, left=range(6))
 
 
 METHODS = _Integrators({name: _integrator(name, facts) for name, facts in _core.methods().items()})

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check, frozen
+from ..base import check, make_read_only
 from ..typing import Family, Numbers, Pins, Shape
 from .mesh import checked_shape
 from .motion import Motion, checked_motion, motion_from_dict
@@ -216,14 +216,14 @@ class Cloth(Record):
     def mass_per_point(self) -> npt.NDArray[np.float64]:
         if isinstance(self.mass, np.ndarray):
             return self.mass
-        return frozen(np.full(self.shape, self.mass / (self.rows * self.columns)))
+        return make_read_only(np.full(self.shape, self.mass / (self.rows * self.columns)))
 
     @cached_property
     def pinned(self) -> npt.NDArray[np.bool_]:
         mask = np.zeros(self.shape, dtype=np.bool_)
         for pin in self.pins:
             mask[pin] = True
-        return frozen(mask)
+        return make_read_only(mask)
 
     @cached_property
     def driven(self) -> dict[tuple[int, int], Motion]:
@@ -241,7 +241,7 @@ class Cloth(Record):
         positions = np.zeros((*self.shape, 3))
         positions[..., 0] = np.arange(self.columns) * self.size[1] / max(self.columns - 1, 1)
         positions[..., 2] = (np.arange(self.rows) * self.size[0] / max(self.rows - 1, 1))[:, None]
-        return frozen(positions)
+        return make_read_only(positions)
 
     @cached_property
     def core(self) -> _core.Cloth:
@@ -331,18 +331,18 @@ class Cloth(Record):
 
 
 def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]:
-    if check.real(value) is not None:
+    if check.real_or_none(value) is not None:
         return check.number("mass", value, minimum=0, exclusive=True)
     accepted = "finite numbers > 0 (or one number, the total mass)"
     masses = check.array("mass", value, shape, accepted)
     check.check_all("mass", masses, masses > 0, f"an array of shape {shape} of {accepted}")
-    return frozen(masses)
+    return make_read_only(masses)
 
 
 def _springs(value: Any) -> tuple[Family, ...]:
     if isinstance(value, (str, bytes, Mapping)) or not np.iterable(value):
         raise TypeError(
-            f"springs must be a sequence of names from {FAMILIES}, got {check.shown(value)}"
+            f"springs must be a sequence of names from {FAMILIES}, got {check.value_text(value)}"
         )
     names = [check.choice(f"springs[{k}]", name, FAMILIES) for k, name in enumerate(value)]
     if len(set(names)) < len(names):
@@ -385,7 +385,7 @@ def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
     ):
         return _driven_pins(_from_groups(value), shape)  # as in to_dict
     if isinstance(value, (str, bytes)) or not np.iterable(value):
-        raise TypeError(f"{accepted}, got {check.shown(value)}")
+        raise TypeError(f"{accepted}, got {check.value_text(value)}")
     if isinstance(value, np.ndarray) and value.dtype == np.bool_:
         if value.shape != shape:
             raise ValueError(f"{accepted}, got a boolean array of shape {value.shape}")

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..base import Floats, check
-from ..base.text import counted
+from ..base.text import format_count
 from .cloth import FAMILIES, Cloth
 from .motion import MOTIONS
-from .scene import Scene
 from .obstacle import Plane, Sphere
+from .scene import Scene
 from .wind import Wind
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel")
@@ -115,7 +115,7 @@ def check_name(name: Any) -> str:
         field = f"pin0_{pin[2]}"
     if isinstance(field, str) and field in NAMES:
         return str(name)
-    hint = check.nearest(field, NAMES)
+    hint = check.nearest_name_hint(field, NAMES)
     raise ValueError(
         f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() "
         "lists them"
@@ -193,7 +193,7 @@ def _with_pins(scene: Scene, values: Mapping[str, float]) -> Floats:
         if int(index) >= len(pins):
             raise ValueError(
                 f"{name} needs a pin with the index {index}; the cloth has "
-                f"{counted(len(pins), 'pin')}"
+                f"{format_count(len(pins), 'pin')}"
             )
         position[pins[int(index)]][_COMPONENTS[component]] = check.number(name, value)
     return position
@@ -272,7 +272,9 @@ def _check_obstacle(
     """Refuse a name that means nothing in these `spheres`."""
     if (index or 0) >= len(spheres):
         needed = f"a {kind}" if index is None else f"a {kind} with the index {index}"
-        raise ValueError(f"{name} needs {needed}; the scene has {counted(len(spheres), 'sphere')}")
+        raise ValueError(
+            f"{name} needs {needed}; the scene has {format_count(len(spheres), 'sphere')}"
+        )
     places = range(len(spheres)) if index is None else [index]
     if not any(_has(spheres[k], kind, part) for k in places):
         other = "plane" if kind == "sphere" else "sphere"

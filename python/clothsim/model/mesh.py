@@ -61,7 +61,8 @@ def thread_grid(
     rows, columns = checked_shape(shape)
     if tuple(check.items("group", group, 3, "integers")) != GROUP:
         raise ValueError(
-            f"group must be {GROUP}, the one the kernels are built for, got {check.shown(group)}"
+            f"group must be {GROUP}, the one the kernels are built for, "
+            f"got {check.value_text(group)}"
         )
     return _core.thread_ids(rows, columns)
 

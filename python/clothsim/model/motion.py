@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check, frozen
+from ..base import check, make_read_only
 from ..errors import warn_caller
 from ..typing import Numbers
 from .record import Record
@@ -397,8 +397,8 @@ class Keyframes(BaseMotion):
             check.choice("smooth", smooth, ("rest",))
         else:
             smooth = check.boolean("smooth", smooth, "True, False or 'rest'")
-        self._set(times=frozen(times), smooth=smooth, relative=name == "offsets")
-        self._set(**{**dict.fromkeys(places), name: frozen(table)})
+        self._set(times=make_read_only(times), smooth=smooth, relative=name == "offsets")
+        self._set(**{**dict.fromkeys(places), name: make_read_only(table)})
         if self.smooth is True:
             self._warn_of_overshoot(table)
 
@@ -482,7 +482,7 @@ def _pieces(
         pieces[name] = values
     for k, coefficients in enumerate(polynomial):
         pieces["polynomial"][:, k] = coefficients
-    return frozen(pieces)
+    return make_read_only(pieces)
 
 
 def _phase(value: float) -> float:
@@ -502,7 +502,7 @@ def checked_motion(name: str, value: Any) -> Motion | None:
     if value is not None and not isinstance(value, (Linear, Reciprocate, Sinusoid, Keyframes)):
         raise TypeError(
             f"{name} must be Linear, Reciprocate, Sinusoid, Keyframes or None, got "
-            f"{check.shown(value)}"
+            f"{check.value_text(value)}"
         )
     return value
 
@@ -510,6 +510,6 @@ def checked_motion(name: str, value: Any) -> Motion | None:
 def motion_from_dict(data: Mapping[str, Any]) -> Motion:
     """Return the motion of `data`: a "kind" of `MOTIONS`, and the arguments of that class."""
     if not isinstance(data, Mapping):
-        raise TypeError(f"motion must be a mapping with a 'kind', got {check.shown(data)}")
+        raise TypeError(f"motion must be a mapping with a 'kind', got {check.value_text(data)}")
     kind = check.choice("motion kind", data.get("kind", ""), MOTIONS)
     return MOTIONS[kind].from_dict(data)  # type: ignore[return-value]

@@ -13,8 +13,8 @@ from ..base import check
 from ..typing import Family, Numbers, Offset, Response, Shape
 from .cloth import Cloth
 from .motion import Reciprocate
-from .scene import Scene
 from .obstacle import RESPONSES, Sphere
+from .scene import Scene
 
 PAPER_DT = 5e-6
 """Time step of Table 2 of Kim et al. [s]."""

@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check, frozen
-from ..base.services import service
-from ..base.text import counted
+from ..base import check, make_read_only
+from ..base.services import find_service
+from ..base.text import format_count
 from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
 from .motion import Keyframes, Motion
-from .record import Record
 from .obstacle import Plane, Sphere
+from .record import Record
 from .wind import Wind
 
 SCHEMA = 2
@@ -114,7 +114,9 @@ class Scene(Record):
         shape = (*check.instance("cloth", cloth, Cloth).shape, 3)
         self._set(cloth=cloth, spheres=_spheres(spheres), gravity=check.vector("gravity", gravity))
         for name, value in (("position", position), ("velocity", velocity), ("force", force)):
-            self._set(**{name: None if value is None else frozen(check.array(name, value, shape))})
+            self._set(
+                **{name: None if value is None else make_read_only(check.array(name, value, shape))}
+            )
         if (velocities := self.velocity) is not None:
             for r, c in np.argwhere(cloth.pinned & velocities.any(axis=-1)).tolist():
                 motion = cloth.driven.get((r, c))
@@ -174,7 +176,7 @@ class Scene(Record):
         )
         for pin, motion in self.cloth.driven.items():
             velocity[pin] = motion.velocity_at(0.0)
-        return frozen(velocity)
+        return make_read_only(velocity)
 
     @cached_property
     def driven_pins(self) -> list[DrivenPins]:
@@ -269,11 +271,11 @@ class Scene(Record):
         the damping of structural and bend springs, 100 N s/m, limits it
         below 0.647 N s/m the stiffness would
         """
-        return service("explain")(self, precision, kernel, threads, integrator)
+        return find_service("explain")(self, precision, kernel, threads, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Return lines, and a picture of the initial state, for a notebook."""
-        bundle: dict[str, Any] = service("scene_bundle")(self)
+        bundle: dict[str, Any] = find_service("scene_bundle")(self)
         return bundle
 
     @check.check_names
@@ -305,7 +307,7 @@ class Scene(Record):
         ...     path.name, path.stat().st_size < 400_000
         ('live.html', True)
         """
-        page: Path = service("live_page")(self, path, dt, title)
+        page: Path = find_service("live_page")(self, path, dt, title)
         return page
 
     def to_dict(self) -> dict[str, Any]:
@@ -322,7 +324,7 @@ class Scene(Record):
             arguments["wind"] = Wind.from_dict(arguments["wind"])
         spheres = arguments.get("spheres", ())
         if not isinstance(spheres, (list, tuple)):
-            raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
+            raise TypeError(f"spheres must be a list of mappings, got {check.value_text(spheres)}")
         arguments["spheres"] = tuple(
             (Plane if {"normal", "point"} & set(values) else Sphere).from_dict(values)
             for values in spheres
@@ -379,7 +381,7 @@ def spheres_text(scene: Scene) -> str:
     if not spheres:
         return "no sphere"
     numbers = Counter(sphere._kind for sphere in spheres)
-    text = " and ".join(counted(numbers[kind], kind) for kind in sorted(numbers, reverse=True))
+    text = " and ".join(format_count(numbers[kind], kind) for kind in sorted(numbers, reverse=True))
     responses = Counter(
         f"{'moving, ' if s.motion else ''}response "
         f"{s.response}{' as printed' if s.as_printed else ''}"
@@ -394,9 +396,11 @@ def _spheres(value: Any) -> tuple[Sphere | Plane, ...]:
     if isinstance(value, (Sphere, Plane)):
         return (value,)
     if not np.iterable(value) or isinstance(value, (Set, Mapping)):  # the order of spheres counts
-        raise TypeError(f"spheres must be {accepted}, got {check.shown(value)}")
+        raise TypeError(f"spheres must be {accepted}, got {check.value_text(value)}")
     spheres = tuple(value)
     for k, sphere in enumerate(spheres):
         if not isinstance(sphere, (Sphere, Plane)):
-            raise TypeError(f"spheres must be {accepted}, got {check.shown(sphere)} at index {k}")
+            raise TypeError(
+                f"spheres must be {accepted}, got {check.value_text(sphere)} at index {k}"
+            )
     return spheres

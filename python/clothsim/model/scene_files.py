@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base import check, files
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from .fields import units
 from .scene import Scene
 
@@ -66,7 +66,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     True
     """
     path = check.path("path", path)
-    toml = needed("tomllib" if sys.version_info >= (3, 11) else "tomli", "a scene file")
+    toml = import_from_extra("tomllib" if sys.version_info >= (3, 11) else "tomli", "a scene file")
     content = path.read_bytes()
     try:
         data = toml.loads(content.decode("utf-8-sig"))

@@ -75,7 +75,7 @@ def reproduce(
     }
     for number in numbers:
         total = lab.simulated_time(str(number), settings)
-        with ProgressBar.of_time(progress, total, f"experiment {number}") as bar:
+        with ProgressBar.for_simulated_time(progress, total, f"experiment {number}") as bar:
             entries[str(number)] = _run(str(number), settings, threads, folder, bar.advance)
     report["folder"] = str(folder)
     write_gallery(folder)

@@ -8,8 +8,8 @@ from typing import Any
 
 from .. import _core
 from ..engine.options import kept_plan
-from ..model.scene import Scene
 from ..model.obstacle import kind_name
+from ..model.scene import Scene
 from .error_control import ControlledRun, Estimate
 from .reasons import Reason
 from .trajectory import Trajectory

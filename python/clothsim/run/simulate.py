@@ -312,7 +312,7 @@ def _reason(error: Failure) -> str:
 
 def _follow(compute: Callable[[Watch], Runs], job: Job, callback: Any, progress: bool) -> Runs:
     """Return what `compute` does, or the runs up to an early end, at least their first frames."""
-    bar = ProgressBar.of_time(progress, job.duration)
+    bar = ProgressBar.for_simulated_time(progress, job.duration)
     watch = Watch(callback, bar.bar)
 
     def so_far(reason: str) -> Any:
@@ -402,7 +402,7 @@ def _check_end(t: float, duration: float) -> None:
 
 def _check_callback(callback: Any) -> None:
     if callback is not None and not callable(callback):
-        raise TypeError(f"callback must be callable, got {check.shown(callback)}")
+        raise TypeError(f"callback must be callable, got {check.value_text(callback)}")
 
 
 def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:
@@ -410,7 +410,7 @@ def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, flo
     if dt is not None:
         raise ValueError(
             "dt must be None with rtol or atol, or with integrator 'auto': they choose it; "
-            f"got {check.shown(dt)}"
+            f"got {check.value_text(dt)}"
         )
     rtol = None if rtol is None else check.number("rtol", rtol, minimum=0)
     atol = None if atol is None else check.number("atol", atol, minimum=0)

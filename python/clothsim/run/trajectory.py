@@ -273,7 +273,7 @@ class Watch:
         if stop is not None and not isinstance(stop, (bool, np.bool_)):
             raise TypeError(
                 "callback must return True to stop the run, or False or None to go on, got "
-                f"{check.shown(stop)}"
+                f"{check.value_text(stop)}"
             )
         if stop:
             raise StopRun

@@ -149,7 +149,7 @@ def max_stable_dt(
         if v is not None:
             raise ValueError("v must be None without x, got velocities alone")
         if t is not None:
-            raise ValueError(f"t must be None without x, got {check.shown(t)}")
+            raise ValueError(f"t must be None without x, got {check.value_text(t)}")
         return stable_dt(scene, integrator)
     time = start_time(t, [scene] if scene.has_layers or scene.wind else [])
     shape = (*scene.cloth.shape, 3)

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..base.build import available_threads
-from ..base.extras import needed
+from ..base.build import available_thread_count
+from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
 from ..engine.judge import TIME_STEP
 from ..engine.options import Options
@@ -114,13 +114,13 @@ def stability_map(
     >>> found.limit.values.round(4).tolist()
     [0.2828, 0.0283]
     """
-    xr: Any = needed("xarray", "stability_map")
+    xr: Any = import_from_extra("xarray", "stability_map")
     check.instance("scene", scene, Scene)
     integrator = integrator_name(Options(integrator, precision).integrator, fixed=True)
     stiffness = _positive("stiffness", stiffness)
     dt = _positive("dt", dt)
     steps = check.integer("steps", steps, minimum=1)
-    threads = Options(threads=threads).threads or available_threads()
+    threads = Options(threads=threads).threads or available_thread_count()
     scenes = [
         scene.replace(cloth=scene.cloth.replace(stiffness=float(k)), spheres=()) for k in stiffness
     ]

@@ -42,7 +42,7 @@ def plain(value: Any) -> Any:
         return [plain(entry) for entry in value]
     raise TypeError(
         "a swept value must be a number, text, sequence, array, or part of a scene, got "
-        f"{check.shown(value)}"
+        f"{check.value_text(value)}"
     )
 
 
@@ -180,7 +180,7 @@ def _axis(key: Any, values: Any) -> Axis:
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
             requirement = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
             raise ValueError(
-                f"over[{key!r}] must have {requirement}, got {check.shown(row)} at index {k}"
+                f"over[{key!r}] must have {requirement}, got {check.value_text(row)} at index {k}"
             )
     return Axis("_".join(names), tuple(dict(zip(names, row, strict=True)) for row in rows), labels)
 
@@ -193,7 +193,9 @@ def _samples(over: Any) -> Axis:
     for k, sample in enumerate(samples):
         if not isinstance(sample, Mapping) or not sample:
             requirement = "a mapping of names to values or a sequence of mappings"
-            raise TypeError(f"over must be {requirement}, got {check.shown(sample)} at index {k}")
+            raise TypeError(
+                f"over must be {requirement}, got {check.value_text(sample)} at index {k}"
+            )
         if set(sample) != set(samples[0]):
             names = f"{sorted(sample)} at index {k} and {sorted(samples[0])} before"
             raise ValueError(f"over must give every sample the same names, got {names}")
@@ -207,7 +209,7 @@ def _values(name: str, values: Any) -> list[Any]:
         or not isinstance(values, Iterable)
         or getattr(values, "ndim", 1) == 0
     ):
-        raise TypeError(f"{name} must be a sequence of values, got {check.shown(values)}")
+        raise TypeError(f"{name} must be a sequence of values, got {check.value_text(values)}")
     result = list(map(_scalar, values))
     if not result:
         raise ValueError(f"{name} must have at least one value, got none")

@@ -171,7 +171,9 @@ def variables_of(name: str, function: Callable[[Run], Any], run: Run) -> dict[st
     for value in parts.values():
         if np.asarray(value).dtype.kind not in "biuf":
             requirement = "a number, an array of numbers or a mapping of them"
-            raise TypeError(f"metric {name!r} must give {requirement}, got {check.shown(value)}")
+            raise TypeError(
+                f"metric {name!r} must give {requirement}, got {check.value_text(value)}"
+            )
     return {part: np.asarray(value, float) for part, value in parts.items()}
 
 
@@ -182,7 +184,7 @@ def choose_metrics(metrics: Any) -> Metrics:
     if not isinstance(metrics, (Mapping, list, tuple)):
         raise TypeError(
             "metrics must be names, functions or a mapping of names to functions, got "
-            f"{check.shown(metrics)}"
+            f"{check.value_text(metrics)}"
         )
     pairs = [(None, metric) for metric in metrics]
     if isinstance(metrics, Mapping):

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check, files
-from ..base.build import available_threads
-from ..base.extras import needed
+from ..base.build import available_thread_count
+from ..base.extras import import_from_extra
 from ..engine.state import start_time
 from ..model.scene import Scene
 from ..run.result import deepest
@@ -74,7 +74,7 @@ class Drawing:
         shown = deepest(scene.spheres, x, t)["triangles"] if self.by_depth else self.values
         if shown is None and style.limits is not None:
             raise ValueError(
-                f'limits must be None with color="faces", got {check.shown(style.limits)}'
+                f'limits must be None with color="faces", got {check.value_text(style.limits)}'
             )
         self.scale = None if shown is None else scale_of(style.color, shown, style.limits)
 
@@ -120,7 +120,7 @@ class Drawing:
             depth=self.scale if self.by_depth else None,
             planes=[*self.planes, *walls],
             shadow=self.shadow,
-            threads=available_threads(),
+            threads=available_thread_count(),
         )
         if not self.label:
             return drawn
@@ -179,13 +179,15 @@ class Picture:
         if path.suffix.lower() == ".png":
             files.write_bytes(path, self._repr_png_())
         else:
-            image = needed("PIL.Image", f"a picture as {path.suffix or 'no format'!r}", "plot")
+            image = import_from_extra(
+                "PIL.Image", f"a picture as {path.suffix or 'no format'!r}", "plot"
+            )
             if path.suffix.lower() not in image.registered_extensions():
                 raise ValueError(
                     "path must end in .png or in another suffix that Pillow knows, got "
                     f"{str(path)!r}"
                 )
-            with files.replacing(path) as part:
+            with files.replace_when_complete(path) as part:
                 image.fromarray(self.pixels).save(part)
         return path
 
@@ -342,7 +344,7 @@ def picture_of_run(
 
 def style_of(arguments: Mapping[str, Any]) -> Style:
     """Return the style of `Run.picture` and `Run.animate`, of the names that it has."""
-    check.arguments("picture", arguments, Style._fields)
+    check.refuse_unknown_arguments("picture", arguments, Style._fields)
     return Style(**arguments)
 
 

@@ -69,7 +69,7 @@ def values_of(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats | N
     accepted += f" or {x.shape[:-1]}" if len(x) > 1 else ""
     values = check.as_array("color", color, accepted, "iufb")
     if values.shape not in (x.shape[:-1], x.shape[1:-1]):
-        raise ValueError(f"color must be {accepted}, got {check.shown(color)}")
+        raise ValueError(f"color must be {accepted}, got {check.value_text(color)}")
     return np.broadcast_to(values.astype(float), x.shape[:-1])
 
 
