@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from ..base import Floats, check
 from ..model.cloth import Cloth
-from ..model.fields import change_scene, check_name, units
+from ..model.fields import change_scene, check_sweep_name, unit_of_name
 from ..model.obstacle import Plane, Sphere
 from ..model.scene import Scene
 
@@ -46,7 +46,7 @@ def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
     scales["N s/m"] = float(scene.cloth.mass_per_point.min())  # Such a drag acts within a second.
     parameters = []
     for name in names:
-        field = check_name(name.replace(".", "_") if isinstance(name, str) else name)
+        field = check_sweep_name(name.replace(".", "_") if isinstance(name, str) else name)
         if field not in numbers:
             raise ValueError(
                 f"{argument} must name numbers of the scene, got {name!r}; this one has "
@@ -63,7 +63,7 @@ def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
                 name=name,
                 field=field,
                 value=value,
-                scale=max(abs(value), scales.get(units(field), 0.0)),
+                scale=max(abs(value), scales.get(unit_of_name(field), 0.0)),
                 least=-math.inf if field[-2:] in ("_x", "_y", "_z") else 0.0,
                 most=1.0 if field.endswith("restitution") else math.inf,
             )

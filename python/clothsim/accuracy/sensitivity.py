@@ -16,8 +16,8 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base.extras import import_from_extra
 from ..methods.bound import limit_in_layer, stable_dt
-from ..model.fields import units
-from ..model.scene import Scene, stops_of
+from ..model.fields import unit_of_name
+from ..model.scene import Scene, turning_times
 from ..run.reasons import Reason
 from ..typing import Force
 from .parameters import STEP, Parameter, parameters_of, with_values
@@ -55,7 +55,7 @@ class Schedule:
         self.size = max(scene.cloth.size)
         self.refinement = 1.0
         self.force = force
-        self.stops = sorted({*times.tolist(), *stops_of(scene, 0.0, float(times[-1]))} - {0.0})
+        self.stops = sorted({*times.tolist(), *turning_times(scene, 0.0, float(times[-1]))} - {0.0})
         coarse = self.counts(scene)
         x = self.run([scene], coarse + -(-coarse // 4))
         y = self.run([scene], coarse)
@@ -230,7 +230,7 @@ def sensitivity(
             "error": (("parameter", "time"), slopes.error / scales[:, None]),
             "x": (place, slopes.x, {"units": "m"}),
             "value": ("parameter", [parameter.value for parameter in parameters]),
-            "unit": ("parameter", [units(parameter.field) for parameter in parameters]),
+            "unit": ("parameter", [unit_of_name(parameter.field) for parameter in parameters]),
             "known_until": ("parameter", slopes.until, {"units": "s"}),
             "reason": ("parameter", slopes.reasons),
         },

@@ -24,8 +24,8 @@ from ..engine.options import Options, core_plan
 from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
-from ..model.obstacle import kind_name
-from ..model.scene import Scene, stops_of
+from ..model.obstacle import name_of_kind
+from ..model.scene import Scene, turning_times
 from ..run.reasons import Reason
 from ..run.trajectory import PAUSE, Frames
 from ..typing import Force
@@ -213,7 +213,7 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
     free = scene.replace(spheres=layers)
     threads = available_thread_count()
     # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
-    stops = sorted({*times, *stops_of(free, 0.0, times[-1])})
+    stops = sorted({*times, *turning_times(free, 0.0, times[-1])})
     frames = np.searchsorted(stops, times)
     # Where spheres respond after a step, the method of the kernels tells whether they do. Without
     # such spheres the extrapolation comes first: it finds out whether forces are smooth.
@@ -222,7 +222,7 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
         double = solve_in_double(scene, stops, threads, force)
     if double and double.finest.contact:
         raise ValueError(
-            f"duration must end before a {kind_name(scene.spheres)} responds after a step, at "
+            f"duration must end before a {name_of_kind(scene.spheres)} responds after a step, at "
             f"about {double.finest.end:.4g} s, got {times[-1]:g} s: such responses are no part of "
             "the equation and have no reference; take response 'penalty', or compare outcomes "
             "(penetration, energy)"
@@ -305,7 +305,7 @@ def positions_at(
         contact = min(responses)
         k = min(int(np.searchsorted(times, contact)), len(times) - 1)
         begin = contact - (times[k] - (times[k - 1] if k else 0.0)) / counts[k]
-        reason = Reason.PARTED.format(kind=kind_name(scenes[0].spheres), time=begin)
+        reason = Reason.PARTED.format(kind=name_of_kind(scenes[0].spheres), time=begin)
         return Positions(x, begin, reason, True)
     return Positions(x, end, failure)
 

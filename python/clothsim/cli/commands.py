@@ -162,7 +162,7 @@ def _changed_scene(args: argparse.Namespace) -> cs.Scene:
         name, sign, text = entry.partition("=")
         if not sign:
             raise ValueError(f"--set must be NAME=VALUE, got {entry!r}")
-        if fields.check_name(name) in (*fields.RUN, "scene"):
+        if fields.check_sweep_name(name) in (*fields.RUN, "scene"):
             raise ValueError(f"--set must name an argument of the scene, got {name!r}")
         try:
             changes[name] = ast.literal_eval(text)

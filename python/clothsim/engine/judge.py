@@ -13,7 +13,7 @@ from .. import _core
 from ..base.services import find_service
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError, warn_caller
 from ..methods.bound import limit_in_layer, limiting_term
-from ..model.obstacle import kind_name
+from ..model.obstacle import name_of_kind
 from ..model.scene import Scene
 from ..typing import Force
 from .backend import Simulation
@@ -115,7 +115,7 @@ class Judge:
         pin = divmod(event.point, scene.cloth.columns)
         return (
             f"the pinned mass point {pin}{self._of_member(event.member)} is inside a "
-            f"{kind_name(scene.spheres)}; no contact moves it, so it, and triangles at it, are "
+            f"{name_of_kind(scene.spheres)}; no contact moves it, so it, and triangles at it, are "
             "inside while it is there"
         )
 

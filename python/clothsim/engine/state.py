@@ -19,7 +19,7 @@ from ..errors import ContactWarning, warn_caller
 from ..methods.bound import stable_depths, stable_dt
 from ..methods.integrators import METHODS, integrator_name, warn_of_order
 from ..model.motion import Linear
-from ..model.obstacle import kind_name
+from ..model.obstacle import name_of_kind
 from ..model.scene import Scene
 from ..typing import Force
 from .backend import Simulation
@@ -141,7 +141,7 @@ def start_time(t: Any, scenes: Sequence[Scene]) -> float:
         return check.number("t", t)
     for scene in scenes:
         moving = [
-            (kind_name([sphere]), f"spheres[{k}]")
+            (name_of_kind([sphere]), f"spheres[{k}]")
             for k, sphere in enumerate(scene.spheres)
             if sphere.motion is not None
         ]
@@ -625,7 +625,8 @@ class State:
                     scenes = [
                         scene.replace(
                             spheres=[
-                                s._at_rest(x) if n == k else s for n, s in enumerate(scene.spheres)
+                                s._copy_at_rest(x) if n == k else s
+                                for n, s in enumerate(scene.spheres)
                             ]
                         )
                         for scene, x in zip(scenes, ends)

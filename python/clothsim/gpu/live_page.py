@@ -32,7 +32,7 @@ from ..methods.region import border_of_region
 from ..model.mesh import GROUP
 from ..model.obstacle import LAYER, RESPONSES, Sphere, lengths_of_offsets
 from ..model.scene import Scene, core_sphere
-from ..model.scene_files import text_of
+from ..model.scene_files import toml_text
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
@@ -180,7 +180,7 @@ def _toml(scene: Scene) -> str:
         values |= {name: f"@spheres.{k}.{name}" for name in own}
         if values.get("motion", {}).get("centers"):
             values["motion"]["centers"] = f"@spheres.{k}.centers"
-    return text_of(data)
+    return toml_text(data)
 
 
 def _packed(content: bytes) -> str:
@@ -296,7 +296,7 @@ def _in_layers(scene: Scene) -> Scene | None:
     """
     obstacles = []
     for sphere in scene.spheres:
-        obstacle = sphere._as_layer()
+        obstacle = sphere._copy_with_layer()
         try:
             obstacles.append(obstacle.replace(**obstacle.layer(scene.cloth)))
         except ValueError:
@@ -319,7 +319,7 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
         "offset": 0.0 if side else sphere.offset_length(scene.cloth),
         "named": sphere.offset,
         "centers": sphere.motion.to_dict().get("centers") if sphere.motion else None,
-        "motion": sphere.motion.for_pages if sphere.motion else None,
+        "motion": sphere.motion.pieces_for_pages if sphere.motion else None,
     }
 
 

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check, make_read_only
 from ..typing import Family, Numbers, Pins, Shape
-from .mesh import checked_shape
-from .motion import Motion, checked_motion, motion_from_dict
+from .mesh import check_shape
+from .motion import Motion, check_motion, motion_from_dict
 from .record import Record
 
 PinField = tuple[tuple[int, int], ...] | Mapping[tuple[int, int], Motion | None]
@@ -143,34 +143,37 @@ class Cloth(Record):
         springs: Iterable[Family] = ("structural", "shear", "bend"),
         pins: Pins = ((0, 0), (-1, 0)),
     ) -> None:
-        shape = checked_shape(shape, least=2)
-        springs = _springs(springs)
+        shape = check_shape(shape, least=2)
+        springs = _check_springs(springs)
         sides = enumerate(check.items("size", size, 2, "numbers > 0"))
-        self._set(
+        self._set_attributes(
             shape=shape,
             size=tuple(
                 check.number(f"size[{k}]", side, minimum=0, exclusive=True) for k, side in sides
             ),
-            mass=_mass(mass, shape),
-            stiffness=_per_family("stiffness", stiffness, springs),
-            damping=_per_family("damping", damping, springs),
+            mass=_check_mass(mass, shape),
+            stiffness=_check_per_family("stiffness", stiffness, springs),
+            damping=_check_per_family("damping", damping, springs),
             drag=check.number("drag", drag, minimum=0),
             springs=springs,
-            pins=_checked_pins(pins, shape),
+            pins=_check_pins(pins, shape),
         )
 
     def replace(self, **changes: Any) -> Cloth:
         if not changes.keys() <= _FORCES:
             return super().replace(**changes)
-        return self._copy(
+        return self._copy_with_values(
             ("core",),
-            **{name: _per_family(name, value, self.springs) for name, value in changes.items()},
+            **{
+                name: _check_per_family(name, value, self.springs)
+                for name, value in changes.items()
+            },
         )
 
     def to_dict(self) -> dict[str, Any]:
         if not isinstance(self.pins, Mapping):
             return super().to_dict()
-        return {**self.replace(pins=()).to_dict(), "pins": _groups_of(self.pins)}
+        return {**self.replace(pins=()).to_dict(), "pins": _pins_to_groups(self.pins)}
 
     @property
     def rows(self) -> int:
@@ -276,12 +279,14 @@ class Cloth(Record):
             check.choice("family", family, FAMILIES)
         families = self.springs if family is None else (family,)
         return sum(
-            math.prod(self._cells(*ends))
+            math.prod(self._spring_counts_by_direction(*ends))
             for name, *ends in _ENDS
             if name in families and name in self.springs
         )
 
-    def _cells(self, first: tuple[int, int], second: tuple[int, int]) -> tuple[int, int]:
+    def _spring_counts_by_direction(
+        self, first: tuple[int, int], second: tuple[int, int]
+    ) -> tuple[int, int]:
         """Return how many springs with these ends fit along the rows and along the columns."""
         rows, columns = (
             max(n - max(a, b), 0) for n, a, b in zip(self.shape, first, second, strict=True)
@@ -314,7 +319,7 @@ class Cloth(Record):
         for family, first, second in _ENDS:
             if family not in self.springs:
                 continue
-            rows, columns = self._cells(first, second)
+            rows, columns = self._spring_counts_by_direction(first, second)
             length = math.hypot(
                 *(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True))
             )
@@ -330,7 +335,7 @@ class Cloth(Record):
         return table
 
 
-def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]:
+def _check_mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]:
     if check.real_or_none(value) is not None:
         return check.number("mass", value, minimum=0, exclusive=True)
     accepted = "finite numbers > 0 (or one number, the total mass)"
@@ -339,7 +344,7 @@ def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]
     return make_read_only(masses)
 
 
-def _springs(value: Any) -> tuple[Family, ...]:
+def _check_springs(value: Any) -> tuple[Family, ...]:
     if isinstance(value, (str, bytes, Mapping)) or not np.iterable(value):
         raise TypeError(
             f"springs must be a sequence of names from {FAMILIES}, got {check.value_text(value)}"
@@ -350,7 +355,7 @@ def _springs(value: Any) -> tuple[Family, ...]:
     return tuple(family for family in FAMILIES if family in names)
 
 
-def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mapping[str, float]:
+def _check_per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mapping[str, float]:
     if isinstance(value, float) or not isinstance(value, Mapping):
         return check.number(name, value, minimum=0)
     numbers = check.keys(name, value, springs, required=springs)
@@ -359,7 +364,7 @@ def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mappin
     )
 
 
-def _groups_of(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, Any]]:
+def _pins_to_groups(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, Any]]:
     """Return pins with motions as plain data: the points of each motion."""
     groups: dict[Motion | None, list[list[int]]] = {}
     for pair, motion in pins.items():
@@ -370,20 +375,20 @@ def _groups_of(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, 
     ]
 
 
-def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
+def _check_pins(value: Any, shape: tuple[int, int]) -> PinField:
     """Return the argument `pins` of a cloth, checked."""
     accepted = (
         "pins must be (row, column) pairs, a mapping of such pairs to motions, or a "
         f"boolean array of shape {shape}"
     )
     if isinstance(value, Mapping):
-        return _driven_pins(value, shape)
+        return _check_driven_pins(value, shape)
     if (
         isinstance(value, (list, tuple))
         and value
         and all(isinstance(group, Mapping) for group in value)
     ):
-        return _driven_pins(_from_groups(value), shape)  # as in to_dict
+        return _check_driven_pins(_pins_from_groups(value), shape)  # as in to_dict
     if isinstance(value, (str, bytes)) or not np.iterable(value):
         raise TypeError(f"{accepted}, got {check.value_text(value)}")
     if isinstance(value, np.ndarray) and value.dtype == np.bool_:
@@ -401,12 +406,10 @@ def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
     return tuple(pins)
 
 
-def _driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
+def _check_driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
     """Return the pins of a mapping; without any motion the pairs alone."""
-    pairs = _checked_pins(list(value), shape)
-    motions = [
-        checked_motion(f"pins[{pair}]", motion) for pair, motion in zip(pairs, value.values())
-    ]
+    pairs = _check_pins(list(value), shape)
+    motions = [check_motion(f"pins[{pair}]", motion) for pair, motion in zip(pairs, value.values())]
     points = [(r % shape[0], c % shape[1]) for r, c in pairs]
     if len(set(points)) < len(points):
         twice = next(point for point in points if points.count(point) > 1)
@@ -416,7 +419,7 @@ def _driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
     return MappingProxyType(dict(zip(pairs, motions)))
 
 
-def _from_groups(groups: Sequence[Mapping[str, Any]]) -> dict[tuple[int, int], Motion | None]:
+def _pins_from_groups(groups: Sequence[Mapping[str, Any]]) -> dict[tuple[int, int], Motion | None]:
     pins: dict[tuple[int, int], Motion | None] = {}
     for k, group in enumerate(groups):
         entries = check.keys(f"pins[{k}]", group, ("points", "motion"), required=("points",))

@@ -45,7 +45,7 @@ class DrivenPins:
 
     def places_at(self, t: float) -> npt.NDArray[np.float64]:
         """Return the places at the time `t` [m], shape (pins, 3)."""
-        return np.broadcast_to(self.motion._center(np.array(t), self.starts), self.starts.shape)
+        return np.broadcast_to(self.motion._centers_at(np.array(t), self.starts), self.starts.shape)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -110,11 +110,13 @@ class Scene(Record):
         force: npt.ArrayLike | None = None,
         wind: Wind | None = None,
     ) -> None:
-        self._set(wind=None if wind is None else check.instance("wind", wind, Wind))
+        self._set_attributes(wind=None if wind is None else check.instance("wind", wind, Wind))
         shape = (*check.instance("cloth", cloth, Cloth).shape, 3)
-        self._set(cloth=cloth, spheres=_spheres(spheres), gravity=check.vector("gravity", gravity))
+        self._set_attributes(
+            cloth=cloth, spheres=_check_spheres(spheres), gravity=check.vector("gravity", gravity)
+        )
         for name, value in (("position", position), ("velocity", velocity), ("force", force)):
-            self._set(
+            self._set_attributes(
                 **{name: None if value is None else make_read_only(check.array(name, value, shape))}
             )
         if (velocities := self.velocity) is not None:
@@ -155,7 +157,7 @@ class Scene(Record):
                     forget.append("core_forces")
                 if self.has_layers:
                     forget.append("core_spheres")  # their layers follow from the cloth
-                return self._copy(forget, cloth=cloth)
+                return self._copy_with_values(forget, cloth=cloth)
         return super().replace(**changes)
 
     @property
@@ -315,7 +317,7 @@ class Scene(Record):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scene:
-        arguments = cls._arguments(data, "schema")
+        arguments = cls._check_argument_names(data, "schema")
         schema = check.integer("schema", arguments.pop("schema"))
         if schema != SCHEMA:
             raise ValueError(f"schema must be {SCHEMA}, the version read here, got {schema}")
@@ -337,9 +339,9 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
     offset = 0.0
     layer: dict[str, float] = {}
     if scene is None:
-        normal = sphere._reference_normal((0.0, 0.0, 0.0), None)
+        normal = sphere._measuring_normal((0.0, 0.0, 0.0), None)
     else:
-        normal = sphere._reference_normal(scene.gravity, scene.initial_position)
+        normal = sphere._measuring_normal(scene.gravity, scene.initial_position)
         offset = sphere.offset_length(scene.cloth)
         if sphere.response == "penalty":
             speed = sphere.motion.largest_speed if sphere.motion else 0.0
@@ -358,7 +360,7 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
     )
 
 
-def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
+def turning_times(scene: Scene, begin: float, end: float) -> list[float]:
     """Return times between `begin` and `end` at which motions of pins, spheres and wind turn, or
     pass a time of their table [s].
 
@@ -367,7 +369,7 @@ def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
     motions = {pins.motion for pins in scene.driven_pins}
     things = (*scene.spheres, scene.wind)
     motions |= {thing.motion for thing in things if thing and thing.motion}
-    return sorted({t for motion in motions for t in motion._stops(begin, end)})
+    return sorted({t for motion in motions for t in motion._ends_of_pieces(begin, end)})
 
 
 def cloth_text(scene: Scene) -> str:
@@ -391,7 +393,7 @@ def spheres_text(scene: Scene) -> str:
     return f"{text} ({'; '.join(parts)})"
 
 
-def _spheres(value: Any) -> tuple[Sphere | Plane, ...]:
+def _check_spheres(value: Any) -> tuple[Sphere | Plane, ...]:
     accepted = "a Sphere, a Plane or a sequence of them"
     if isinstance(value, (Sphere, Plane)):
         return (value,)

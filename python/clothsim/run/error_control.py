@@ -28,7 +28,7 @@ from ..base import Floats
 from ..errors import ContactError, UnstableError
 from ..methods.bound import usable_dt
 from ..methods.integrators import METHODS
-from ..model.scene import Scene, stops_of
+from ..model.scene import Scene, turning_times
 from .reasons import Reason
 from .trajectory import Frames, Job, Recording, Trajectory, Watch
 
@@ -131,7 +131,7 @@ def solve(job: Job, request: float, watch: Watch, auto: bool = False) -> Control
     `auto`: the method is not the caller's, and Verlet is tried first where it may cost less.
     """
     # This refuses too many kinks before the first run.
-    stops_of(job.scene, job.start, job.start + job.duration)
+    turning_times(job.scene, job.start, job.start + job.duration)
     runs: list[Trajectory] = []
     if job.options.integrator in _POWER_OF_STEPS and job.options.precision == "double":
         search = refine(job, request, runs)

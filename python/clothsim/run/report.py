@@ -8,7 +8,7 @@ from typing import Any
 
 from .. import _core
 from ..engine.options import kept_plan
-from ..model.obstacle import kind_name
+from ..model.obstacle import name_of_kind
 from ..model.scene import Scene
 from .error_control import ControlledRun, Estimate
 from .reasons import Reason
@@ -111,7 +111,7 @@ def _energy_gain(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     elif scene.cloth.driven:
         reason = Reason.DRIVEN
     elif watched["responded"]:
-        reason = Reason.RESPONDED.format(kind=kind_name(scene.spheres))
+        reason = Reason.RESPONDED.format(kind=name_of_kind(scene.spheres))
     else:
         reason = Reason.NO_STEP
     return {"gained": gain, "reason": reason}

@@ -168,7 +168,7 @@ def scene_at(scene: Scene, t: float) -> Scene:
     if wind and wind.motion:
         velocity = np.array(wind.velocity) + wind.motion.velocity_at(t)
         wind = wind.replace(velocity=velocity, motion=None)
-    spheres = [sphere._at_rest(sphere.center_at(t)) for sphere in scene.spheres]
+    spheres = [sphere._copy_at_rest(sphere.center_at(t)) for sphere in scene.spheres]
     scene_at_t = scene.replace(spheres=spheres, wind=wind)
     if not scene.cloth.driven:
         return scene_at_t
@@ -197,7 +197,7 @@ class _Relaxation:
         self._options = options
         self._force = force
         # The friction of a layer is 0 at rest, and would only slow the way there.
-        layers = [sphere._as_layer(friction=0.0) for sphere in scene.spheres]
+        layers = [sphere._copy_with_layer(friction=0.0) for sphere in scene.spheres]
         self._plain = scene.replace(spheres=layers)
         self._mass = scene.cloth.mass_per_point[..., None]
         self._free = ~scene.cloth.pinned

@@ -27,7 +27,7 @@ from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..methods.integrators import METHODS
-from ..model.scene import Scene, stops_of
+from ..model.scene import Scene, turning_times
 from ..typing import Force
 
 Callback = Callable[[float, Floats, Floats], Any]
@@ -350,7 +350,7 @@ class Recording:
         end = moments[-1]
         every = min(_MOST_STEPS_BETWEEN_SAMPLES, job.duration / dt // _SAMPLES)
         self.state.core.set_watch(int(max(1, every)), 0.0)
-        kinks = {t for scene in job.scenes for t in stops_of(scene, begin.time, end.time)}
+        kinks = {t for scene in job.scenes for t in turning_times(scene, begin.time, end.time)}
         if not (kinks and job.own_step):
             length = end.seconds - begin.seconds
             count = math.floor(length / dt + NEGLIGIBLE)
@@ -406,7 +406,7 @@ class Recording:
             tolerance_x=self._unit,
             tolerance_v=self._unit * rate,
             near=near,
-            stops=sorted({*stops_of(job.scene, moments[0].time, end), end}),
+            stops=sorted({*turning_times(job.scene, moments[0].time, end), end}),
             grid=list(job.grid),
             controller=controller,
             moments=moments,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base import check
-from ..model.fields import check_name, units
+from ..model.fields import check_sweep_name, unit_of_name
 from ..model.record import Record
 
 # An array with more entries is described by its digest.
@@ -140,8 +140,8 @@ def _coordinates(
     attrs: dict[str, Any] = {"long_name": name.replace("_", " ")}
     if labels is None and all(isinstance(v, bool) for v in values):
         return {name: (dimension, np.array(values), attrs)}
-    if not all(isinstance(v, str) for v in values) and units(name):
-        attrs["units"] = units(name)
+    if not all(isinstance(v, str) for v in values) and unit_of_name(name):
+        attrs["units"] = unit_of_name(name)
     numbers = [np.nan if v is None else v for v in values]  # None, as of dt beside rtol, is NaN.
     are_numbers = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in numbers)
     if labels is None and are_numbers and any(v is not None for v in values):
@@ -169,7 +169,7 @@ def _axis(key: Any, values: Any) -> Axis:
     """Make the axis of a name, or of names with zipped values."""
     is_zip = isinstance(key, tuple)
     labels = None
-    names = tuple(map(check_name, key if is_zip else (key,)))
+    names = tuple(map(check_sweep_name, key if is_zip else (key,)))
     if len(set(names)) < len(names):
         raise ValueError(f"over must name each thing once, got the zipped names {names!r}")
     if isinstance(values, Mapping) and not is_zip:
@@ -199,7 +199,7 @@ def _samples(over: Any) -> Axis:
         if set(sample) != set(samples[0]):
             names = f"{sorted(sample)} at index {k} and {sorted(samples[0])} before"
             raise ValueError(f"over must give every sample the same names, got {names}")
-    places = [{check_name(n): _scalar(v) for n, v in sample.items()} for sample in samples]
+    places = [{check_sweep_name(n): _scalar(v) for n, v in sample.items()} for sample in samples]
     return Axis("sample", tuple(places))
 
 
