@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from . import _core
 from .base import check
-from .engine.options import Options, kept_plan
-from .engine.state import scenes_of, state_arrays
+from .engine.options import Options, cached_plan
+from .engine.state import check_state_arrays, list_scenes
 from .model.obstacle import Plane, Sphere
 from .model.scene import Scene, core_sphere
 
@@ -51,8 +51,8 @@ def energy(
     >>> round(cs.energy(scene, scene.initial_position, scene.initial_velocity)["total"], 12)
     0.5
     """
-    scenes = scenes_of(scene)
-    x, v = state_arrays(x, v, scenes, not isinstance(scene, Scene))
+    scenes = list_scenes(scene)
+    x, v = check_state_arrays(x, v, scenes, not isinstance(scene, Scene))
     single = x.ndim == 3
     xs = x.astype(np.float64).reshape(-1, *x.shape[-3:])
     vs = v.astype(np.float64).reshape(-1, *v.shape[-3:])
@@ -62,7 +62,7 @@ def energy(
     if t is None and any(o.response == "penalty" and o.motion is not None for o in obstacles):
         raise ValueError("t must be given, as an obstacle moves: give the time of x in seconds")
     time = 0.0 if t is None else check.number("t", t)
-    plans = [kept_plan(member, Options()) for member in scenes]
+    plans = [cached_plan(member, Options()) for member in scenes]
     parts = np.array([_core.energy(plan, x, v, time) for plan, x, v in zip(plans, xs, vs)])
     values = dict(zip(("kinetic", "elastic", "gravity", "force", "contact"), parts.T))
     values["total"] = parts.sum(axis=1)
@@ -161,7 +161,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     0.1
     """
     cloth = check.instance("scene", scene, Scene).cloth.core
-    x, _ = state_arrays(x, x, [scene], False)
+    x, _ = check_state_arrays(x, x, [scene], False)
     if not scene.cloth.spring_count():
         return np.zeros(len(x)) if x.ndim == 4 else 0.0
     batch = np.reshape(x.astype(np.float64), (-1, *x.shape[-3:]))

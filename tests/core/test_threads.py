@@ -94,8 +94,8 @@ def test_an_unstable_member_that_a_team_steps_is_named(crumpled):
 )
 def test_without_a_number_the_size_decides(monkeypatch, available, shape, members, threads):
     monkeypatch.setattr("clothsim.engine.options.available_thread_count", lambda: available)
-    assert Options().threads_for(shape, members) == threads
-    assert Options(threads=5).threads_for(shape, members) == 5
+    assert Options().thread_count_for(shape, members) == threads
+    assert Options(threads=5).thread_count_for(shape, members) == 5
 
 
 _SETTINGS = """

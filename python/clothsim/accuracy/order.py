@@ -14,7 +14,7 @@ from ..base import Floats, check
 from ..base.services import find_service
 from ..base.text import align_table
 from ..errors import UnstableError
-from ..methods.integrators import integrator_name
+from ..methods.integrators import check_integrator_name
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Force, Integrator, Kernel, Precision
@@ -154,7 +154,7 @@ def convergence(
     """
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
-    integrator = integrator_name(integrator, fixed=True)
+    integrator = check_integrator_name(integrator, fixed=True)
     check.choice("precision", precision, ("double", "single"))
     steps = _step_counts(dts, duration)
     solution = reference_for(scene, duration, reference, force)

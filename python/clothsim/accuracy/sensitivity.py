@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.extras import import_from_extra
-from ..methods.bound import limit_in_layer, stable_dt
+from ..methods.bound import stable_dt, stable_dt_in_layer
 from ..model.fields import unit_of_name
 from ..model.scene import Scene, turning_times
 from ..run.reasons import Reason
@@ -71,7 +71,7 @@ class Schedule:
         for k, obstacle in enumerate(scene.spheres):
             if obstacle.response == "penalty":
                 depth = obstacle.layer(scene.cloth)["thickness"] / 2
-                limits.append(limit_in_layer(scene, METHOD, k, depth))
+                limits.append(stable_dt_in_layer(scene, METHOD, k, depth))
         longest = _LONGEST * min(limits) / self.refinement
         if not self.stops[-1] / longest < check.INT64_MAX / 2:
             raise ValueError(

@@ -19,8 +19,8 @@ from .. import _core
 from ..base import Floats, check, make_read_only
 from ..base.build import available_thread_count
 from ..base.services import find_service
-from ..engine.force import checked_force, is_python, with_force
-from ..engine.options import Options, core_plan
+from ..engine.force import check_force, needs_python, plan_with_force
+from ..engine.options import Options, compile_plan
 from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
@@ -181,7 +181,7 @@ def reference(
     )
     moments = frames.moments(0.0, 0.0, duration, None)
     times = tuple(moment.time for moment in moments[1:])
-    force = checked_force(force)
+    force = check_force(force)
     return _solved(scene, times) if force is None else _solve(scene, times, force)
 
 
@@ -273,7 +273,7 @@ def positions_at(
 ) -> Positions:
     """Return the scenes at `times` [s], increasing and > 0, by `counts` equal steps to each."""
     several = scenes if len(scenes) > 1 else scenes[0]
-    state = State.checked(several, None, None, None, Options(METHOD, threads=threads), force)
+    state = State.from_arguments(several, None, None, None, Options(METHOD, threads=threads), force)
     state.warn_of_order()
     moments = [_core.Moment(t, t) for t in (0.0, *times)]
     steps = np.diff(times, prepend=0.0) / counts
@@ -281,7 +281,7 @@ def positions_at(
         _core.Segment(begin=a, end=b, dt=dt, whole=count)
         for (a, b), dt, count in zip(pairwise(moments), steps, counts, strict=True)
     ]
-    state.check_step(float(steps.max()))
+    state.warn_of_time_step(float(steps.max()))
     run = _core.FixedRun(segments, moments)
     shape = (len(scenes), len(moments), *scenes[0].cloth.shape, 3)
     x = np.full(shape, np.nan)
@@ -364,8 +364,8 @@ def extrapolation(
     """Return states at `times` by extrapolation in double-double."""
     x = np.ascontiguousarray(scene.initial_position)
     v = np.ascontiguousarray(scene.initial_velocity)
-    plan = with_force(core_plan(scene, Options()), force, scene.cloth.shape)
-    threads = 1 if is_python(force) else threads
+    plan = plan_with_force(compile_plan(scene, Options()), force, scene.cloth.shape)
+    threads = 1 if needs_python(force) else threads
     time, xs, vs = _core.extrapolate(plan, x, v, times, columns, tolerance, threads)
     if xs is None or vs is None:
         raise ArithmeticError(

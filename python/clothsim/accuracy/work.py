@@ -21,7 +21,7 @@ from ..engine.options import PRECISIONS
 from ..errors import OrderWarning, StabilityWarning, ToleranceWarning
 from ..measure import energy
 from ..methods.bound import stable_dt
-from ..methods.integrators import METHODS, integrator_name
+from ..methods.integrators import METHODS, check_integrator_name
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Force, Precision
@@ -355,7 +355,7 @@ def own_method(
 ) -> Method:
     """Return an integrator of this package; "NAME adaptive" chooses its steps by a tolerance."""
     control = "rtol" if name.endswith(" adaptive") else "dt"
-    integrator = integrator_name(
+    integrator = check_integrator_name(
         name.removesuffix(" adaptive"), argument="methods", fixed=control == "dt"
     )
     label = integrator

@@ -26,9 +26,9 @@ from .. import _core
 from ..base import check
 from ..base.files import write_bytes
 from ..base.progress import is_in_notebook
-from ..engine.options import Options, core_plan
+from ..engine.options import Options, compile_plan
 from ..errors import ContactError, UnstableError
-from ..methods.region import border_of_region
+from ..methods.region import angles_and_radii_of_border
 from ..model.mesh import GROUP
 from ..model.obstacle import LAYER, RESPONSES, Sphere, lengths_of_offsets
 from ..model.scene import Scene, core_sphere
@@ -250,7 +250,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         },
         "group": GROUP[0],
         "dt": dt,
-        "exits": border_of_region("rk4")[1].tolist(),
+        "exits": angles_and_radii_of_border("rk4")[1].tolist(),
         "mass": (masses[:1] if cloth.uniform_mass else masses).tolist(),
         "stiffness": dict(cloth.family_stiffness),
         "damping": dict(cloth.family_damping),
@@ -271,7 +271,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         ],
         "pins": np.flatnonzero(cloth.pinned).tolist(),
         "longest": 2 * math.hypot(*cloth.spacing),
-        "extent": core_plan(scene, Options()).runaway_speed(1.0, 0.0),
+        "extent": compile_plan(scene, Options()).runaway_speed(1.0, 0.0),
         "spheres": [
             {**_sphere(sphere, scene), **layer}
             for sphere, layer in zip(scene.spheres, _layers(scene), strict=True)
@@ -331,7 +331,7 @@ def _layers(scene: Scene) -> list[dict[str, Any]]:
     if layered is None:
         return [{} for _ in scene.spheres]
     places = middles(split(_state(scene), single=True))
-    normals = core_plan(layered, Options()).normals_towards(places[0], np.zeros(3), 0.0)
+    normals = compile_plan(layered, Options()).normals_towards(places[0], np.zeros(3), 0.0)
     return [
         {
             **{name: getattr(layer, name) for name in LAYER},

@@ -18,9 +18,9 @@ import numpy as np
 from .. import _core
 from ..base.interrupts import Interrupts
 from ..engine import backend
-from ..engine.options import Options, kept_plan
+from ..engine.options import Options, cached_plan
 from ..measure import penetration
-from ..methods.bound import stable_depths
+from ..methods.bound import stable_layer_depths
 from ..model.mesh import GROUP
 from ..model.scene import Scene
 from ..run.reasons import Reason
@@ -116,7 +116,7 @@ class Simulation:
             return
         self._normals = [
             np.reshape(
-                kept_plan(scene, Options()).normals_towards(middle, origin, self._clock.at(0)),
+                cached_plan(scene, Options()).normals_towards(middle, origin, self._clock.at(0)),
                 (-1, 3),
             )
             for scene, middle, origin in zip(scenes, middles(parts), self._origins, strict=True)
@@ -292,7 +292,7 @@ class Simulation:
         for member, (scene, extremes) in enumerate(zip(self._scenes, self._extremes, strict=True)):
             if self.frozen[member]:
                 continue
-            plan = kept_plan(scene, Options())
+            plan = cached_plan(scene, Options())
             time = self._clock.at(0)
             penetrations = [penetration(x[member], s, time) for s in scene.spheres]
             for name in ("points", "triangles"):
@@ -304,7 +304,7 @@ class Simulation:
             below = max(extremes["points"], extremes["triangles"])
             if below > _core.heuristics["negligible_depth"]:
                 events.setdefault("below", _core.Event(kind="below", value=below, **state))
-            limits = stable_depths(scene, "rk4", self._clock.dt) if self._clock.dt else []
+            limits = stable_layer_depths(scene, "rk4", self._clock.dt) if self._clock.dt else []
             depths = _core.contact_depths(plan, np.ascontiguousarray(x[member]), time)
             for k, (limit, (depth, _)) in enumerate(zip(limits, depths)):
                 if depth > limit:
@@ -364,7 +364,7 @@ class Simulation:
     @property
     def plans(self) -> list[_core.Plan]:
         """The core's form of the scenes, by which it interpolates frames."""
-        return [kept_plan(scene, Options()) for scene in self._scenes]
+        return [cached_plan(scene, Options()) for scene in self._scenes]
 
     def record(
         self,
@@ -433,7 +433,7 @@ class Simulation:
         scene = self._scenes[member]
         x, _ = vectors(joined(self._state(), self._origins), (len(self._scenes), -1, 3))
         depths = _core.contact_depths(
-            kept_plan(scene, Options()), np.ascontiguousarray(x[member]), self._clock.at(1)
+            cached_plan(scene, Options()), np.ascontiguousarray(x[member]), self._clock.at(1)
         )
 
         def through(k: int) -> tuple[bool, float]:
@@ -488,7 +488,7 @@ class AdapterState:
         self.scenes = [scenes[0]] if shared else list(scenes)
         self.origins = origins[: len(self.scenes)]
         self.normals = normals
-        self.plans = [kept_plan(scene, Options()) for scene in self.scenes]
+        self.plans = [cached_plan(scene, Options()) for scene in self.scenes]
         self.features = Features.of(scenes[0])
         self.pipelines = pipelines(device, self.features, precision)
         rows, columns = scenes[0].cloth.shape

@@ -188,7 +188,7 @@ def _position_with_pins(scene: Scene, values: Mapping[str, float]) -> Floats:
     position = scene.initial_position.copy()
     pins = [*scene.cloth.pins]
     for name, value in values.items():
-        # The name has passed check_name.
+        # The name has passed check_sweep_name.
         index, component = _PIN_NAME.fullmatch(name).groups()  # type: ignore[union-attr]
         if int(index) >= len(pins):
             raise ValueError(
@@ -242,7 +242,7 @@ def _change_spheres(
 ) -> list[Sphere | Plane]:
     parts = {}
     for name in values:
-        # The name has passed check_name.
+        # The name has passed check_sweep_name.
         kind, number, part = _OBSTACLE_NAME.fullmatch(name).groups()  # type: ignore[union-attr]
         index = int(number) if number else None
         parts[name] = kind, index, part

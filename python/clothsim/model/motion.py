@@ -56,7 +56,7 @@ class BaseMotion(Record):
     kind: ClassVar[str]
     relative = True  # displacements count from the start, not from the origin
     _period = 0.0  # s; 0: not periodic
-    _check_phase = 0.0  # part of the period
+    _phase = 0.0  # part of the period
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:

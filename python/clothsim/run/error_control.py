@@ -26,7 +26,7 @@ import numpy as np
 from .. import _core
 from ..base import Floats
 from ..errors import ContactError, UnstableError
-from ..methods.bound import usable_dt
+from ..methods.bound import stable_dt_or_error
 from ..methods.integrators import METHODS
 from ..model.scene import Scene, turning_times
 from .reasons import Reason
@@ -216,7 +216,7 @@ def _at_tolerance(job: Job, tolerance: float) -> Attempt:
 
 def _longest_dt(job: Job, integrator: str) -> float:
     """Return the longest fixed step [s]: the guaranteed stable one, half of it with spheres."""
-    stable = usable_dt(job.scene, integrator)
+    stable = stable_dt_or_error(job.scene, integrator)
     return min(stable / 2 if job.scene.spheres else stable, job.duration / 4)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .. import _core
-from ..engine.options import kept_plan
+from ..engine.options import cached_plan
 from ..model.obstacle import name_of_kind
 from ..model.scene import Scene
 from .error_control import ControlledRun, Estimate
@@ -90,7 +90,7 @@ def report(
 
 def _energies(run: Trajectory) -> dict[str, Any]:
     """Return the energies at the start and at the end; NaN and a reason if they are not finite."""
-    plan = kept_plan(run.scene, run.options)
+    plan = cached_plan(run.scene, run.options)
     energies: dict[str, Any] = {}
     for moment, k in (("start", 0), ("end", -1)):
         parts = _core.energy(plan, run.x[k], run.v[k], run.t[k])

@@ -344,7 +344,7 @@ class Run:
         _check_arrays(self)
         texts = {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)}
         if self.snapshot is not None and self.continuation is not None:
-            texts |= snapshot.to_arrays(self.snapshot)
+            texts |= snapshot.snapshot_to_arrays(self.snapshot)
             texts["continuation"] = json.dumps(asdict(self.continuation))
         return _files.write_npz(path, {"t": self.t, "x": self.x, "v": self.v, **texts})
 
@@ -602,7 +602,7 @@ def load_run(path: str | os.PathLike[str]) -> Run:
             settings = json.loads(str(data["continuation"]))
             frames = Frames(**{**settings["frames"], "times": tuple(settings["frames"]["times"])})
             continuation = Continuation(**{**settings, "frames": frames})
-            final_state = snapshot.from_arrays(data)
+            final_state = snapshot.snapshot_from_arrays(data)
         run = Run(
             scene=scene,
             t=data["t"],

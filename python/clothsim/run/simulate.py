@@ -13,13 +13,13 @@ import numpy.typing as npt
 from ..base import check
 from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
-from ..engine.force import checked_force, forces_of
+from ..engine.force import check_force, force_of_each_scene
 from ..engine.options import Options
-from ..engine.snapshot import take
-from ..engine.state import own_arrays, scenes_of, state_arrays
+from ..engine.snapshot import make_snapshot
+from ..engine.state import check_state_arrays, initial_arrays, list_scenes
 from ..errors import ContactError, RunInterrupted, ToleranceWarning, UnstableError, warn_caller
 from ..methods.bound import least_rtol_of_rkc2
-from ..methods.integrators import integrator_name, warn_of_order
+from ..methods.integrators import check_integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Force, Integrator, Kernel, Precision
 from .error_control import estimate_of, size_of, solve
@@ -157,9 +157,9 @@ def simulate(
     ((26, 1, 2, 3), 'dop853', True)
     """
     batched = not isinstance(scene, Scene)
-    scenes = scenes_of(scene)
+    scenes = list_scenes(scene)
     if batched and (dt is None or callback is not None or estimate_error or backend == "gpu"):
-        forces = forces_of(force, scenes, batched) or [None] * len(scenes)
+        forces = force_of_each_scene(force, scenes, batched) or [None] * len(scenes)
         return _one_by_one(
             scenes,
             forces,
@@ -187,7 +187,7 @@ def simulate(
     frames = Frames.of(every, times, fps, t, duration)
     if integrator is None:
         integrator = "rk4" if dt is not None or backend == "gpu" else "auto"
-    integrator = integrator_name(integrator, "auto", fixed=dt is not None)
+    integrator = check_integrator_name(integrator, "auto", fixed=dt is not None)
     method = "rk4" if integrator == "auto" else integrator
     options = Options(method, precision, threads, kernel, backend)
     if options.backend == "gpu" and (request is not None or integrator == "auto"):
@@ -205,13 +205,13 @@ def simulate(
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
     _check_callback(callback)
-    forces_of(force, scenes, batched)
+    force_of_each_scene(force, scenes, batched)
     if integrator == "auto":
         relative = _DEFAULT_RTOL if request is None else request / size_of(scenes[0])
         chosen = "rkc2" if relative >= least_rtol_of_rkc2(scenes[0]) else "dop853"
         options = replace(options, integrator=chosen, precision="double")
     if options.precision == "single":
-        state_arrays(*own_arrays(scenes, batched), scenes, batched, "single")
+        check_state_arrays(*initial_arrays(scenes, batched), scenes, batched, "single")
     job = Job(scenes, batched, duration, options, t, frames, force, dt)
     tolerance = _DEFAULT_RTOL * size_of(scenes[0]) if request is None else request
 
@@ -282,7 +282,7 @@ def _run(trajectory: Trajectory, stopped: str = "", **accuracy: Any) -> Run:
     state = trajectory.state
     final = None
     if trajectory.saved is not None or not state.batched:
-        final = take(state, trajectory.scene, trajectory.options, trajectory.saved)
+        final = make_snapshot(state, trajectory.scene, trajectory.options, trajectory.saved)
     return Run(
         trajectory.scene,
         np.array(trajectory.t),
@@ -368,7 +368,7 @@ def resume(
     if not (every is None and times is None and fps is None):
         frames = Frames.of(every, times, fps, past.start + past.seconds, duration)
     _check_callback(callback)
-    checked_force(force)
+    check_force(force)
     if past.forced and force is None:
         raise ValueError("force must be given: this run had one, and functions are not kept")
     job = Job(

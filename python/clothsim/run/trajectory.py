@@ -19,10 +19,10 @@ import numpy as np
 
 from .. import _core
 from ..base import Floats, check
-from ..engine.force import forces_of
+from ..engine.force import force_of_each_scene
 from ..engine.judge import TIME_STEP
 from ..engine.options import Options
-from ..engine.snapshot import Snapshot, of_members
+from ..engine.snapshot import Snapshot, fields_of_members
 from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
@@ -304,10 +304,12 @@ class Recording:
     def __init__(self, job: Job, watch: Watch, quiet: frozenset[str] = frozenset()) -> None:
         self.job = job
         self._watch = watch
-        forces = forces_of(job.force, job.scenes, job.batched)
+        forces = force_of_each_scene(job.force, job.scenes, job.batched)
         if job.own_step or job.dt is None:
             quiet |= TIME_STEP
-        self.state = State.own(job.scenes, job.batched, job.start, job.options, forces, quiet)
+        self.state = State.from_scenes(
+            job.scenes, job.batched, job.start, job.options, forces, quiet
+        )
         self._earlier = Continuation(job.start)
         if job.resumed:
             snapshot, self._earlier = job.resumed
@@ -333,7 +335,7 @@ class Recording:
 
     def run(self) -> Recording:
         if self.job.dt is not None:
-            self.state.check_step(self.job.dt)
+            self.state.warn_of_time_step(self.job.dt)
         while self.live and not self._path.complete:
             # Nobody waits for a run without a bar and a pause.
             waits = self._watch.bar is not None or self._pause
@@ -474,7 +476,7 @@ class Recording:
 
         That of a member that failed ends with its last good state.
         """
-        x, v = self.state.arrays()
+        x, v = self.state.positions_and_velocities()
         if not self.state.batched:
             x = x[None]
             v = v[None]
@@ -520,7 +522,11 @@ class Recording:
         watched = state.core.watched
         counted = state.core.evaluations
         keeps = state.batched and not job.own_step
-        saved = of_members(state.core.snapshot(), state.scenes) if keeps else [None] * len(watched)
+        saved = (
+            fields_of_members(state.core.snapshot(), state.scenes)
+            if keeps
+            else [None] * len(watched)
+        )
         method = METHODS[job.options.integrator]
         runs = {}
         for k, (x, v) in present.items():

@@ -17,7 +17,7 @@ from .. import _core
 from ..base import Floats, check, files
 from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
-from ..engine.options import Options, kept_plan
+from ..engine.options import Options, cached_plan
 from ..model.mesh import triangles
 from .camera import extremes
 from .picture import file_path
@@ -229,7 +229,7 @@ def between(run: Any, first: int, second: int, t: float) -> tuple[Floats, Floats
     begin = float(run.t[first])
     length = float(run.t[second]) - begin
     ends = (run.x[first], run.v[first], run.x[second], run.v[second])
-    return _core.interpolate(kept_plan(run.scene, Options()), t, begin, length, *ends)
+    return _core.interpolate(cached_plan(run.scene, Options()), t, begin, length, *ends)
 
 
 def _check_interpolation(run: Any, fps: float) -> None:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ..base import Floats, check, files
 from ..base.build import available_thread_count
 from ..base.extras import import_from_extra
-from ..engine.state import start_time
+from ..engine.state import check_start_time
 from ..model.scene import Scene
 from ..run.result import deepest
 from .camera import Camera, camera_for, extremes, eye_of, is_wide, nearest
@@ -313,7 +313,7 @@ def picture(
     (320, 3)
     """
     check.instance("scene", scene, Scene)
-    t = 0.0 if t is None and x is None else start_time(t, [scene])
+    t = 0.0 if t is None and x is None else check_start_time(t, [scene])
     x = scene.initial_position if x is None else check.array("x", x, (*scene.cloth.shape, 3))
     v = None if v is None else check.array("v", v, (*scene.cloth.shape, 3))[None]
     path = None if path is None else file_path("path", path)
