@@ -66,7 +66,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         bool accepted = controller.judge(h, error, adaptive.order());
         const double bounded = accepted ? adaptive.contact_step(t, h, run.near, true) : h;
         const Passage passage = accepted && bounded >= h && engine.has_penalty()
-            ? passage_in(adaptive.trial_depths(t + h), plan(0))
+            ? deepest_passage(adaptive.trial_depths(t + h), plan(0))
             : Passage{};
         if (passage.obstacle >= 0) {
             // Where steps meet the tolerance and still end beyond the layer, the solution does too.

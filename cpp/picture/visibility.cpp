@@ -7,7 +7,7 @@ namespace {
 
 constexpr std::int64_t triangles_between_questions = 1024;  // whether to end: some 30 us
 
-Facet facet_of(const Sheet& sheet, std::int64_t triangle) {
+Facet project_triangle(const Sheet& sheet, std::int64_t triangle) {
     const std::array<std::int64_t, 3> corners = sheet.corners(triangle);
     const double* const a = sheet.screen + 3 * corners[0];
     const double* const b = sheet.screen + 3 * corners[1];
@@ -105,7 +105,7 @@ bool Nearest::find(const Sheet& sheet, const Bins& bins, int tile, Poll& poll) {
         const std::int64_t triangle = bins.triangles_[std::size_t(k)];
         const Box all = bins.box(sheet, triangle);
         const Box box = clipped(all.left, all.top, all.right, all.bottom, whole);
-        facets.push_back(facet_of(sheet, triangle));
+        facets.push_back(project_triangle(sheet, triangle));
         for (int row = box.top; row < box.bottom; ++row) {
             const std::size_t at = this->at(whole, box.left, row);
             cover(facets.back(), double(facets.size() - 1), box.left, row + 0.5 - facets.back().y,

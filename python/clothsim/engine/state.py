@@ -546,7 +546,7 @@ class State:
         if check.real(dt) is None or not dt > 0:
             return
         for k, scene in enumerate(self.scenes):
-            self.core.set_stable_depths(k, stable_depths(scene, self.integrator, float(dt)))
+            self.core.set_stable_layer_depths(k, stable_depths(scene, self.integrator, float(dt)))
         self._dt_of_depths = dt
 
     def _go_on(
