@@ -26,7 +26,8 @@ void bind_measures(py::module_& m) {
                   blocks = Array<double>({points, py::ssize_t(3), py::ssize_t(3)});
                   std::fill_n(blocks.mutable_data(), 9 * points, 0.0);
               }
-              const PointsView velocities = view(v), places = view(x);
+              const PointsView velocities = view(v);
+              const PointsView places = view(x);
               each_contact(plan, t, each_free_of(plan.cloth, places),
                            [&](std::size_t, const PenaltyContact& contact, int i, const auto&) {
                                const auto d = contact.derivatives(Vec3(places.row(i)),

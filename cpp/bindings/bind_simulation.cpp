@@ -421,7 +421,9 @@ void restore(SharedSimulation& shared, const py::dict& fields) {
             states[i].values.insert(states[i].values.end(), values.data() + i * size,
                                     values.data() + (i + 1) * size);
     }
-    std::size_t sums = 0, contact_sums = 0, spheres = 0;
+    std::size_t sums = 0;
+    std::size_t contact_sums = 0;
+    std::size_t spheres = 0;
     for (std::size_t i = 0; i < members; ++i) {
         sums += simulation->member(i).impulses.sums().size();
         contact_sums += simulation->member(i).contacts.sums().size();

@@ -48,7 +48,8 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
             end = run.target(t);
             if (!run.grid.empty()) controller.h = end - t;
         }
-        const double left = end - t, smallest = smallest_part * std::max(std::abs(end), left);
+        const double left = end - t;
+        const double smallest = smallest_part * std::max(std::abs(end), left);
         const double goal = controller.h;
         // Two equal steps are better than a long one and a sliver.
         double h = goal;

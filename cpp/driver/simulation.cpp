@@ -222,7 +222,8 @@ void Simulation::each_member_of(const std::vector<std::size_t>& members, int thr
                                 const MemberWork& work) {
     // Most members are stepped by one thread each. The whole team steps those left one after the
     // other where that is faster.
-    const std::size_t team = std::size_t(threads), left = members.size() % team;
+    const std::size_t team = std::size_t(threads);
+    const std::size_t left = members.size() % team;
     const bool shared = 4 * left <= 3 * team &&
         plan(0).cloth.points() >= heuristics::points_per_thread_of_step * threads;
     const std::size_t single_count = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);

@@ -12,7 +12,8 @@ namespace {
 
 // Pixels of a tile, along and down, whose 60 kB stay in a second-level cache: at half 4 % slower,
 // at twice 2 % faster.
-constexpr int tile_width = 32, tile_height = 16;
+constexpr int tile_width = 32;
+constexpr int tile_height = 16;
 // Part of the ambient light that a full shadow takes. At 0.25 contact hardly shows, at 1 grid lines
 // vanish.
 constexpr double ambient_in_shadow = 0.5;
@@ -37,7 +38,8 @@ double light_on(const Shading& shading, const Triple& normal, double to_eye, dou
 
 // Colour of a cloth at that depth below a surface, of a picture coloured by depth.
 Triple penetration_color(const Shading& shading, double depth) {
-    const double last = double(shading.depth_colors.size() - 1), low = shading.depth_range[0];
+    const double last = double(shading.depth_colors.size() - 1);
+    const double low = shading.depth_range[0];
     const double part_of_range = (depth - low) / (shading.depth_range[1] - low);
     const double place = last * std::min(std::max(0.0, part_of_range), 1.0);
     const std::size_t k = std::size_t(std::min(place, last - 1));
@@ -82,7 +84,8 @@ Disc seeds() {
     Disc disc;
     const double turn = std::numbers::pi * (3 - std::sqrt(5.0));
     for (std::size_t k = 0; k < taps; ++k) {
-        const double radius = std::sqrt((double(k) + 0.5) / taps), angle = double(k) * turn;
+        const double radius = std::sqrt((double(k) + 0.5) / taps);
+        const double angle = double(k) * turn;
         disc.x[k * stride % taps] = float(radius * std::cos(angle));
         disc.y[k * stride % taps] = float(radius * std::sin(angle));
     }
@@ -91,7 +94,8 @@ Disc seeds() {
 const Disc disc = seeds();
 
 // Extents of a sheet that has a shadow map, whose heights are float32 [m].
-constexpr double least_extent = 1e-30, largest_extent = 1e30;
+constexpr double least_extent = 1e-30;
+constexpr double largest_extent = 1e30;
 
 // Metres by which the map is above `height` at the seeds of a disc. Its border is beside the sheet.
 // A place that is NaN counts as 0, since `max` returns its first argument then.
@@ -171,8 +175,10 @@ private:
         const Triple place = view_.to_view(point);
         const float x = float(map_size / 2.0 + view_.scale * place[0]);
         const float y = float(map_size / 2.0 - view_.scale * place[1]);
-        const float slack = float(map_slack / view_.scale), height = float(place[2]);
-        const float edge = float(light_size * view_.scale), least = float(map_slack);
+        const float slack = float(map_slack / view_.scale);
+        const float height = float(place[2]);
+        const float edge = float(light_size * view_.scale);
+        const float least = float(map_slack);
         const float reach = edge * (highest_ - height) + least;
         constexpr float middle = map_size / 2.0f;
         const float away = std::max(std::abs(x - middle), std::abs(y - middle));
@@ -257,8 +263,10 @@ private:
     }
 
     Triple weights(const Facet& facet, int column, int row) const {
-        const double x = column + 0.5 - facet.x, y = row + 0.5 - facet.y;
-        const double b = facet.b(x, y), c = facet.c(x, y);
+        const double x = column + 0.5 - facet.x;
+        const double y = row + 0.5 - facet.y;
+        const double b = facet.b(x, y);
+        const double c = facet.c(x, y);
         if (!view_.perspective()) return {1.0 - b - c, b, c};
         // A function linear on the sheet is linear in the picture after division by the distance.
         const Triple w{(1.0 - b - c) * facet.nearness, b * (facet.nearness + facet.b_nearness),
@@ -276,7 +284,8 @@ private:
                          to_eye = view_.ray(column + 0.5, row + 0.5).to_eye;
             const Triple point = blend(w, sheet.points, facet);
             Triple normal = blend(w, sheet.normals, facet);
-            const double facing = dot(normal, to_eye), side = facing >= 0 ? 1.0 : -1.0;
+            const double facing = dot(normal, to_eye);
+            const double side = facing >= 0 ? 1.0 : -1.0;
             const double factor = side / std::max(std::sqrt(dot(normal, normal)), 1e-300);
             normal = factor * normal;
             Triple color = side > 0 ? shading_.front : shading_.back;
@@ -378,9 +387,12 @@ private:
         if (!(above > 0)) return;
         const double length = view_.perspective() ? view_.distance : 1.0;
         const double middle = view_.perspective() ? n[2] / above : height / above;
-        const double by_x = -n[0] / (length * above), by_y = -n[1] / (length * above);
-        const double metre = 1 / view_.scale, pixel = metre * samples;
-        const double left = 0.5 * view_.columns(), top = 0.5 * view_.rows();
+        const double by_x = -n[0] / (length * above);
+        const double by_y = -n[1] / (length * above);
+        const double metre = 1 / view_.scale;
+        const double pixel = metre * samples;
+        const double left = 0.5 * view_.columns();
+        const double top = 0.5 * view_.rows();
         // The place that is seen, by metres to the right and up in the plane through the target.
         const auto place_at = [&](double right, double up) {
             const double nearness = middle + by_x * right + by_y * up;
@@ -395,7 +407,8 @@ private:
             double lit = unknown;
             Triple color = shading_.background;
             each_sample(x, y, [&](std::size_t i, int column, int row) {
-                const double right = metre * (column + 0.5 - left), up = metre * (top - row - 0.5);
+                const double right = metre * (column + 0.5 - left);
+                const double up = metre * (top - row - 0.5);
                 const double nearness = middle + by_x * right + by_y * up;
                 if (!(nearness > nearest_.nearness[i])) return;
                 if (view_.perspective() && nearness <= 0) return;

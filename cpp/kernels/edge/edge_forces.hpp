@@ -86,7 +86,8 @@ __attribute__((noinline)) void penalty_on_row(const EdgeArguments<Real>& e, cons
         const Vector3<V> x = load3<V>(source, W);
         Vector3<V> across =
             normal;  // the normal times the distance from the centre over the radius
-        V square = one, root = one;  // of that distance over the radius, and 1 / its root
+        V square = one;  // of that distance over the radius
+        V root = one;  // 1 / the root of the square
         V depth;                     // times the scale
         if constexpr (method == DepthMethod::flat) {
             depth = xsimd::fnma(x.x, place.x, scaled_reach);
