@@ -11,7 +11,8 @@ namespace {
 constexpr double rounding_of_times = 4e-16;  // of a time over the step, as part of it
 
 // Return where frame k begins in each array.
-std::vector<double*> frame_of(const std::vector<double*>& arrays, std::size_t k, std::size_t size) {
+std::vector<double*> frame_pointers(const std::vector<double*>& arrays, std::size_t k,
+                                    std::size_t size) {
     std::vector<double*> frame;
     for (double* const array : arrays) frame.push_back(array ? array + k * size : nullptr);
     return frame;
@@ -73,7 +74,7 @@ void interpolate(const Scene& scene, double t, const StepEnds& ends, double* x, 
 
 // Fixed steps
 
-FixedRun::Place FixedRun::next_place() const {
+FixedRun::Place FixedRun::place_of_next_frame() const {
     const Segment& segment = segments_[segment_];
     const std::size_t number = frames.stored.size();
     const double seconds = frames.moments[number].seconds;
@@ -131,10 +132,10 @@ Outcome FixedRun::record(Cloths& cloths, const FrameArrays& arrays, std::int64_t
     std::int64_t budget = most_steps;
     while (!complete() && frames.stored.size() < last) {
         const std::size_t number = frames.stored.size();
-        const auto x = frame_of(arrays.x, number, size);
-        const auto v = frame_of(arrays.v, number, size);
+        const auto x = frame_pointers(arrays.x, number, size);
+        const auto v = frame_pointers(arrays.v, number, size);
         // The run begins at the present state, whatever its clock has rounded.
-        const Place place = number == 0 ? Place{} : next_place();
+        const Place place = number == 0 ? Place{} : place_of_next_frame();
         if (!place.within) {
             if (!advance_to(place.steps, cloths, outcome, budget)) return outcome;
         } else if (step_of_ends_ != place.steps) {

@@ -98,7 +98,7 @@ private:
         bool within = false;
         bool stores = true;  // false: no further frame lies in the segment
     };
-    Place next_place() const;
+    Place place_of_next_frame() const;
     // Take steps until `steps` of the segment are done. Return false if the call ends before.
     bool advance_to(std::int64_t steps, Cloths& cloths, Outcome& outcome, std::int64_t& budget);
 

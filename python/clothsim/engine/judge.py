@@ -163,8 +163,8 @@ class Judge:
             )
         return (
             f"energy{self._member_phrase(event.member)} grows out of nothing: at t = "
-            f"{event.time:g} s more than half of the kinetic and elastic energy was made by the time step "
-            f"dt = {dt:g} s; {self._integrator} {reach}"
+            f"{event.time:g} s more than half of the kinetic and elastic energy was made "
+            f"by the time step dt = {dt:g} s; {self._integrator} {reach}"
         )
 
     def _remedy_text(self, event: _core.Event, v: Any, dt: float) -> str:

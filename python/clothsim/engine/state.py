@@ -549,7 +549,8 @@ class State:
         if check.real_or_none(dt) is None or not dt > 0:
             return
         for k, scene in enumerate(self.scenes):
-            self.core.set_stable_depths(k, stable_layer_depths(scene, self.integrator, float(dt)))
+            depths = stable_layer_depths(scene, self.integrator, float(dt))
+            self.core.set_stable_layer_depths(k, depths)
         self._dt_of_depths = dt
 
     def _report_and_continue(

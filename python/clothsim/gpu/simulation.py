@@ -272,7 +272,7 @@ class Simulation:
             self._make_adapter_state(self._scenes)
             self._take(parts)
 
-    def set_stable_depths(self, i: int, depths: list[float]) -> None:
+    def set_stable_layer_depths(self, i: int, depths: list[float]) -> None:
         """Do nothing: `sample` computes from which depths on a time step may be too long."""
 
     def set_watch(self, every: int, interval: float) -> None:
