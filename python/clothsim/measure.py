@@ -111,7 +111,7 @@ def penetration(
     check.check_all("x", x, np.isfinite(x), accepted, points=True)
     rows, columns = x.shape[-3:-1]
     batch = x.reshape(-1, rows, columns, 3)
-    times = np.broadcast_to(np.asarray(_times(t, sphere, x.shape[:-3]), float), len(batch))
+    times = np.broadcast_to(np.asarray(_check_times(t, sphere, x.shape[:-3]), float), len(batch))
     core = core_sphere(sphere)
     depths = np.array(
         [_core.penetration(rows, columns, state, core, time) for state, time in zip(batch, times)]
@@ -120,7 +120,7 @@ def penetration(
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
-def _times(
+def _check_times(
     t: npt.ArrayLike | None, sphere: Sphere | Plane, batch: tuple[int, ...]
 ) -> npt.ArrayLike:
     """Check `t`: a time, or a time per member of a batch of this shape, () or (B,)."""

@@ -22,7 +22,7 @@ def refuse_import(*arguments, **options):
 def nothing_runs(monkeypatch):
     for module, name in [
         ("stability.map", "is_stable"),
-        ("accuracy.work", "reference_for"),
+        ("accuracy.work", "checked_or_new_reference"),
         ("sweeps.sweep", "run_task"),
         ("engine.state", "State"),  # comes last, as the modules above take its name when imported
     ]:

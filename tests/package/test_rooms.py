@@ -142,10 +142,10 @@ def test_rooms_of_evidence_use_public_names_alone():
     )
     private = (
         "from .. import _core\nfrom ..gpu.device import using\nfrom ..accuracy import "
-        "own_method\ncs._core.Cloth\n"
+        "method_of_integrator\ncs._core.Cloth\n"
     )
     uses = private_uses(public + private, "clothsim.paper")
-    assert uses == ["_core", "gpu.device.using", "accuracy.own_method", "cs._core"]
+    assert uses == ["_core", "gpu.device.using", "accuracy.method_of_integrator", "cs._core"]
 
 
 def test_benchmarks_use_public_names_alone():

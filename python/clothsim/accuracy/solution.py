@@ -106,7 +106,9 @@ class Reference:
         frame = check.integer("frame", frame, minimum=-len(self.t), maximum=len(self.t) - 1)
         return {
             name: float(value)
-            for name, value in distances(x.astype(np.float64), self.x[frame]).items()
+            for name, value in largest_and_rms_distances(
+                x.astype(np.float64), self.x[frame]
+            ).items()
         }
 
     def plot(self, ax: Any = None) -> Any:
@@ -182,10 +184,10 @@ def reference(
     moments = frames.moments(0.0, 0.0, duration, None)
     times = tuple(moment.time for moment in moments[1:])
     force = check_force(force)
-    return _solved(scene, times) if force is None else _solve(scene, times, force)
+    return _kept_reference(scene, times) if force is None else _make_reference(scene, times, force)
 
 
-def reference_for(
+def checked_or_new_reference(
     scene: Scene, duration: float, solution: Reference | None, force: Force | None
 ) -> Reference:
     """Return the solution, checked to fit scene, duration and force; a new one where it is None."""
@@ -202,12 +204,12 @@ def reference_for(
 
 
 @lru_cache(maxsize=32)
-def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
+def _kept_reference(scene: Scene, times: tuple[float, ...]) -> Reference:
     """Return the reference with frames at 0 and at `times`, without a function's force."""
-    return _solve(scene, times, None)
+    return _make_reference(scene, times, None)
 
 
-def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Reference:
+def _make_reference(scene: Scene, times: tuple[float, ...], force: Force | None) -> Reference:
     """Return the reference with frames at 0 and at `times`."""
     layers = [obstacle for obstacle in scene.spheres if obstacle.response == "penalty"]
     free = scene.replace(spheres=layers)
@@ -228,8 +230,8 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
             "(penetration, energy)"
         )
     options: dict[str, Any] = {"threads": threads, "force": force}
-    x, v = extrapolation(free, stops, **_TRUSTED, **options)
-    control, _ = extrapolation(free, stops, **_CONTROL, **options)
+    x, v = extrapolate_states(free, stops, **_TRUSTED, **options)
+    control, _ = extrapolate_states(free, stops, **_CONTROL, **options)
     double = double or solve_in_double(free, stops, threads, force)
     if double.finest.reason:
         raise ArithmeticError(f"no reference: {double.finest.reason}")
@@ -240,8 +242,13 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
     v = np.concatenate([scene.initial_velocity[None], v[frames]])
     second = np.concatenate([start, double.x[frames]])
     control = np.concatenate([start, control[frames]])
-    bound = {name: make_read_only(value + rounding) for name, value in distances(x, second).items()}
-    estimate = {name: make_read_only(value) for name, value in distances(x, control).items()}
+    bound = {
+        name: make_read_only(value + rounding)
+        for name, value in largest_and_rms_distances(x, second).items()
+    }
+    estimate = {
+        name: make_read_only(value) for name, value in largest_and_rms_distances(x, control).items()
+    }
     return Reference(
         scene=scene,
         t=make_read_only(np.array([0.0, *times])),
@@ -352,7 +359,7 @@ def solve_in_double(
     return DoubleSolution(finest.x[0], changes, finest)
 
 
-def extrapolation(
+def extrapolate_states(
     scene: Scene,
     times: list[float],
     *,
@@ -376,7 +383,7 @@ def extrapolation(
     return xs, vs
 
 
-def distances(a: Floats, b: Floats) -> dict[str, Floats]:
+def largest_and_rms_distances(a: Floats, b: Floats) -> dict[str, Floats]:
     """Return the largest and the rms distance of the mass points, of a frame or of each."""
     distance = np.linalg.norm(a - b, axis=-1)
     return {"max": distance.max(axis=(-2, -1)), "rms": np.sqrt((distance**2).mean(axis=(-2, -1)))}

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..accuracy.solution import distances, solve_in_double
+from ..accuracy.solution import largest_and_rms_distances, solve_in_double
 from ..base import Floats, check
 from ..model.scene import Scene
 from ..run.result import Run
@@ -72,7 +72,7 @@ def incomparable(run: Run, reference: EndReference) -> str:
 def _error(run: Run, reference: EndReference) -> tuple[float, ...]:
     if incomparable(run, reference):
         return math.nan, math.nan, math.nan
-    distance = distances(run.x[-1], reference.x)
+    distance = largest_and_rms_distances(run.x[-1], reference.x)
     return float(distance["max"]), float(distance["rms"]), reference.error
 
 
