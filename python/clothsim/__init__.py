@@ -182,7 +182,7 @@ __getattr__, __dir__ = _extras.make_late_importers(
 _services.register_services(
     {
         "clothsim.engine.explain": ("explain",),
-        "clothsim.gpu.live_page": ("live_page",),
+        "clothsim.gpu.live_page": ("write_live_page",),
         "clothsim.gpu.simulation": ("Simulation",),
         "clothsim.stability.limit": ("max_stable_dt",),
         "clothsim.viewing.animation": ("animate",),

@@ -171,7 +171,7 @@ def test_contact_has_the_bits_of_the_adapter_without_float64_and_follows_the_cor
         narrow = devices.Device(devices.chosen_adapter(), float64=False)
     except (ImportError, RuntimeError) as error:
         pytest.skip(str(error))
-    monkeypatch.setattr(devices, "opened", lambda: narrow)
+    monkeypatch.setattr(devices, "open_device", lambda: narrow)
     gpu = cs.Stepper(scene, precision="single", backend="gpu", t=0.0)
     gpu.advance(300, DT)
     assert same_bits(found, parts(gpu))

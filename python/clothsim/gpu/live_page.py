@@ -46,10 +46,10 @@ from .shader import (
     Features,
     SphereFeatures,
     check_scenes,
-    rest_lengths,
-    source,
+    rest_length_of_kinds,
+    step_wgsl,
 )
-from .simulation import middles, planes_of, split
+from .simulation import mean_positions, planes_of_state, split_planes
 
 UNLIMITED_DT = 1e-3  # s, the time step of a scene that nothing limits
 STORED = 2.0  # s of the run that a browser without WebGPU plays
@@ -77,12 +77,12 @@ CHANGED = (
 )
 
 
-def live_page(
+def write_live_page(
     scene: Scene, path: str | Path, dt: float | None = None, title: str | None = None
 ) -> Path:
     """Write the page of `Scene.to_live_html`."""
     path = file_path("path", path)
-    return write_bytes(path, _page(scene, dt, title).encode())
+    return write_bytes(path, _page_text(scene, dt, title).encode())
 
 
 @check.check_names
@@ -112,7 +112,7 @@ def view(scene: Scene) -> Path | Frame:
     --------
     >>> page = cs.view(cs.scenes.paper_static())  # doctest: +SKIP
     """
-    page = _page(check.instance("scene", scene, Scene))
+    page = _page_text(check.instance("scene", scene, Scene))
     if is_in_notebook():
         return Frame(page, "<live page, to be shown in a notebook>", HEIGHT)
     path = write_bytes(Path(mkdtemp(prefix="clothsim-"), "live.html"), page.encode())
@@ -121,7 +121,7 @@ def view(scene: Scene) -> Path | Frame:
     return path
 
 
-def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> str:
+def _page_text(scene: Scene, dt: float | None = None, title: str | None = None) -> str:
     rows, columns = scene.cloth.shape
     title = (
         f"Cloth of {rows} x {columns} points, live"
@@ -132,7 +132,7 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
     usual = stable_dt / 2 if math.isfinite(stable_dt) else UNLIMITED_DT
     dt = check.number("dt", usual if dt is None else dt, minimum=0, exclusive=True)
     check_scenes([scene])
-    data = _data(scene, dt)
+    data = _page_data(scene, dt)
     names = (
         f"<option{' selected' if k == data['method'] else ''}>{name}</option>"
         for k, name in enumerate(data.pop("names"))
@@ -140,12 +140,12 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
     live = fill(
         "live.html",
         methods="".join(names),
-        state=_packed(_state(scene).astype("<f8").tobytes()),
-        toml=_packed(_toml(scene).encode()),
+        state=_compressed_text(_planes_of_initial_state(scene).astype("<f8").tobytes()),
+        toml=_compressed_text(_toml_template(scene).encode()),
         data=json_text(data),
     )
     code = "\n".join(map(web_file, ("solver.js", "live.js")))
-    stored = _stored(scene, usual)
+    stored = _short_run(scene, usual)
     return page_text(
         title,
         page_body(title, {title: stored}, more=live),
@@ -153,7 +153,7 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
     )
 
 
-def _stored(scene: Scene, dt: float) -> Run:
+def _short_run(scene: Scene, dt: float) -> Run:
     """Return a short run of the scene, or its first step where the run does not come to its end."""
     points = math.prod(scene.cloth.shape)
     duration = min(STORED, STORED_STEPS / points * dt)
@@ -166,7 +166,7 @@ def _stored(scene: Scene, dt: float) -> Run:
             return simulate(scene, dt, dt)
 
 
-def _toml(scene: Scene) -> str:
+def _toml_template(scene: Scene) -> str:
     """Return the scene's file, with "@name" in place of the values that the page's controls change.
 
     The page leaves the line of a value out that the scene has none of.
@@ -183,27 +183,27 @@ def _toml(scene: Scene) -> str:
     return toml_text(data)
 
 
-def _packed(content: bytes) -> str:
+def _compressed_text(content: bytes) -> str:
     return b64encode(zlib.compress(content, 9)).decode("ascii")
 
 
-def _state(scene: Scene) -> np.ndarray:
+def _planes_of_initial_state(scene: Scene) -> np.ndarray:
     """Return the planes of the initial state, shape (1, 6, points)."""
     x = scene.initial_position
     v = np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity)
-    return planes_of(x, v, [scene])
+    return planes_of_state(x, v, [scene])
 
 
-def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
+def _collision_methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
     """Return names of the page's collision methods, the WGSL and the responses of each, and the
     index of the scene's own.
     """
-    features = Features.of(scene)
-    layered = _in_layers(scene)
+    features = Features.of_scene(scene)
+    layered = _scene_with_layers(scene)
 
     def method(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
         return {
-            "wgsl": replace(features, spheres=tuple(spheres)).contacts(),
+            "wgsl": replace(features, spheres=tuple(spheres)).contacts_wgsl(),
             "responses": [sphere.response for sphere in spheres],
             "printed": [sphere.as_printed for sphere in spheres],
         }
@@ -231,13 +231,13 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
     return names, methods, methods.index(own)
 
 
-def _data(scene: Scene, dt: float) -> dict[str, Any]:
+def _page_data(scene: Scene, dt: float) -> dict[str, Any]:
     """Return everything that solver.js and live.js know of the scene."""
     cloth = scene.cloth
     eps = float(np.finfo(np.float32).eps)
-    names, methods, own = _methods(scene)
-    features = replace(Features.of(scene), moving=True, spheres=())
-    lengths = rest_lengths(scene)
+    names, methods, own = _collision_methods(scene)
+    features = replace(Features.of_scene(scene), moving=True, spheres=())
+    lengths = rest_length_of_kinds(scene)
     masses = cloth.mass_per_point.ravel()
     lightest = float(masses.min())
     stiffest = max(cloth.family_stiffness.values())
@@ -273,8 +273,8 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "longest": 2 * math.hypot(*cloth.spacing),
         "extent": compile_plan(scene, Options()).runaway_speed(1.0, 0.0),
         "spheres": [
-            {**_sphere(sphere, scene), **layer}
-            for sphere, layer in zip(scene.spheres, _layers(scene), strict=True)
+            {**_sphere_data(sphere, scene), **layer}
+            for sphere, layer in zip(scene.spheres, _layer_data(scene), strict=True)
         ],
         "restitutions": {response: Sphere(response=response).restitution for response in RESPONSES},
         "firstSpring": FIRST_SPRING,
@@ -282,15 +282,15 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "contactSize": CONTACT_SIZE,
         "epsilon": eps,
         "largestFloat": float(np.finfo(np.float32).max),
-        "constants": features.constants(),
-        "wgsl": source(features, "single", False).removesuffix(features.contacts()),
+        "constants": features.override_constants(),
+        "wgsl": step_wgsl(features, "single", False).removesuffix(features.contacts_wgsl()),
         "methods": methods,
         "names": names,
         "method": own,
     }
 
 
-def _in_layers(scene: Scene) -> Scene | None:
+def _scene_with_layers(scene: Scene) -> Scene | None:
     """Return the scene with obstacles of response "penalty" alone and all their parameters; None
     where the cloth gives them no stiffness.
     """
@@ -304,7 +304,7 @@ def _in_layers(scene: Scene) -> Scene | None:
     return scene.replace(spheres=obstacles)
 
 
-def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
+def _sphere_data(sphere: Any, scene: Scene) -> dict[str, Any]:
     core = core_sphere(sphere, scene)
     side = lengths_of_offsets(scene.cloth).get(sphere.offset, 0.0)  # 0: the offset is a number
     return {
@@ -323,14 +323,14 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
     }
 
 
-def _layers(scene: Scene) -> list[dict[str, Any]]:
+def _layer_data(scene: Scene) -> list[dict[str, Any]]:
     """Return for each obstacle the parameters of its layer, those that the scene gives, and the
     normal at the surface point from which the core in single measures the initial state.
     """
-    layered = _in_layers(scene)
+    layered = _scene_with_layers(scene)
     if layered is None:
         return [{} for _ in scene.spheres]
-    places = middles(split(_state(scene), single=True))
+    places = mean_positions(split_planes(_planes_of_initial_state(scene), single=True))
     normals = compile_plan(layered, Options()).normals_towards(places[0], np.zeros(3), 0.0)
     return [
         {

@@ -309,7 +309,7 @@ class Scene(Record):
         ...     path.name, path.stat().st_size < 400_000
         ('live.html', True)
         """
-        page: Path = find_service("live_page")(self, path, dt, title)
+        page: Path = find_service("write_live_page")(self, path, dt, title)
         return page
 
     def to_dict(self) -> dict[str, Any]:
