@@ -200,9 +200,9 @@ public:
     const Scene& scene(std::size_t i) const override { return simulation_.plan(i); }
     double now() const override { return simulation_.clock.now(); }
     Outcome advance(std::int64_t steps, double dt) override {
-        return simulation_.advance(steps, dt, threads_,
-                                   [this] { return unlocked_.signal_pending(); });
+        return simulation_.advance(steps, dt, threads_, [this] { return interrupted(); });
     }
+    bool interrupted() override { return unlocked_.signal_pending(); }
     void sample() override { simulation_.sample(); }
     void store(const std::vector<double*>& x, const std::vector<double*>& v) override {
         for (std::size_t i = 0; i < x.size(); ++i)
@@ -235,6 +235,7 @@ public:
             if (event.failed()) outcome.steps = event.step - 1;
         return outcome;
     }
+    bool interrupted() override { return PyErr_CheckSignals() != 0; }
     void sample() override { simulation_.attr("sample")(); }
     void store(const std::vector<double*>& x, const std::vector<double*>& v) override {
         const Cloth& cloth = plans_[0].cloth;

@@ -157,7 +157,10 @@ Outcome Simulation::record(AdaptiveRun& run, const FrameArrays& arrays, std::int
         frames.stored.push_back(moment);
     };
     Outcome outcome;
+    Poll poll(interrupted);  // Calls of `advance_adaptive` may be too short to ask by themselves.
     while (!run.complete() && frames.stored.size() < last) {
+        outcome.interrupted = poll.stopped();
+        if (outcome.interrupted) return outcome;
         const Moment& moment = frames.moments[run.next_moment];
         if (!frames.stored.empty() && clock.now() < moment.time) {
             std::int64_t steps = most_steps - outcome.steps;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "driver/simulation.hpp"
+#include "memory/poll.hpp"
 
 namespace clothsim {
 namespace {
@@ -130,6 +131,9 @@ Outcome FixedRun::record(Cloths& cloths, const FrameArrays& arrays, std::int64_t
     const std::size_t size = 3 * std::size_t(cloths.scene(0).cloth.points());
     const std::size_t last = std::min(arrays.capacity, frames.stored.size() + most_frames);
     std::int64_t budget = most_steps;
+    // Calls of `advance` may be too short to ask by themselves.
+    const std::function<bool()> interrupted = [&] { return cloths.interrupted(); };
+    Poll poll(interrupted);
     while (!complete() && frames.stored.size() < last) {
         const std::size_t number = frames.stored.size();
         const auto x = frame_pointers(arrays.x, number, size);
@@ -176,6 +180,8 @@ Outcome FixedRun::record(Cloths& cloths, const FrameArrays& arrays, std::int64_t
         }
         frames.step = place.within ? -1 : steps_;
         frames.stored.push_back(moment);
+        outcome.interrupted = poll.stopped();
+        if (outcome.interrupted) return outcome;
     }
     return outcome;
 }

@@ -69,6 +69,7 @@ public:
     virtual double now() const = 0;
     virtual Outcome advance(std::int64_t steps, double dt) = 0;
     virtual void sample() = 0;
+    virtual bool interrupted() = 0;  // by Ctrl-C
     // Write the states of all members, for each of which there is a pointer.
     virtual void store(const std::vector<double*>& x, const std::vector<double*>& v) = 0;
 };
