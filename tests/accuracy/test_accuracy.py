@@ -45,9 +45,9 @@ def test_the_bound_sees_a_wrong_kernel(swing, monkeypatch):
     heavier = scene.replace(cloth=scene.cloth.replace(stiffness=35_000.0 * (1 + 1e-9)))
     original = solution.solve_in_double
     monkeypatch.setattr(solution, "solve_in_double", lambda s, *rest: original(heavier, *rest))
-    solution._kept_reference.cache_clear()
+    solution._cached_reference.cache_clear()
     assert cs.reference(scene, DURATION).error_bound["max"][-1] > 1e-12
-    solution._kept_reference.cache_clear()
+    solution._cached_reference.cache_clear()
 
 
 def test_a_solution_is_computed_once(monkeypatch):
@@ -130,7 +130,7 @@ def test_threads_do_not_change_its_bits(monkeypatch, swing):
     scene, truth = swing
     for threads in (2, 5):
         monkeypatch.setattr(solution, "available_thread_count", lambda threads=threads: threads)
-        solution._kept_reference.cache_clear()
+        solution._cached_reference.cache_clear()
         assert np.array_equal(cs.reference(scene, DURATION, every=0.1).x, truth.x)
 
 

@@ -289,9 +289,9 @@ def _check_measured_positions(
     place = np.indices(sides)
     if points is not None:
         pairs = []
-        for k, pair in enumerate(check.items("points", points, None, "(row, column)", 1)):
+        for k, pair in enumerate(check.list_of_items("points", points, None, "(row, column)", 1)):
             argument = f"points[{k}]"
-            indices = check.items(argument, pair, 2, "integers (row, column)")
+            indices = check.list_of_items(argument, pair, 2, "integers (row, column)")
             pairs.append(
                 [
                     check.integer(argument, index, minimum=-side, maximum=side - 1) % side

@@ -120,7 +120,7 @@ class FitProblem:
         for k, name in enumerate(self.names if isinstance(over, Mapping) else ()):
             argument = f"over[{name!r}]"
             value = self.start[k]
-            pair = check.items(argument, over[name], 2, "numbers (least, most)")
+            pair = check.list_of_items(argument, over[name], 2, "numbers (least, most)")
             least, most = (check.number(argument, number) for number in pair)
             if not (ends[0, k] <= least <= value <= most <= ends[1, k] and least < most):
                 low, high = ends[:, k]
@@ -161,7 +161,7 @@ class FitProblem:
         random = np.random.default_rng(0)
         minima: list[Any] = []
 
-        def outcome(shift: float = 0.0) -> SearchOutcome:
+        def judge_minima(shift: float = 0.0) -> SearchOutcome:
             best = min(minima, key=lambda minimum: minimum.cost)
             quality, misfit = quality_and_misfit(
                 best, self.mask, len(self.names), self.sigma, self.unit, self.least, self.way
@@ -177,12 +177,12 @@ class FitProblem:
             shift = self._time_shift_in_seconds()
             if shift:
                 schedule = self.make_schedule(self.scene_at(first_minimum.x), self.times)
-                minima.append(self._find_minimum(first_minimum.x, schedule, most=1))
+                minima.append(self._find_minimum(first_minimum.x, schedule, most_runs=1))
                 bar.advance(end)
-                return outcome(shift)
+                return judge_minima(shift)
         while True:
             minima.append(self._find_minimum_in_stages(u, bar))
-            result = outcome()
+            result = judge_minima()
             restarts = len(minima) - 1
             needs_more = self.sigma is None and restarts < _STARTS_WITHOUT_SIGMA
             if restarts >= _STARTS or not (result.misfit or needs_more):
@@ -197,7 +197,7 @@ class FitProblem:
                 self._find_minimum(place, self.make_schedule(self.scene_at(place), self.times))
             )
             bar.advance(end)
-        return outcome()
+        return judge_minima()
 
     def _find_minimum_in_stages(self, u: Floats, bar: ProgressBar) -> Any:
         """Return the minimum over all times that is found from `u` by way of the first times."""
@@ -213,7 +213,7 @@ class FitProblem:
             last_time = self.times[count - 1]
         return minimum
 
-    def _find_minimum(self, middle: Floats, schedule: Schedule, most: int = _MOST_RUNS) -> Any:
+    def _find_minimum(self, middle: Floats, schedule: Schedule, most_runs: int = _MOST_RUNS) -> Any:
         """Return the minimum over the times of `schedule`.
 
         It is near `middle` unless these are all times.
@@ -243,7 +243,7 @@ class FitProblem:
 
         start = np.clip(middle, self.bounds[0] + EDGE / 2, self.bounds[1] - EDGE / 2)
         digits = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if is_stage else 1e-10)
-        runs = min(most, _MOST_RUNS_OF_STAGE) if is_stage else most
+        runs = min(most_runs, _MOST_RUNS_OF_STAGE) if is_stage else most_runs
         return self.least_squares(
             residuals, start, jacobian, (*self.bounds,), max_nfev=runs, **digits
         )

@@ -191,7 +191,7 @@ def convergence(
 
 def _check_step_counts(dts: Any, duration: float) -> npt.NDArray[np.int64]:
     """Return the numbers of equal steps of at most the lengths in `dts`, increasing."""
-    values = check.items("dts", dts, None, "time steps > 0", 1)
+    values = check.list_of_items("dts", dts, None, "time steps > 0", 1)
     lengths = [
         check.number(f"dts[{k}]", dt, minimum=0, exclusive=True) for k, dt in enumerate(values)
     ]

@@ -28,19 +28,19 @@ _LEAST_FREE = 3  # least excess of numbers over parameters that tells sigma
 def quality_and_misfit(
     minimum: Any,
     mask: Any,
-    parameters: int,
+    parameter_count: int,
     sigma: float | None,
     unit: float,
-    least: float,
-    way: float,
+    least_residual: float,
+    travel: float,
 ) -> tuple[dict[str, float], str]:
     """Return the quality of a minimum, and why its residuals are not noise, or "".
 
     The quality has sigma, chi-square per degree of freedom and the correlation of residuals at
     neighbouring times, as in `Fit.report`. The residuals of `minimum` are in units of `unit` [m];
-    `least` [m] is what residuals can show, `way` [m] how far the cloth has moved, rms.
+    `least_residual` [m] is what residuals can show, `travel` [m] how far the cloth has moved, rms.
     """
-    free = mask.sum() - parameters
+    free = mask.sum() - parameter_count
     residuals = np.full(mask.shape, np.nan)
     residuals[mask] = minimum.fun[: mask.sum()]
     pairs = residuals[1:] * residuals[:-1]
@@ -57,15 +57,19 @@ def quality_and_misfit(
             return quality, Reason.LARGE_CHI_SQUARE.format(chi=chi)
         return quality, ""
     noise = unit * math.sqrt(chi)
-    quality = {"sigma": max(noise, least), "chi_square": math.nan, "correlation": correlation}
+    quality = {
+        "sigma": max(noise, least_residual),
+        "chi_square": math.nan,
+        "correlation": correlation,
+    }
     chance = max(_LEAST_CORRELATION, _SIGMAS / math.sqrt(max(number, 1)))
     reason = ""
     if free < _LEAST_FREE:
         reason = Reason.FEW_NUMBERS.format(free=free)
-    elif noise > 10 * least and correlation > chance:
+    elif noise > 10 * least_residual and correlation > chance:
         reason = Reason.CORRELATED.format(correlation=correlation)
-    elif noise > max(10 * least, LARGE * way):
-        reason = Reason.LARGE_RESIDUALS.format(percent=100 * noise / way)
+    elif noise > max(10 * least_residual, LARGE * travel):
+        reason = Reason.LARGE_RESIDUALS.format(percent=100 * noise / travel)
     return quality, reason
 
 
@@ -109,10 +113,12 @@ def covariance_of_correlated_residuals(
     return np.asarray(covariance @ sums @ covariance)
 
 
-def one_sigma_of_student(free: int) -> float:
+def one_sigma_of_student(degrees_of_freedom: int) -> float:
     """Return the one-sigma quantile of Student's t: sigma is estimated from so many numbers."""
     special = import_from_extra("scipy.special", "fit", "fit")
-    return float(special.stdtrit(max(free, _LEAST_FREE), 0.5 + math.erf(math.sqrt(0.5)) / 2))
+    return float(
+        special.stdtrit(max(degrees_of_freedom, _LEAST_FREE), 0.5 + math.erf(math.sqrt(0.5)) / 2)
+    )
 
 
 def rival_minima(

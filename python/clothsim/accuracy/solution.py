@@ -184,7 +184,9 @@ def reference(
     moments = frames.moments(0.0, 0.0, duration, None)
     times = tuple(moment.time for moment in moments[1:])
     force = check_force(force)
-    return _kept_reference(scene, times) if force is None else _make_reference(scene, times, force)
+    return (
+        _cached_reference(scene, times) if force is None else _make_reference(scene, times, force)
+    )
 
 
 def checked_or_new_reference(
@@ -204,7 +206,7 @@ def checked_or_new_reference(
 
 
 @lru_cache(maxsize=32)
-def _kept_reference(scene: Scene, times: tuple[float, ...]) -> Reference:
+def _cached_reference(scene: Scene, times: tuple[float, ...]) -> Reference:
     """Return the reference with frames at 0 and at `times`, without a function's force."""
     return _make_reference(scene, times, None)
 

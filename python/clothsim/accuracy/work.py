@@ -336,12 +336,12 @@ def _list_methods(
     force: Force | None,
 ) -> list[Method]:
     """Return the integrators by name, in each precision, then the methods of others."""
-    precisions = check.items("precisions", precisions, None, "names", 1)
+    precisions = check.list_of_items("precisions", precisions, None, "names", 1)
     for k, precision in enumerate(precisions):
         check.choice(f"precisions[{k}]", precision, PRECISIONS)
     entries = list(_DEFAULT_METHODS)
     if methods is not None:
-        entries = check.items("methods", methods, None, "names or methods", 1)
+        entries = check.list_of_items("methods", methods, None, "names or methods", 1)
     integrators: list[Method] = []
     solvers: list[Method] = []
     for k, entry in enumerate(entries):
@@ -391,7 +391,7 @@ def _settings_to_try(
     name = f"{method.control}s"
     values = dts if name == "dts" else rtols
     if values is not None:
-        entries = check.items(name, values, None, "numbers > 0", 1)
+        entries = check.list_of_items(name, values, None, "numbers > 0", 1)
         numbers = {
             check.number(f"{name}[{k}]", value, minimum=0, exclusive=True)
             for k, value in enumerate(entries)

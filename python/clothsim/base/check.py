@@ -145,7 +145,7 @@ def integer(name: str, value: Any, *, minimum: float = -math.inf, maximum: int =
     return int(_number_in_range(name, value, numbers.Integral, "an integer", minimum, maximum))
 
 
-def items(name: str, value: Any, count: int | None, kind: str, least: int = 0) -> list[Any]:
+def list_of_items(name: str, value: Any, count: int | None, kind: str, least: int = 0) -> list[Any]:
     """List the entries of a sequence or one-dimensional array: `count` of them, or at least
     `least`.
     """
@@ -166,11 +166,11 @@ def items(name: str, value: Any, count: int | None, kind: str, least: int = 0) -
 
 def vector(name: str, value: Any, length: int = 3) -> Any:
     """Return `value` as a tuple of `length` finite floats."""
-    entries = items(name, value, length, "finite numbers")
+    entries = list_of_items(name, value, length, "finite numbers")
     return tuple(number(f"{name}[{k}]", entry) for k, entry in enumerate(entries))
 
 
-def step_count(duration: float, dt: float) -> None:
+def check_step_count(duration: float, dt: float) -> None:
     """Refuse a run of more steps than the core can count."""
     if not duration / dt <= INT64_MAX:
         raise ValueError(
@@ -199,7 +199,7 @@ def _substitute_hint(name: str, options: Collection[str]) -> str:
     return f"; {SUBSTITUTES[name]}" if name in SUBSTITUTES else nearest_name_hint(name, options)
 
 
-def keys(
+def mapping(
     name: str, value: Any, names: Collection[str], required: Collection[str] = ()
 ) -> dict[str, Any]:
     """Copy the mapping `value`, after a check that it has only keys of `names` and all keys of

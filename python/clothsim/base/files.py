@@ -114,7 +114,7 @@ def explain_unreadable_file(path: str | os.PathLike[str], kind: str) -> Iterator
 
 
 def read_npz(
-    path: str | os.PathLike[str], kind: str, needed: Collection[str]
+    path: str | os.PathLike[str], kind: str, required: Collection[str]
 ) -> dict[str, np.ndarray]:
     """Read the arrays of a file of `write_npz`; a ValueError says why it is no `kind`."""
     from zipfile import ZipFile
@@ -122,7 +122,7 @@ def read_npz(
     path = check.path("path", path)
     with open(path, "rb") as file, explain_unreadable_file(path, kind), ZipFile(file) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist()]
-        if missing := sorted(set(needed) - set(names)):
+        if missing := sorted(set(required) - set(names)):
             raise ValueError(f"it lacks {', '.join(missing)}")
         if archive.comment != b"%d arrays" % len(names):
             raise ValueError("its list of arrays is damaged")

@@ -37,14 +37,14 @@ _OF_TIME = "{l_bar}{bar}| {n:.4g}/{total:.4g} s of simulated time [{elapsed}<{re
 class ProgressBar:
     """A tqdm bar as a context; nothing where it is not asked for, or goes to a pipe or a file.
 
-    `shown` is the caller's argument `progress`: a TypeError refuses what is no bool, and an
+    `progress` is the argument of the caller: a TypeError refuses what is no bool, and an
     ImportError names the extra that brings tqdm. `options` are those of ``tqdm.tqdm``, such as
     `total`, `unit` and `desc`. `bar` is None where nothing is shown.
     """
 
-    def __init__(self, shown: bool, **options: Any) -> None:
+    def __init__(self, progress: bool, **options: Any) -> None:
         self.bar: Any = None
-        if check.boolean("progress", shown):
+        if check.boolean("progress", progress):
             with warnings.catch_warnings():  # A notebook without widgets gets a bar of text.
                 warnings.simplefilter("ignore")
                 tqdm = import_from_extra("tqdm.auto", "progress=True", "demo").tqdm
@@ -56,9 +56,11 @@ class ProgressBar:
             self.bar = None if bar.disable else bar
 
     @classmethod
-    def for_simulated_time(cls, shown: bool, total: float, desc: str | None = None) -> ProgressBar:
+    def for_simulated_time(
+        cls, progress: bool, total: float, desc: str | None = None
+    ) -> ProgressBar:
         """Make a bar that counts seconds of simulated time."""
-        return cls(shown, total=total, desc=desc, bar_format=_OF_TIME)
+        return cls(progress, total=total, desc=desc, bar_format=_OF_TIME)
 
     def advance(self, count: float = 1) -> None:
         """Count what has been done since the last call."""

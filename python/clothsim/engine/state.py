@@ -105,7 +105,9 @@ def check_or_make_out_arrays(
     if out is None:
         return np.empty(shape, dtype), np.empty(shape, dtype)
     x, v = (
-        out if type(out) is tuple and len(out) == 2 else check.items("out", out, 2, "arrays (x, v)")
+        out
+        if type(out) is tuple and len(out) == 2
+        else check.list_of_items("out", out, 2, "arrays (x, v)")
     )
     check_out_array("out[0]", x, shape, dtype)
     check_out_array("out[1]", v, shape, dtype)

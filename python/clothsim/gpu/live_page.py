@@ -201,7 +201,7 @@ def _collision_methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], i
     features = Features.of_scene(scene)
     layered = _scene_with_layers(scene)
 
-    def method(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
+    def method_data(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
         return {
             "wgsl": replace(features, spheres=tuple(spheres)).contacts_wgsl(),
             "responses": [sphere.response for sphere in spheres],
@@ -215,7 +215,7 @@ def _collision_methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], i
             continue
         names.append(name)
         methods.append(
-            method(
+            method_data(
                 [
                     SphereFeatures(
                         response, as_printed and "as_printed" in obstacle.__match_args__, rough=True
@@ -224,7 +224,7 @@ def _collision_methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], i
                 ]
             )
         )
-    own = method([s._replace(rough=True) for s in features.spheres])
+    own = method_data([s._replace(rough=True) for s in features.spheres])
     if own not in methods:  # spheres of different methods
         names.append("as in the scene")
         methods.append(own)

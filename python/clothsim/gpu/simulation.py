@@ -308,7 +308,7 @@ class Simulation:
             for name in ("points", "triangles"):
                 depth = max((float(depths[name]) for depths in penetrations), default=0.0)
                 extremes[name] = max(extremes[name], depth)
-            if not self._has_penalty(scene):
+            if not self._has_penalty_obstacle(scene):
                 continue
             state: dict[str, Any] = {"member": member, "step": steps, "time": time}
             below = max(extremes["points"], extremes["triangles"])
@@ -323,7 +323,7 @@ class Simulation:
         return list(events.values())
 
     @staticmethod
-    def _has_penalty(scene: Scene) -> bool:
+    def _has_penalty_obstacle(scene: Scene) -> bool:
         return any(sphere.response == "penalty" for sphere in scene.spheres)
 
     @property
@@ -363,7 +363,7 @@ class Simulation:
             self._events: list[_core.Event] = []
             try:
                 failures = self._advance_in_pieces(steps, interrupts)
-                if any(map(self._has_penalty, self._scenes)):
+                if any(map(self._has_penalty_obstacle, self._scenes)):
                     self._events += self._measure_depths(steps)
                 return self._events + failures
             except Exception:

@@ -145,7 +145,7 @@ class Cloth(Record):
     ) -> None:
         shape = check_shape(shape, least=2)
         springs = _check_springs(springs)
-        sides = enumerate(check.items("size", size, 2, "numbers > 0"))
+        sides = enumerate(check.list_of_items("size", size, 2, "numbers > 0"))
         self._set_attributes(
             shape=shape,
             size=tuple(
@@ -358,7 +358,7 @@ def _check_springs(value: Any) -> tuple[Family, ...]:
 def _check_per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mapping[str, float]:
     if isinstance(value, float) or not isinstance(value, Mapping):
         return check.number(name, value, minimum=0)
-    numbers = check.keys(name, value, springs, required=springs)
+    numbers = check.mapping(name, value, springs, required=springs)
     return MappingProxyType(
         {f: check.number(f"{name}[{f!r}]", numbers[f], minimum=0) for f in springs}
     )
@@ -397,7 +397,7 @@ def _check_pins(value: Any, shape: tuple[int, int]) -> PinField:
         return tuple((int(r), int(c)) for r, c in np.argwhere(value))
     pins = []
     for k, pair in enumerate(value):
-        r, c = check.items(f"pins[{k}]", pair, 2, "integers (row, column)")
+        r, c = check.list_of_items(f"pins[{k}]", pair, 2, "integers (row, column)")
         r, c = (
             check.integer(f"pins[{k}][{axis}]", p, minimum=-n, maximum=n - 1)
             for axis, (p, n) in enumerate(zip((r, c), shape, strict=True))
@@ -422,10 +422,12 @@ def _check_driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinF
 def _pins_from_groups(groups: Sequence[Mapping[str, Any]]) -> dict[tuple[int, int], Motion | None]:
     pins: dict[tuple[int, int], Motion | None] = {}
     for k, group in enumerate(groups):
-        entries = check.keys(f"pins[{k}]", group, ("points", "motion"), required=("points",))
+        entries = check.mapping(f"pins[{k}]", group, ("points", "motion"), required=("points",))
         motion = entries.get("motion")
         motion = motion_from_dict(motion) if isinstance(motion, Mapping) else motion
         for pair in entries["points"]:
-            row, column = check.items(f"pins[{k}] points", pair, 2, "integers (row, column)")
+            row, column = check.list_of_items(
+                f"pins[{k}] points", pair, 2, "integers (row, column)"
+            )
             pins[row, column] = motion
     return pins

@@ -17,7 +17,7 @@ def check_shape(value: Any, least: int = 1) -> tuple[int, int]:
     """Return `value` as (rows, columns) of a grid with at least `least` mass points, which the core
     numbers in 32 bits.
     """
-    numbers = check.items("shape", value, 2, "integers (rows, columns)")
+    numbers = check.list_of_items("shape", value, 2, "integers (rows, columns)")
     rows, columns = (check.integer(f"shape[{k}]", n, minimum=1) for k, n in enumerate(numbers))
     if not least <= rows * columns < 2**31:
         raise ValueError(
@@ -59,7 +59,7 @@ def thread_grid(
     (np.int64(547), np.int32(1), np.int32(1))
     """
     rows, columns = check_shape(shape)
-    if tuple(check.items("group", group, 3, "integers")) != GROUP:
+    if tuple(check.list_of_items("group", group, 3, "integers")) != GROUP:
         raise ValueError(
             f"group must be {GROUP}, the one the kernels are built for, "
             f"got {check.value_text(group)}"

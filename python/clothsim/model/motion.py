@@ -380,7 +380,7 @@ class Keyframes(BaseMotion):
         offsets: npt.ArrayLike | None = None,
         smooth: bool | Literal["rest"] = False,
     ) -> None:
-        count = len(check.items("times", times, None, "finite numbers", 2))
+        count = len(check.list_of_items("times", times, None, "finite numbers", 2))
         times = check.array("times", times, (count,))
         check.check_all("times", times, np.diff(times, prepend=-np.inf) > 0, "strictly increasing")
         places = {"centers": centers, "offsets": offsets}

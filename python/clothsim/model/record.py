@@ -153,4 +153,4 @@ class Record:
         required = [
             name for name, argument in arguments.items() if argument.default is argument.empty
         ]
-        return check.keys(cls.__name__, data, [*more, *arguments], [*more, *required])
+        return check.mapping(cls.__name__, data, [*more, *arguments], [*more, *required])

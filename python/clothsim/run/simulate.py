@@ -201,7 +201,7 @@ def simulate(
         if integrator == "auto":
             raise ValueError("integrator must be a name with dt, got 'auto': it chooses the step")
         dt = check.number("dt", dt, minimum=0, exclusive=True)
-        check.step_count(duration, dt)
+        check.check_step_count(duration, dt)
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
     _check_callback(callback)
@@ -363,7 +363,7 @@ def resume(
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     _check_end(past.start, past.seconds + duration)
     if past.dt is not None:
-        check.step_count(duration, past.dt)
+        check.check_step_count(duration, past.dt)
     frames = past.frames
     if not (every is None and times is None and fps is None):
         frames = Frames.of(every, times, fps, past.start + past.seconds, duration)

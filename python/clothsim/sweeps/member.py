@@ -125,7 +125,7 @@ class Maker:
             settings["rtol"], settings["atol"] = checked_tolerances(dt, *tolerances)
         elif dt is not None:
             settings["dt"] = check.number("dt", dt, minimum=0, exclusive=True)
-            check.step_count(duration, settings["dt"])
+            check.check_step_count(duration, settings["dt"])
         return settings
 
 

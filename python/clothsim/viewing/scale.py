@@ -81,7 +81,9 @@ def scale_of(color: Any, values: Floats, limits: Any) -> Scale:
     finite = values[np.isfinite(values)]
     title, unit, factor = TITLES[color] if isinstance(color, str) else ("", "", 1.0)
     if limits is not None:
-        low, high = (check.number("limits", k) for k in check.items("limits", limits, 2, "numbers"))
+        low, high = (
+            check.number("limits", k) for k in check.list_of_items("limits", limits, 2, "numbers")
+        )
         if low >= high:
             raise ValueError(f"limits must be two rising numbers, got {limits!r}")
     elif not finite.size:
