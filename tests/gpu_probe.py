@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from clothsim import Cloth, Scene, thread_grid
-from clothsim.gpu.device import Device, opened, translated
-from clothsim.gpu.shader import Features, keep, source
+from clothsim.gpu.device import Device, open_device, translate_errors
+from clothsim.gpu.shader import Features, keep_function_wgsl, step_wgsl
 
 _COUNT = 1 << 14
 # Of `results` in layout.wgsl.
@@ -41,7 +41,7 @@ def _run(
 ) -> bytes:
     """Run one dispatch with `data` bound from 0, the first as uniform; return the written array."""
     handle = device.handle
-    with translated(device.adapter):
+    with translate_errors(device.adapter):
         out = device.create_buffer(size, "STORAGE", "COPY_SRC")
         buffers = []
         for k, values in enumerate(data):
@@ -85,9 +85,9 @@ def thread_ids(shape: tuple[int, int]) -> npt.NDArray[np.void]:
     """Return `thread_grid` as the adapter has it: each invocation of the shader writes its own."""
     dtype = thread_grid(shape).dtype
     rows, columns = shape
-    device = opened()
-    plain = Features.of(Scene(Cloth((2, 2))))
-    code = source(plain, "single", device.float64) + _THREAD_IDS
+    device = open_device()
+    plain = Features.of_scene(Scene(Cloth((2, 2))))
+    code = step_wgsl(plain, "single", device.float64) + _THREAD_IDS
     constants = np.array([*[0] * 4, rows, columns, *[0] * 10], np.uint32)
     names = ("group_x", "group_y", "thread_x", "thread_y", "dispatch_x", "dispatch_y", "index")
     size = 4 * len(names) * rows * columns
@@ -116,7 +116,7 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
     WGSL lets a compiler fuse products with sums and replace (a + b) - a by b; the shader passes
     such values through `keep`.
     """
-    device = device or opened()
+    device = device or open_device()
     types = {"float32": "f32", **({"float64": "f64"} if device.float64 else {})}
     rng = np.random.default_rng(8)
     sets = {}
@@ -130,7 +130,8 @@ def arithmetic(device: Device | None = None) -> dict[str, dict[str, Any]]:
             # A function of every binding, so that none is left out of the automatic layout.
             write = "if (id.x + z < n) { out[id.x] = value; } else { out[0] = b; }"
             out = f"let value = {wgsl}; {write}"
-            code = f"alias T = {word};\n{keep(word, zero='z')}\n{_PROBE.replace('OUT', out)}"
+            keep = keep_function_wgsl(word, zero="z")
+            code = f"alias T = {word};\n{keep}\n{_PROBE.replace('OUT', out)}"
             data = [np.zeros(4, np.uint32), a, b]
             raw = _run(device, code, "probe", data, a.nbytes, (_COUNT // 256, 1, 1), len(data))
             result = np.frombuffer(raw, name)

@@ -12,23 +12,7 @@
 
 namespace clothsim {
 
-namespace {
-
-py::array_t<ThreadId> thread_ids(int rows, int columns) {
-    py::array_t<ThreadId> ids({py::ssize_t(rows), py::ssize_t(columns)});
-    auto out = ids.mutable_unchecked<2>();
-    for (int y = 0; y < rows; ++y)
-        for (int x = 0; x < columns; ++x) out(y, x) = thread_id({columns, rows}, x, y);
-    return ids;
-}
-
-}  // namespace
-
-void bind_diagnostics(py::module_& m) {
-    PYBIND11_NUMPY_DTYPE(ThreadId, group_x, group_y, thread_x, thread_y, dispatch_x, dispatch_y,
-                         index);
-    m.attr("group_size") = group_size;
-    m.def("thread_ids", &thread_ids);
+void bind_measures(py::module_& m) {
     m.def("energy", [](const Plan& plan, const Array<double>& x, const Array<double>& v, double t) {
         const Energy e = energy(plan, view(x), view(v), t);
         return py::make_tuple(e.kinetic, e.elastic, e.gravity, e.force, e.contact);
@@ -42,7 +26,8 @@ void bind_diagnostics(py::module_& m) {
                   blocks = Array<double>({points, py::ssize_t(3), py::ssize_t(3)});
                   std::fill_n(blocks.mutable_data(), 9 * points, 0.0);
               }
-              const PointsView velocities = view(v), places = view(x);
+              const PointsView velocities = view(v);
+              const PointsView places = view(x);
               each_contact(plan, t, each_free_of(plan.cloth, places),
                            [&](std::size_t, const PenaltyContact& contact, int i, const auto&) {
                                const auto d = contact.derivatives(Vec3(places.row(i)),

@@ -157,8 +157,8 @@ FunctionForce::Function c_function(std::uintptr_t address, std::optional<std::ui
     return reinterpret_cast<Function*>(address);
 }
 
-Plan with_force(Plan plan, FunctionForce::Function function, bool by_caller) {
-    plan.forces.push_back(std::make_shared<FunctionForce>(std::move(function), by_caller));
+Plan with_force(Plan plan, FunctionForce::Function function, bool forces_need_caller) {
+    plan.forces.push_back(std::make_shared<FunctionForce>(std::move(function), forces_need_caller));
     return plan;
 }
 
@@ -180,8 +180,8 @@ py::tuple damping_blocks(const Force& force, const Cloth& cloth, const Array<dou
 }
 
 // Append a penalty obstacle in the step from t on, as gpu/shaders/penalty.wgsl takes it.
-void append_layer(std::vector<double>& values, const Sphere& s, double t, double dt,
-                  const Vec3& origin, double unit) {
+void append_penalty_values(std::vector<double>& values, const Sphere& s, double t, double dt,
+                           const Vec3& origin, double unit) {
     const auto append = [&](const Vec3& v) { values.insert(values.end(), v.begin(), v.end()); };
     for (const double part : {0.0, 0.5, 1.0}) {
         const StageTime time = StageTime::of_stage(t, dt, part);
@@ -196,8 +196,8 @@ void append_layer(std::vector<double>& values, const Sphere& s, double t, double
 
 // Append an obstacle with a response of the paper after the step that ends at the time t, as
 // gpu/shaders/contact.wgsl takes it but for the rounded part of its place.
-void append_contact(std::vector<double>& values, const Sphere& sphere, const Cloth& cloth, double t,
-                    double dt, const Vec3& origin, bool single) {
+void append_response_values(std::vector<double>& values, const Sphere& sphere, const Cloth& cloth,
+                            double t, double dt, const Vec3& origin, bool single) {
     const Contact contact(sphere, t, dt, origin);
     const NearLevel near(contact, cloth, single ? 0x1p-23 : 0x1p-52);
     const Surface& surface = contact.surface;
@@ -218,9 +218,10 @@ Array<double> contact_table(const Plan& plan, const std::vector<double>& times, 
             Sphere sphere = plan.spheres[k];
             if (sphere.penalty()) {
                 sphere.normal = normals[k];
-                append_layer(values, sphere, times[i], dt, origin, coefficient_scale(plan));
+                append_penalty_values(values, sphere, times[i], dt, origin,
+                                      coefficient_scale(plan));
             } else {
-                append_contact(values, sphere, plan.cloth, times[i], dt, origin, single);
+                append_response_values(values, sphere, plan.cloth, times[i], dt, origin, single);
             }
             values.resize((i * plan.spheres.size() + k + 1) * contact_values);
         }
@@ -240,7 +241,7 @@ std::vector<Vec3> normals_towards(const Plan& plan, const Vec3& place, const Vec
     return normals;
 }
 
-py::tuple rows_of(const ExplicitMethod& method) {
+py::tuple rows_of_tableau(const ExplicitMethod& method) {
     py::list rows;
     for (const Weights& w : method.stage) rows.append(py::make_tuple(w.drift, w.x, w.v));
     rows.append(py::make_tuple(method.result.drift, method.result.x, method.result.v));
@@ -274,15 +275,27 @@ py::dict methods() {
         }
         facts["stages"] = stages;
         facts["stages_damped"] = method.damped ? std::size_t(method.damped->stages) : stages;
-        if (method.damped) facts["damped"] = rows_of(*method.damped);
+        if (method.damped) facts["damped"] = rows_of_tableau(*method.damped);
         all[py::str(std::string(method.name))] = facts;
     }
     return all;
 }
 
+py::array_t<ThreadId> thread_ids(int rows, int columns) {
+    py::array_t<ThreadId> ids({py::ssize_t(rows), py::ssize_t(columns)});
+    auto out = ids.mutable_unchecked<2>();
+    for (int y = 0; y < rows; ++y)
+        for (int x = 0; x < columns; ++x) out(y, x) = thread_id({columns, rows}, x, y);
+    return ids;
+}
+
 }  // namespace
 
 void bind_model(py::module_& m) {
+    PYBIND11_NUMPY_DTYPE(ThreadId, group_x, group_y, thread_x, thread_y, dispatch_x, dispatch_y,
+                         index);
+    m.attr("group_size") = group_size;
+    m.def("thread_ids", &thread_ids);
     py::class_<Cloth>(m, "Cloth")
         .def(py::init(&make_cloth), py::kw_only(), "rows"_a, "columns"_a, "row_spacing"_a,
              "column_spacing"_a, "stiffness"_a, "spring_damping"_a, "drag"_a, "mass"_a,

@@ -59,11 +59,12 @@ struct Members {
     T* v_of(std::size_t i) const { return v ? v + i * size : nullptr; }
 };
 template <class T>
-Members<const T> members_of(const Simulation& simulation, const Array<T>& x, const Array<T>& v) {
+Members<const T> arrays_of_members(const Simulation& simulation, const Array<T>& x,
+                                   const Array<T>& v) {
     return {x.data(), v.data(), std::size_t(x.size()) / simulation.size()};
 }
 template <class T>
-Members<T> members_of(const Simulation& simulation, Array<T>& x, Array<T>& v) {
+Members<T> arrays_of_members(const Simulation& simulation, Array<T>& x, Array<T>& v) {
     return {x.mutable_data(), v.mutable_data(), std::size_t(x.size()) / simulation.size()};
 }
 
@@ -72,7 +73,7 @@ void load(SharedSimulation& shared, const Array<T>& x, const Array<T>& v,
           std::optional<double> time) {
     auto simulation = shared.use();
     const FlushSubnormals flushed;
-    const auto from = members_of(*simulation, x, v);
+    const auto from = arrays_of_members(*simulation, x, v);
     for (std::size_t i = 0; i < simulation->size(); ++i) {
         Engine& member = simulation->member(i);
         const double now = time ? *time : simulation->clock.now();
@@ -97,7 +98,7 @@ void store(SharedSimulation& shared, std::optional<Array<T>> x, std::optional<Ar
 
 // Return the events of a call for python/clothsim/engine/judge.py; None where all steps were done
 // without one: a call may be shorter than the making of a list.
-py::object reported(const Outcome& outcome) {
+py::object events_or_none(const Outcome& outcome) {
     if (outcome.interrupted) throw py::error_already_set();
     if (outcome.complete()) return py::none();
     return py::cast(outcome.events);
@@ -105,14 +106,14 @@ py::object reported(const Outcome& outcome) {
 
 py::object advance(SharedSimulation& shared, std::int64_t steps, double dt, int threads) {
     auto simulation = shared.use();
-    threads = simulation->by_caller() ? 1 : granted_threads(threads);
+    threads = simulation->forces_need_caller() ? 1 : granted_threads(threads);
     Outcome outcome;
     {
         Unlocked unlocked;
         outcome =
             simulation->advance(steps, dt, threads, [&] { return unlocked.signal_pending(); });
     }
-    return reported(outcome);
+    return events_or_none(outcome);
 }
 
 // Load a state, take steps, and store the state if no event has to be reported. Return False, and
@@ -121,9 +122,9 @@ template <class T>
 py::object step(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                 std::int64_t steps, double dt, int threads, Array<T>& x_out, Array<T>& v_out) {
     auto simulation = shared.use();
-    const auto from = members_of(*simulation, x, v);
-    const auto to = members_of(*simulation, x_out, v_out);
-    threads = simulation->by_caller() ? 1 : granted_threads(threads);
+    const auto from = arrays_of_members(*simulation, x, v);
+    const auto to = arrays_of_members(*simulation, x_out, v_out);
+    threads = simulation->forces_need_caller() ? 1 : granted_threads(threads);
     std::optional<Outcome> outcome;
     {
         Unlocked unlocked;
@@ -137,7 +138,7 @@ py::object step(SharedSimulation& shared, double time, const Array<T>& x, const 
                 simulation->member(i).store(to.x_of(i), to.v_of(i));
             });
     }
-    return outcome ? reported(*outcome) : py::bool_(false);
+    return outcome ? events_or_none(*outcome) : py::bool_(false);
 }
 
 // Write the accelerations at a state, see `step`, which `a` does not share memory with; or at the
@@ -146,9 +147,9 @@ template <class T>
 bool accelerations(SharedSimulation& shared, double time, const Array<T>& x, const Array<T>& v,
                    Array<double>& a, int threads) {
     auto simulation = shared.use();
-    const auto from = members_of(*simulation, x, v);
+    const auto from = arrays_of_members(*simulation, x, v);
     double* const out = a.mutable_data();
-    threads = simulation->by_caller() ? 1 : granted_threads(threads);
+    threads = simulation->forces_need_caller() ? 1 : granted_threads(threads);
     std::atomic<bool> finite{true};
     const Unlocked unlocked;
     simulation->each_member(threads, [&](std::size_t i, int) {
@@ -160,11 +161,11 @@ bool accelerations(SharedSimulation& shared, double time, const Array<T>& x, con
     simulation->throw_force_failure();
     return finite;
 }
-void accelerations_here(SharedSimulation& shared, Array<double>& a, int threads) {
+void accelerations_of_state(SharedSimulation& shared, Array<double>& a, int threads) {
     auto simulation = shared.use();
     const std::size_t size = std::size_t(a.size()) / simulation->size();
     double* const out = a.mutable_data();
-    threads = simulation->by_caller() ? 1 : granted_threads(threads);
+    threads = simulation->forces_need_caller() ? 1 : granted_threads(threads);
     const Unlocked unlocked;
     simulation->each_member(threads, [&](std::size_t i, int) {
         simulation->member(i).accelerations(simulation->clock.now(), out + i * size);
@@ -199,9 +200,9 @@ public:
     const Scene& scene(std::size_t i) const override { return simulation_.plan(i); }
     double now() const override { return simulation_.clock.now(); }
     Outcome advance(std::int64_t steps, double dt) override {
-        return simulation_.advance(steps, dt, threads_,
-                                   [this] { return unlocked_.signal_pending(); });
+        return simulation_.advance(steps, dt, threads_, [this] { return interrupted(); });
     }
+    bool interrupted() override { return unlocked_.signal_pending(); }
     void sample() override { simulation_.sample(); }
     void store(const std::vector<double*>& x, const std::vector<double*>& v) override {
         for (std::size_t i = 0; i < x.size(); ++i)
@@ -234,6 +235,7 @@ public:
             if (event.failed()) outcome.steps = event.step - 1;
         return outcome;
     }
+    bool interrupted() override { return PyErr_CheckSignals() != 0; }
     void sample() override { simulation_.attr("sample")(); }
     void store(const std::vector<double*>& x, const std::vector<double*>& v) override {
         const Cloth& cloth = plans_[0].cloth;
@@ -258,7 +260,7 @@ py::object record_fixed(SharedSimulation& shared, FixedRun& run, std::vector<Arr
                         std::vector<Array<double>> v, std::int64_t steps, std::size_t frames,
                         int threads) {
     auto simulation = shared.use();
-    threads = simulation->by_caller() ? 1 : granted_threads(threads);
+    threads = simulation->forces_need_caller() ? 1 : granted_threads(threads);
     const FramesOf arrays(x, v, [&](std::size_t i) { return !simulation->frozen(i); });
     Outcome outcome;
     {
@@ -266,14 +268,14 @@ py::object record_fixed(SharedSimulation& shared, FixedRun& run, std::vector<Arr
         CoreCloths cloths(*simulation, threads, unlocked);
         outcome = run.record(cloths, arrays.to, steps, frames);
     }
-    return reported(outcome);
+    return events_or_none(outcome);
 }
 
 py::object record_adaptive(SharedSimulation& shared, AdaptiveRun& run, std::vector<Array<double>> x,
                            std::vector<Array<double>> v, std::int64_t steps, std::size_t frames,
                            int threads) {
     auto simulation = shared.use();
-    threads = simulation->by_caller() ? 1 : granted_threads(threads);
+    threads = simulation->forces_need_caller() ? 1 : granted_threads(threads);
     const FramesOf arrays(x, v, [](std::size_t) { return true; });
     Outcome outcome;
     {
@@ -281,7 +283,7 @@ py::object record_adaptive(SharedSimulation& shared, AdaptiveRun& run, std::vect
         outcome = simulation->record(run, arrays.to, steps, frames, threads,
                                      [&] { return unlocked.signal_pending(); });
     }
-    return reported(outcome);
+    return events_or_none(outcome);
 }
 
 py::object record_of_adapter(FixedRun& run, const py::object& simulation,
@@ -289,12 +291,12 @@ py::object record_of_adapter(FixedRun& run, const py::object& simulation,
                              std::int64_t steps, std::size_t frames) {
     AdapterCloths cloths(simulation);
     const FramesOf arrays(x, v, [&](std::size_t i) { return cloths.moves(i); });
-    return reported(run.record(cloths, arrays.to, steps, frames));
+    return events_or_none(run.record(cloths, arrays.to, steps, frames));
 }
 
-py::tuple interpolated(const Plan& plan, double t, double begin, double length,
-                       const Array<double>& x0, const Array<double>& v0, const Array<double>& x1,
-                       const Array<double>& v1) {
+py::tuple interpolate_state(const Plan& plan, double t, double begin, double length,
+                            const Array<double>& x0, const Array<double>& v0,
+                            const Array<double>& x1, const Array<double>& v1) {
     const std::vector<py::ssize_t> shape(x0.shape(), x0.shape() + x0.ndim());
     Array<double> x(shape), v(shape);
     interpolate(plan, t, {begin, length, x0.data(), v0.data(), x1.data(), v1.data()},
@@ -348,14 +350,14 @@ void sample(SharedSimulation& shared) {
 // the sums of impulses have one for each sphere of each member.
 constexpr std::array<const char*, 4> names_of_values{"positions", "velocities", "positions_low",
                                                      "velocities_low"};
-std::size_t parts_of(const Simulation& simulation) {
+std::size_t parts_of_snapshot(const Simulation& simulation) {
     return simulation.plan(0).precision == Precision::single ? 4 : 2;
 }
 
 py::dict snapshot(SharedSimulation& shared) {
     auto simulation = shared.use();
     const Cloth& cloth = simulation->plan(0).cloth;
-    const std::size_t members = simulation->size(), parts = parts_of(*simulation),
+    const std::size_t members = simulation->size(), parts = parts_of_snapshot(*simulation),
                       size = 3 * std::size_t(cloth.points());
     std::vector<std::vector<double>> values(parts);
     std::vector<double> origins, impulses, contacts, normals;
@@ -414,13 +416,15 @@ void restore(SharedSimulation& shared, const py::dict& fields) {
         return array;
     };
     std::vector<SavedState> states(members);
-    for (std::size_t part = 0; part < parts_of(*simulation); ++part) {
+    for (std::size_t part = 0; part < parts_of_snapshot(*simulation); ++part) {
         const auto values = take(names_of_values[part], members * size);
         for (std::size_t i = 0; i < members; ++i)
             states[i].values.insert(states[i].values.end(), values.data() + i * size,
                                     values.data() + (i + 1) * size);
     }
-    std::size_t sums = 0, contact_sums = 0, spheres = 0;
+    std::size_t sums = 0;
+    std::size_t contact_sums = 0;
+    std::size_t spheres = 0;
     for (std::size_t i = 0; i < members; ++i) {
         sums += simulation->member(i).impulses.sums().size();
         contact_sums += simulation->member(i).contacts.sums().size();
@@ -457,7 +461,7 @@ void restore(SharedSimulation& shared, const py::dict& fields) {
 
 // Return a function that calls `get(simulation, i)` for each member.
 template <class Get>
-auto of_members(Get get) {
+auto property_of_members(Get get) {
     return [get](SharedSimulation& shared) {
         auto simulation = shared.use();
         std::vector<std::decay_t<decltype(get(*simulation, 0))>> all;
@@ -541,7 +545,7 @@ void bind_simulation(py::module_& m) {
         .def_readonly("value", &Event::value)
         .def_readonly("step", &Event::step)
         .def_readonly("time", &Event::time);
-    m.def("interpolate", &interpolated);
+    m.def("interpolate", &interpolate_state);
     // float64 comes first, so that what is not given keeps all its digits.
     py::class_<S>(m, "Simulation")
         .def(py::init<const std::vector<Plan>&, double, int>())
@@ -558,12 +562,12 @@ void bind_simulation(py::module_& m) {
         .def("advance", &advance)
         .def("accelerations", &accelerations<double>, any, exact, exact, exact, any)
         .def("accelerations", &accelerations<float>, any, exact, exact, exact, any)
-        .def("accelerations", &accelerations_here, exact, any)
+        .def("accelerations", &accelerations_of_state, exact, any)
         .def("set_stable_dt",
              [](S& s, const std::vector<double>& stable_dt) { s.use()->set_stable_dt(stable_dt); })
-        .def("set_stable_depths",
+        .def("set_stable_layer_depths",
              [](S& s, std::size_t i, const std::vector<double>& depths) {
-                 s.use()->set_stable_depths(i, depths);
+                 s.use()->set_stable_layer_depths(i, depths);
              })
         .def("set_sphere",
              [](S& s, std::size_t sphere, const std::vector<Vec3>& centers,
@@ -580,14 +584,14 @@ void bind_simulation(py::module_& m) {
                      simulation->set_force(i, force.data() + i * size);
              })
         .def("set_frozen", [](S& s, std::size_t i, bool frozen) { s.use()->set_frozen(i, frozen); })
-        .def_property_readonly("frozen",
-                               of_members([](Simulation& s, std::size_t i) { return s.frozen(i); }))
+        .def_property_readonly(
+            "frozen", property_of_members([](Simulation& s, std::size_t i) { return s.frozen(i); }))
         .def("record", &record_fixed, any, exact, exact, any, any, any)
         .def("record", &record_adaptive, any, exact, exact, any, any, any)
-        .def_property_readonly("contacts", of_members([](Simulation& s, std::size_t i) {
+        .def_property_readonly("contacts", property_of_members([](Simulation& s, std::size_t i) {
                                    return s.member(i).contact_responses;
                                }))
-        .def_property_readonly("evaluations", of_members([](Simulation& s, std::size_t i) {
+        .def_property_readonly("evaluations", property_of_members([](Simulation& s, std::size_t i) {
                                    return s.member(i).evaluations;
                                }))
         .def("set_watch",

@@ -23,7 +23,7 @@ void bind_build(py::module_& m);
 void bind_model(py::module_& m);
 void bind_picture(py::module_& m);
 void bind_simulation(py::module_& m);
-void bind_diagnostics(py::module_& m);
+void bind_measures(py::module_& m);
 void bind_reference(py::module_& m);
 
 }  // namespace clothsim

@@ -86,6 +86,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
     clothsim::bind_model(m);
     clothsim::bind_picture(m);
     clothsim::bind_simulation(m);
-    clothsim::bind_diagnostics(m);
+    clothsim::bind_measures(m);
     clothsim::bind_reference(m);
 }

@@ -48,7 +48,8 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
             end = run.target(t);
             if (!run.grid.empty()) controller.h = end - t;
         }
-        const double left = end - t, smallest = smallest_part * std::max(std::abs(end), left);
+        const double left = end - t;
+        const double smallest = smallest_part * std::max(std::abs(end), left);
         const double goal = controller.h;
         // Two equal steps are better than a long one and a sliver.
         double h = goal;
@@ -66,7 +67,7 @@ Outcome Simulation::advance_adaptive(AdaptiveRun& run, double until, std::int64_
         bool accepted = controller.judge(h, error, adaptive.order());
         const double bounded = accepted ? adaptive.contact_step(t, h, run.near, true) : h;
         const Passage passage = accepted && bounded >= h && engine.has_penalty()
-            ? passage_in(adaptive.trial_depths(t + h), plan(0))
+            ? deepest_passage(adaptive.trial_depths(t + h), plan(0))
             : Passage{};
         if (passage.obstacle >= 0) {
             // Where steps meet the tolerance and still end beyond the layer, the solution does too.
@@ -156,7 +157,10 @@ Outcome Simulation::record(AdaptiveRun& run, const FrameArrays& arrays, std::int
         frames.stored.push_back(moment);
     };
     Outcome outcome;
+    Poll poll(interrupted);  // Calls of `advance_adaptive` may be too short to ask by themselves.
     while (!run.complete() && frames.stored.size() < last) {
+        outcome.interrupted = poll.stopped();
+        if (outcome.interrupted) return outcome;
         const Moment& moment = frames.moments[run.next_moment];
         if (!frames.stored.empty() && clock.now() < moment.time) {
             std::int64_t steps = most_steps - outcome.steps;

@@ -47,7 +47,7 @@ public:
     // Return -1 if all are pinned.
     std::int64_t fastest_free_point(const Engine& engine);
     // Return whether energy has grown out of nothing at a recorded inspection; true once.
-    bool take_growth() { return std::exchange(news_, false); }
+    bool take_news_of_growth() { return std::exchange(news_, false); }
 
 private:
     // Return the energy less the work of obstacles and forces so far.

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "driver/simulation.hpp"
+#include "memory/poll.hpp"
 
 namespace clothsim {
 namespace {
@@ -11,7 +12,8 @@ namespace {
 constexpr double rounding_of_times = 4e-16;  // of a time over the step, as part of it
 
 // Return where frame k begins in each array.
-std::vector<double*> frame_of(const std::vector<double*>& arrays, std::size_t k, std::size_t size) {
+std::vector<double*> frame_pointers(const std::vector<double*>& arrays, std::size_t k,
+                                    std::size_t size) {
     std::vector<double*> frame;
     for (double* const array : arrays) frame.push_back(array ? array + k * size : nullptr);
     return frame;
@@ -73,7 +75,7 @@ void interpolate(const Scene& scene, double t, const StepEnds& ends, double* x, 
 
 // Fixed steps
 
-FixedRun::Place FixedRun::next_place() const {
+FixedRun::Place FixedRun::place_of_next_frame() const {
     const Segment& segment = segments_[segment_];
     const std::size_t number = frames.stored.size();
     const double seconds = frames.moments[number].seconds;
@@ -129,12 +131,15 @@ Outcome FixedRun::record(Cloths& cloths, const FrameArrays& arrays, std::int64_t
     const std::size_t size = 3 * std::size_t(cloths.scene(0).cloth.points());
     const std::size_t last = std::min(arrays.capacity, frames.stored.size() + most_frames);
     std::int64_t budget = most_steps;
+    // Calls of `advance` may be too short to ask by themselves.
+    const std::function<bool()> interrupted = [&] { return cloths.interrupted(); };
+    Poll poll(interrupted);
     while (!complete() && frames.stored.size() < last) {
         const std::size_t number = frames.stored.size();
-        const auto x = frame_of(arrays.x, number, size);
-        const auto v = frame_of(arrays.v, number, size);
+        const auto x = frame_pointers(arrays.x, number, size);
+        const auto v = frame_pointers(arrays.v, number, size);
         // The run begins at the present state, whatever its clock has rounded.
-        const Place place = number == 0 ? Place{} : next_place();
+        const Place place = number == 0 ? Place{} : place_of_next_frame();
         if (!place.within) {
             if (!advance_to(place.steps, cloths, outcome, budget)) return outcome;
         } else if (step_of_ends_ != place.steps) {
@@ -175,6 +180,8 @@ Outcome FixedRun::record(Cloths& cloths, const FrameArrays& arrays, std::int64_t
         }
         frames.step = place.within ? -1 : steps_;
         frames.stored.push_back(moment);
+        outcome.interrupted = poll.stopped();
+        if (outcome.interrupted) return outcome;
     }
     return outcome;
 }

@@ -69,6 +69,7 @@ public:
     virtual double now() const = 0;
     virtual Outcome advance(std::int64_t steps, double dt) = 0;
     virtual void sample() = 0;
+    virtual bool interrupted() = 0;  // by Ctrl-C
     // Write the states of all members, for each of which there is a pointer.
     virtual void store(const std::vector<double*>& x, const std::vector<double*>& v) = 0;
 };
@@ -98,7 +99,7 @@ private:
         bool within = false;
         bool stores = true;  // false: no further frame lies in the segment
     };
-    Place next_place() const;
+    Place place_of_next_frame() const;
     // Take steps until `steps` of the segment are done. Return false if the call ends before.
     bool advance_to(std::int64_t steps, Cloths& cloths, Outcome& outcome, std::int64_t& budget);
 

@@ -30,15 +30,15 @@ Simulation::Simulation(const std::vector<Plan>& plans, double time, int threads)
     for (const auto& member : members_) watches_.emplace_back(member->plan());
     clock.origin = time;
     for (const Plan& plan : plans) points_ += plan.cloth.points();
-    note_forces();
+    find_forces_of_caller();
 }
 
-void Simulation::note_forces() {
+void Simulation::find_forces_of_caller() {
     by_caller_ = false;
     for (const auto& member : members_)
         for (const auto& force : member->plan().forces)
             if (const auto* function = dynamic_cast<const FunctionForce*>(force.get()))
-                by_caller_ |= members_.size() > 1 && function->by_caller;
+                by_caller_ |= members_.size() > 1 && function->forces_need_caller;
 }
 
 void Simulation::set_stable_dt(std::vector<double> stable_dt) {
@@ -46,7 +46,7 @@ void Simulation::set_stable_dt(std::vector<double> stable_dt) {
     speed_limits_.clear();
 }
 
-void Simulation::set_stable_depths(std::size_t i, std::vector<double> depths) {
+void Simulation::set_stable_layer_depths(std::size_t i, std::vector<double> depths) {
     stable_depths_[i] = std::move(depths);
 }
 
@@ -66,7 +66,7 @@ void Simulation::set_plans(const std::vector<Plan>& plans, std::vector<double> s
     }
     members_.swap(members);
     watches_.swap(watches);
-    note_forces();
+    find_forces_of_caller();
     set_stable_dt(std::move(stable_dt));
     for (const std::size_t i : all_) {
         stable_depths_[i].clear();
@@ -148,7 +148,8 @@ void Simulation::set_step(double dt) {
 }
 
 // Everything is done member by member, so that the state of a member is in cache.
-void Simulation::run_member(std::size_t i, const Steps& steps, bool copy, int threads) {
+void Simulation::advance_and_inspect_member(std::size_t i, const Steps& steps, bool copy,
+                                            int threads) {
     Engine& member = *members_[i];
     member.threads = threads;
     if (copy) member.save_checkpoint();
@@ -200,7 +201,8 @@ void Simulation::advance_member(std::size_t i, const Clock& from, std::int64_t s
     }
 }
 
-Simulation::Passage Simulation::passage_in(const std::vector<Depth>& depths, const Plan& plan) {
+Simulation::Passage Simulation::deepest_passage(const std::vector<Depth>& depths,
+                                                const Plan& plan) {
     Passage passage;
     for (std::size_t s = 0; s < depths.size(); ++s)
         if (beyond_layer(plan.spheres[s], depths[s].depth) && depths[s].depth > passage.depth)
@@ -213,14 +215,15 @@ Simulation::Passage Simulation::find_passage(std::size_t i, double t) const {
     std::vector<Depth> depths = members_[i]->depths(t);
     for (std::size_t s = 0; s < depths.size(); ++s)
         depths[s].depth = std::max(depths[s].depth, members_[i]->contacts.of(s).deepest);
-    return passage_in(depths, plan(i));
+    return deepest_passage(depths, plan(i));
 }
 
 void Simulation::each_member_of(const std::vector<std::size_t>& members, int threads,
                                 const MemberWork& work) {
     // Most members are stepped by one thread each. The whole team steps those left one after the
     // other where that is faster.
-    const std::size_t team = std::size_t(threads), left = members.size() % team;
+    const std::size_t team = std::size_t(threads);
+    const std::size_t left = members.size() % team;
     const bool shared = 4 * left <= 3 * team &&
         plan(0).cloth.points() >= heuristics::points_per_thread_of_step * threads;
     const std::size_t single_count = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);
@@ -238,8 +241,9 @@ void Simulation::run(const Steps& steps, int threads) {
     for (const std::size_t i : all_)
         if (!frozen_[i]) moving_.push_back(i);
     try {
-        each_member_of(moving_, threads,
-                       [&](std::size_t i, int team) { run_member(i, steps, copy, team); });
+        each_member_of(moving_, threads, [&](std::size_t i, int team) {
+            advance_and_inspect_member(i, steps, copy, team);
+        });
     } catch (...) {
         end_block();  // Some members have a copy of another step.
         throw;
@@ -375,7 +379,7 @@ std::int64_t Simulation::first_bad_member() const {
 }
 
 void Simulation::note_pinned_inside(std::size_t i, double t) {
-    if (pinned_inside_[i] < 0) pinned_inside_[i] = members_[i]->pinned_below(t);
+    if (pinned_inside_[i] < 0) pinned_inside_[i] = members_[i]->pinned_point_below(t);
 }
 
 void Outcome::add(Event event, double time) {
@@ -456,7 +460,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
         }
         bool grown = false;
         for (std::size_t i = 0; i < members_.size(); ++i) {
-            if (!watches_[i].take_growth()) continue;
+            if (!watches_[i].take_news_of_growth()) continue;
             grown = true;
             outcome.add({"grown", std::int64_t(i)}, clock.now());
         }

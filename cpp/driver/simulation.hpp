@@ -122,14 +122,14 @@ public:
     // infinite until it is set.
     void set_stable_dt(std::vector<double> stable_dt);
     // Set the depths in the layers of a member's obstacles up to which the time step is stable [m].
-    void set_stable_depths(std::size_t i, std::vector<double> depths);
+    void set_stable_layer_depths(std::size_t i, std::vector<double> depths);
 
     // Change an obstacle, or the force on points, from now on.
     void set_sphere(std::size_t i, std::size_t sphere, const Vec3& center, const Motion& motion);
     void set_force(std::size_t i, const double* force);
 
     // Return whether a batch has forces that only the thread of the call may ask.
-    bool by_caller() const { return by_caller_; }
+    bool forces_need_caller() const { return by_caller_; }
     // Take from all members what their forces have thrown, and return the first of it.
     std::exception_ptr take_force_failure();
     void throw_force_failure() {
@@ -184,8 +184,8 @@ private:
     // Write the state at a time within the last step of `run`.
     void store_within(const AdaptiveRun& run, double t, double* x, double* v, int threads);
     void run(const Steps& steps, int threads);
-    void note_forces();
-    void run_member(std::size_t i, const Steps& steps, bool copy, int threads);
+    void find_forces_of_caller();
+    void advance_and_inspect_member(std::size_t i, const Steps& steps, bool copy, int threads);
     void set_step(double dt);
     // Add the events of contacts in the steps so far, up to the time t.
     void report_contacts(Outcome& outcome, double t);
@@ -200,7 +200,7 @@ private:
         std::int64_t point = -1, obstacle = -1;
         double depth = 0;
     };
-    static Passage passage_in(const std::vector<Depth>& depths, const Plan& plan);
+    static Passage deepest_passage(const std::vector<Depth>& depths, const Plan& plan);
     // Return the passage at the time t, or in a step before.
     Passage find_passage(std::size_t i, double t) const;
     // Look whether a member's state is finite. The energy is looked at where that is due, at the

@@ -123,7 +123,7 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     std::int64_t step = 0;  // to which the state belongs
     Clock clock;  // of the call
     // Returns the number of a step's stage, counted over all steps.
-    std::int64_t number_of(int stage) const { return 4 * step + stage; }
+    std::int64_t version_of_stage(int stage) const { return 4 * step + stage; }
 
     std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
     const Real* source(Stage stage, int row) const {
@@ -141,12 +141,12 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     Band& neighbour(NeighbouringBand* at) const { return *static_cast<Band*>(at); }
     // Copies the two finished rows at a border to the neighbour, which reads them in stage
     // `number`.
-    void hand_near(std::int64_t number) {
+    void hand_rows_to_near_band(std::int64_t number) {
         const Stage next = Stage(number % 4);
         neighbour(near).from_near.put(number, source(next, 0), source(next, 1));
         signal_near(version(number));
     }
-    void hand_far(std::int64_t number) {
+    void hand_rows_to_far_band(std::int64_t number) {
         const Stage next = Stage(number % 4);
         const int last = size() - 1;
         neighbour(far).from_far.put(number, source(next, last), source(next, last - 1));
@@ -175,8 +175,8 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
         const int n = size();
         const std::int64_t number = 4 * step;
         for (const int row : {0, 1, n - 2, n - 1}) take_border(row);
-        if (near) hand_near(number);
-        if (far) hand_far(number);
+        if (near) hand_rows_to_near_band(number);
+        if (far) hand_rows_to_far_band(number);
     }
 };
 
@@ -363,7 +363,7 @@ void EdgeEngine<Real>::begin_stage(Band& band, int s) {
         std::fill_n(e.received_2, handed_size(), Real(0));
         return;
     }
-    const std::int64_t number = band.number_of(s);
+    const std::int64_t number = band.version_of_stage(s);
     band.wait_near(band.version(number));
     const Real* const first = band.source(e.stage, 0);
     kernels().edge_halo(e, {band.from_near.row(number, 1), nullptr, first},
@@ -375,7 +375,7 @@ template <class Real>
 void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
     const int n = band.size();
     const int end_inner = std::min(end, n - 2);
-    const std::int64_t number = band.number_of(s);
+    const std::int64_t number = band.version_of_stage(s);
     const auto run_to = [&](int row) {
         if (begin >= row) return;
         sum_rows(edge_rows_, band.stages[s], begin, row);
@@ -385,7 +385,7 @@ void EdgeEngine<Real>::run_rows(Band& band, int s, int begin, int end) {
     if (begin == 0 && band.near) begin_stage(band, s);
     if (band.near && begin < rows_to_hand) {
         run_to(std::min(end, rows_to_hand));
-        if (begin == rows_to_hand && hands_on(s)) band.hand_near(number + 1);
+        if (begin == rows_to_hand && hands_on(s)) band.hand_rows_to_near_band(number + 1);
     }
     run_to(end_inner);
     if (end > end_inner) run_last_rows(band, s, std::max(begin, end_inner), end);
@@ -396,7 +396,7 @@ template <class Real>
 void EdgeEngine<Real>::run_last_rows(Band& band, int s, int begin, int end) {
     EdgeArguments<Real>& e = band.stages[s];
     const int n = band.size();
-    const std::int64_t number = band.number_of(s);
+    const std::int64_t number = band.version_of_stage(s);
     if (band.far) {
         band.wait_far(band.version(number));
         band.fetch_beyond_far(number);
@@ -404,7 +404,7 @@ void EdgeEngine<Real>::run_last_rows(Band& band, int s, int begin, int end) {
     sum_rows(band.far ? edge_rows_ : kernels().edge_of_any, e, begin, end);
     if (end == n) kernels().edge_finish(e);
     end_pins(band, s, std::max(begin - 1, 0), end < n ? end - 1 : n);
-    if (end == n && band.far && hands_on(s)) band.hand_far(number + 1);
+    if (end == n && band.far && hands_on(s)) band.hand_rows_to_far_band(number + 1);
 }
 
 template <class Real>
@@ -446,7 +446,7 @@ void EdgeEngine<Real>::place_contacts(Band& band) {
     constexpr double weight[] = {1. / 6, 1. / 3, 1. / 3, 1. / 6};
     const double t = band.clock.at(band.step - step_);
     const double dt = band.clock.dt;
-    if (band.step > step_ && !this->obstacles_move()) return this->note_time(t, band.obstacles[0]);
+    if (band.step > step_ && !this->obstacles_move()) return this->set_times(t, band.obstacles[0]);
     for (int s = 0; s < 4; ++s) {
         this->place_obstacles(StageTime::of_stage(t, dt, part[s]), force_unit(), weight[s] * dt,
                               s == 0, band.obstacles[s]);

@@ -89,7 +89,7 @@ public:
     // obstacle.
     virtual std::vector<Depth> depths(double t) const = 0;
     // Return a pinned point below the true surface of a penalty obstacle at the time t, or -1.
-    virtual int pinned_below(double t) const = 0;
+    virtual int pinned_point_below(double t) const = 0;
     // Return a speed above that of every point [m/s].
     virtual double speed_bound() const = 0;
     // Note what the steps so far have met in `watched`.

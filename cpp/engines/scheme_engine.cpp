@@ -101,7 +101,7 @@ public:
                 this->place_pins(StageTime::of_end(clock.at(k), clock.dt), band.begin, band.end,
                                  this->memory_);
                 has_start = method_.splitting->first_same_as_last() &&
-                    !this->kink_at(t, clock.at(k), clock.dt);
+                    !this->has_kink_at(t, clock.at(k), clock.dt);
                 barrier.wait();
             }
             if (band.begin == 0) has_next_start = has_start;
@@ -159,17 +159,17 @@ public:
         previous_.swap(this->memory_);
         this->memory_.swap(result_);
         add_sums_of_step(0, this->rows());
-        if (knows_end()) {
+        if (has_acceleration_at_end()) {
             std::swap(first_contacts_, end_contacts_);
             std::swap(first_power_, end_power_);
         }
-        const bool kink = this->kink_at(step_begin_, t, step_);
+        const bool kink = this->has_kink_at(step_begin_, t, step_);
         // The velocity after a kink counts from here on, and so another acceleration.
         const StageTime after = StageTime::of_end(t, step_);
         this->place_pins(after, 0, this->rows(), this->memory_);
         // The acceleration at the end is the first one of the next step.
-        if (knows_end()) std::swap(slot_.front(), slot_.back());
-        this->state_known_ = knows_end() && !kink;
+        if (has_acceleration_at_end()) std::swap(slot_.front(), slot_.back());
+        this->state_known_ = has_acceleration_at_end() && !kink;
     }
 
     double contact_step(double t, double h, double near, bool after_trial) override {
@@ -199,7 +199,7 @@ public:
 
     void dense(double t, double* x, double* v, int threads) override {
         const double part = (t - step_begin_) / step_;
-        const bool interpolated = knows_end();
+        const bool interpolated = has_acceleration_at_end();
         // The first and the last acceleration have changed places since the step.
         if (interpolated) std::swap(slot_.front(), slot_.back());
         ChebyshevSum<Real> hermite;
@@ -233,7 +233,7 @@ private:
         Vec3 velocity;
         double deviation;
     };
-    static Travel travel_of(const Sphere& sphere, double t, double h) {
+    static Travel mean_travel(const Sphere& sphere, double t, double h) {
         const Vec3 travel = (sphere.center_at(t + h) - sphere.center_at(t)) / h;
         // A step lies on one piece of the motion. A component of the velocity is monotone there or
         // quadratic, and so differs most from its mean at an end (Legendre polynomials are largest
@@ -247,7 +247,7 @@ private:
     }
     // Advances conservatively: a point closes on the surface by its gap and half the layer at most.
     double penalty_step(const Sphere& sphere, double t, double h, bool after_trial) {
-        const Travel travel = travel_of(sphere, t, h);
+        const Travel travel = mean_travel(sphere, t, h);
         const PenaltyContact contact(sphere, StageTime::of_stage(t, h, 0), this->origin_);
         const auto speed_of = [&](const Vec3& velocity) {
             const Vec3 relative = velocity - travel.velocity;
@@ -255,7 +255,7 @@ private:
         };
         const std::ptrdiff_t to_velocity = 3 * this->layout_.component();
         double allowed = h;
-        this->each_free([&](int, std::ptrdiff_t at) {
+        this->each_free_point([&](int, std::ptrdiff_t at) {
             double speed = speed_of(this->vector_at(this->memory_, at + to_velocity));
             if (after_trial)
                 speed = std::max(speed, speed_of(this->vector_at(result_, at + to_velocity)));
@@ -269,7 +269,7 @@ private:
     }
     double contact_step(const Sphere& sphere, double t, double h, double near, bool after_trial) {
         const Surface surface = sphere.surface_at(t, this->origin_);
-        const Travel moved = travel_of(sphere, t, h);
+        const Travel moved = mean_travel(sphere, t, h);
         const Vec3& travel = moved.velocity;
         const Cloth& cloth = this->plan_.cloth;
         const double sphere_speed = moved.deviation;
@@ -313,7 +313,9 @@ private:
         return explicit_ ? explicit_->stages : 1;
     }
     // Returns whether a step ends with the acceleration at its end, which is the first of the next.
-    bool knows_end() const { return method_.stabilised || explicit_->error_needs_end; }
+    bool has_acceleration_at_end() const {
+        return method_.stabilised || explicit_->error_needs_end;
+    }
     Real* acceleration(int index) {
         std::size_t place = std::size_t(index);
         if (method_.stabilised && index > 0) place = index == stages() ? 2 : 1;
@@ -347,7 +349,7 @@ private:
         if (!this->has_penalty()) return;
         const bool first = index == 0;
         const bool end = index == stages();
-        const double weight = first || end ? 1 : weight_of(index);
+        const double weight = first || end ? 1 : impulse_weight(index);
         ContactTally& other_sums = end ? end_contacts_ : step_contacts_;
         ContactTally& sums = first ? first_contacts_ : other_sums;
         if (first || end) sums.clear_rows(band.begin, band.end);
@@ -358,39 +360,39 @@ private:
     void let_forces_act(FieldBand<Real>& band, Barrier& barrier, const AlignedVector<Real>& state,
                         int index, const StageTime& time) {
         this->act(state, time, band.begin, band.end, barrier);
-        this->each_sum(band.begin, band.end, [&](std::size_t at) {
+        this->each_force_sum(band.begin, band.end, [&](std::size_t at) {
             const double power = this->powers_[at];
             if (index == 0) first_power_[at] = power;
             else if (index == stages()) end_power_[at] = power;
-            else step_work_[at] += weight_of(index) * power;
+            else step_work_[at] += impulse_weight(index) * power;
         });
     }
     // Returns the weight of a stage's acceleration in the velocity at the end of the planned step
     // [s].
-    double weight_of(int stage) const {
+    double impulse_weight(int stage) const {
         const auto& weights = explicit_ ? explicit_->result.v : chebyshev_->weights;
         return weights[std::size_t(stage)] * planned_step_;
     }
     void begin_sums_of_step(const FieldBand<Real>& band) {
         if (this->has_penalty()) step_contacts_.clear_rows(band.begin, band.end);
-        this->each_sum(band.begin, band.end, [&](std::size_t at) { step_work_[at] = 0; });
+        this->each_force_sum(band.begin, band.end, [&](std::size_t at) { step_work_[at] = 0; });
     }
     // Adds what obstacles and forces did in the step.
     void add_sums_of_step(int begin, int end) {
-        this->each_sum(begin, end, [&](std::size_t at) {
-            this->work_rows[at] += weight_of(0) * first_power_[at] + step_work_[at];
+        this->each_force_sum(begin, end, [&](std::size_t at) {
+            this->work_rows[at] += impulse_weight(0) * first_power_[at] + step_work_[at];
         });
         if (!this->has_penalty()) return;
-        this->contacts.add_rows(first_contacts_, weight_of(0), true, begin, end);
+        this->contacts.add_rows(first_contacts_, impulse_weight(0), true, begin, end);
         this->contacts.add_rows(step_contacts_, 1, false, begin, end);
     }
     // Adds the work of a kick of h with the forces of the last sweep, or half of it, at the
     // velocities in memory.
     void add_work_of_kick(const FieldBand<Real>& band, double h) {
-        this->read_velocities(band.begin, band.end);
+        this->read_acting_velocities(band.begin, band.end);
         this->measure_powers(band.begin, band.end);
-        this->each_sum(band.begin, band.end,
-                       [&](std::size_t at) { this->work_rows[at] += h * this->powers_[at]; });
+        this->each_force_sum(band.begin, band.end,
+                             [&](std::size_t at) { this->work_rows[at] += h * this->powers_[at]; });
     }
     Combination<Real> combination(const Weights& w, double h, double scale_x = 1,
                                   double scale_v = 1) {

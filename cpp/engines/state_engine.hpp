@@ -48,12 +48,12 @@ public:
     SavedState saved_state() const final {
         SavedState state{{}, origin_, impulses.sums(), contacts.sums(), {}};
         for (const Sphere& sphere : plan_.spheres) state.normals.push_back(sphere.normal);
-        each_value([&](std::ptrdiff_t at) { state.values.push_back(memory_[at]); });
+        each_saved_place([&](std::ptrdiff_t at) { state.values.push_back(memory_[at]); });
         return state;
     }
     void set_saved_state(const SavedState& state, double t) final {
         auto next = state.values.begin();
-        each_value([&](std::ptrdiff_t at) { memory_[at] = Real(*next++); });
+        each_saved_place([&](std::ptrdiff_t at) { memory_[at] = Real(*next++); });
         stop_held_pins();
         origin_ = state.origin;
         if (state.normals.empty()) choose_normals(t);
@@ -61,8 +61,8 @@ public:
             for (std::size_t s = 0; s < plan_.spheres.size(); ++s)
                 set_normal(plan_.spheres[s], state.normals[s]);
         state_known_ = false;
-        impulses.go_on(state.impulses);
-        contacts.go_on(state.contacts);
+        impulses.continue_from(state.impulses);
+        contacts.continue_from(state.contacts);
     }
 
     void save_checkpoint() final {
@@ -139,7 +139,7 @@ public:
         return works;
     }
     std::vector<Depth> depths(double t) const final { return depths_in(memory_, t); }
-    int pinned_below(double t) const final {
+    int pinned_point_below(double t) const final {
         for (const std::size_t number : penalty_) {
             const Sphere& sphere = plan_.spheres[number];
             const PenaltyContact contact(sphere, StageTime::at_rest(t), origin_);
@@ -237,13 +237,13 @@ protected:
     }
     // Calls `visit(place)` for each row [begin, end) in sums by force and row.
     template <class Visit>
-    void each_sum(int begin, int end, Visit visit) const {
+    void each_force_sum(int begin, int end, Visit visit) const {
         for (std::size_t k = 0; k < acting_.size(); ++k)
             for (int row = begin; row < end; ++row)
                 visit(k * std::size_t(rows()) + std::size_t(row));
     }
     // Let those velocities be the ones in memory.
-    void read_velocities(int begin, int end) {
+    void read_acting_velocities(int begin, int end) {
         for (int i = begin * columns(); i < end * columns() && !acting_.empty(); ++i)
             acting_v_.row(i) = points_.velocity(memory_, i);
     }
@@ -284,7 +284,7 @@ protected:
                 sums.obstacle(),  sums.lanes(),          nullptr};
     }
     // Sets the same obstacles, which stand still, to the state of another step.
-    void note_time(double t, std::vector<PenaltyArguments<Real>>& obstacles) const {
+    void set_times(double t, std::vector<PenaltyArguments<Real>>& obstacles) const {
         for (PenaltyArguments<Real>& p : obstacles) p.time = t;
     }
     // Returns whether a contact takes energy from the cloth by its speed.
@@ -295,7 +295,7 @@ protected:
     }
     // Returns whether accelerations jump where a step from t0 to t1 of length h ends: the velocity
     // of a pin, an obstacle or the air does.
-    bool kink_at(double t0, double t1, double h) const {
+    bool has_kink_at(double t0, double t1, double h) const {
         const StageTime before = StageTime::of_stage(t0, h, 1);
         const StageTime after = StageTime::of_end(t1, h);
         const auto jumps = [&](const Motion& motion) {
@@ -316,12 +316,12 @@ protected:
     // obstacle.
     std::vector<Depth> depths_in(const AlignedVector<Real>& state, double t) const {
         return contact_depths(plan_, t, [&](auto see) {
-            each_free([&](int i, std::ptrdiff_t at) { see(i, vector_at(state, at)); });
+            each_free_point([&](int i, std::ptrdiff_t at) { see(i, vector_at(state, at)); });
         });
     }
     // Calls `visit(i, where its first component lies in a state)` for each free point.
     template <class Visit>
-    void each_free(Visit visit) const {
+    void each_free_point(Visit visit) const {
         for (int r = 0, i = 0; r < rows(); ++r)
             for (int c = 0; c < columns(); ++c, ++i)
                 if (!plan_.cloth.pinned[std::size_t(i)]) visit(i, layout_.at(r, c));
@@ -534,7 +534,7 @@ private:
     }
     // Calls `visit(place)` in the order of SavedState::values.
     template <class Visit>
-    void each_value(Visit visit) const {
+    void each_saved_place(Visit visit) const {
         for (int part = 0; part < (compensated ? 4 : 2); ++part)
             for (int i = 0; i < plan_.cloth.points(); ++i)
                 for (int k = 0; k < 3; ++k)

@@ -53,10 +53,10 @@ public:
             for (int i = ContactRecord::depth * lanes_; i < tail(); ++i)
                 record[i] = std::max(record[i], from[i]);
             if (from_tail[ContactRecord::met] != 0)
-                note_first(record, from_tail[ContactRecord::first]);
+                note_first_contact(record, from_tail[ContactRecord::first]);
         });
     }
-    void note_first(double* record, double time) const {
+    void note_first_contact(double* record, double time) const {
         double* const own = record + tail();
         own[ContactRecord::first] =
             own[ContactRecord::met] != 0 ? std::min(own[ContactRecord::first], time) : time;
@@ -82,7 +82,7 @@ public:
     void note_depth(double* record, double depth, double time) const {
         double& deepest = record[ContactRecord::depth * lanes_];
         deepest = std::max(deepest, depth);
-        note_first(record, time);
+        note_first_contact(record, time);
     }
 
     // Add up all rows, in their order.
@@ -116,7 +116,7 @@ public:
         return all;
     }
     // Go on from saved sums of as many obstacles and rows; others begin at 0.
-    void go_on(const std::vector<double>& sums) {
+    void continue_from(const std::vector<double>& sums) {
         clear();
         if (values_.empty()) return;
         const std::size_t records = values_.size() / std::size_t(size());

@@ -16,16 +16,16 @@ struct Depth {
 };
 
 // Calls `visit(number, contact, i, gap)` for each free mass point in the layer of an obstacle at
-// the time t. `each_free(see)` calls see(i, x) for each of them, relative to the origin of the
-// obstacles.
+// the time t. `each_free_point(see)` calls see(i, x) for each of them, relative to the origin of
+// the obstacles.
 template <class EachFree, class Visit>
-void each_contact(const Scene& scene, double t, EachFree each_free, Visit visit) {
+void each_contact(const Scene& scene, double t, EachFree each_free_point, Visit visit) {
     for (std::size_t number = 0; number < scene.spheres.size(); ++number) {
         const Sphere& sphere = scene.spheres[number];
         if (!sphere.penalty()) continue;
         const PenaltyContact contact(sphere, StageTime::at_rest(t));
-        each_free([&](int i, const Vec3& x) {
-            if (contact.is_clear(x)) return;
+        each_free_point([&](int i, const Vec3& x) {
+            if (contact.is_beyond_layer(x)) return;
             const PenaltyContact::Gap gap = contact.at(x);
             if (gap.depth > 0) visit(number, contact, i, gap);
         });
@@ -41,9 +41,9 @@ inline auto each_free_of(const Cloth& cloth, const PointsView& x) {
 }
 
 template <class EachFree>
-std::vector<Depth> contact_depths(const Scene& scene, double t, EachFree each_free) {
+std::vector<Depth> contact_depths(const Scene& scene, double t, EachFree each_free_point) {
     std::vector<Depth> depths(scene.spheres.size());
-    each_contact(scene, t, each_free,
+    each_contact(scene, t, each_free_point,
                  [&](std::size_t number, const PenaltyContact&, int i, const auto& gap) {
                      if (gap.depth > depths[number].depth) depths[number] = {gap.depth, i};
                  });

@@ -18,8 +18,10 @@ public:
     // (points, 3).
     using Function = std::function<void(double t, const double* x, const double* v, double* f,
                                         std::int64_t points)>;
-    FunctionForce(Function function, bool by_caller)
-        : Force("function", {}, {}), by_caller(by_caller), function_(std::move(function)) {}
+    FunctionForce(Function function, bool forces_need_caller)
+        : Force("function", {}, {}),
+          forces_need_caller(forces_need_caller),
+          function_(std::move(function)) {}
 
     void act(const Cloth& cloth, const ForceState& state, int, int, double* force) const override {
         function_(state.time.t, state.x, state.v, force, cloth.points());
@@ -31,7 +33,7 @@ public:
     bool whole() const override { return true; }
 
     // Whether only the thread that calls the core may call the function.
-    const bool by_caller;
+    const bool forces_need_caller;
 
 private:
     [[noreturn]] static void refuse(const Cloth& cloth, int point, double value, double t) {

@@ -51,7 +51,7 @@ struct PenaltyContact {
           velocity(sphere.velocity_at(time)) {}
 
     // Returns whether a point is so far off that it cannot be in the layer, quicker than its gap.
-    bool is_clear(const Vec3& x) const {
+    bool is_beyond_layer(const Vec3& x) const {
         return level(x - surface.place) > surface.level_at(obstacle.reach());
     }
     struct Gap {
@@ -128,7 +128,7 @@ struct PenaltyContact {
     }
     // Leaves out the parts that may make a matrix indefinite: what softens, and what friction
     // mixes.
-    static Derivatives definite(const Derivatives& d) {
+    static Derivatives positive_definite(const Derivatives& d) {
         const auto diagonal = [](const Eigen::Matrix3d& m) {
             return Eigen::Matrix3d(m.diagonal().cwiseMax(0.0).asDiagonal());
         };

@@ -159,7 +159,7 @@ void ImplicitMidpoint::assemble(double h, const Vector& u, bool exact) {
     });
     each_contact(h, u, [&](int k, const PenaltyContact& contact, const Vec3& x, const Vec3& v) {
         PenaltyContact::Derivatives d = contact.derivatives(x, v);
-        if (!exact) d = contact.definite(d);
+        if (!exact) d = contact.positive_definite(d);
         const Eigen::Matrix3d derivative = h / 2 * d.by_v + h * h / 4 * d.by_x;
         for (int a = 0; a < 3; ++a)
             for (int b = 0; b <= a; ++b)

@@ -102,7 +102,7 @@ void fill(Matrix& matrix, const Entry (&entries)[count]) {
     for (const Entry& e : entries) matrix[std::size_t(e.row)][std::size_t(e.column)] = e.value;
 }
 
-Matrix square(int size) {
+Matrix square_matrix(int size) {
     return Matrix(std::size_t(size), std::vector<double>(std::size_t(size), 0.0));
 }
 
@@ -168,7 +168,7 @@ std::vector<double> vector_of(const double (&values)[count]) {
 }
 
 ExplicitMethod make_dopri5() {
-    Matrix a = square(7);
+    Matrix a = square_matrix(7);
     fill(a, dopri5_a);
     ExplicitMethod m = make_explicit(6, 5, a, {vector_of(dopri5_error)});
     m.dense_factors = Matrix(7, std::vector<double>(4, 0.0));
@@ -177,7 +177,7 @@ ExplicitMethod make_dopri5() {
 }
 
 ExplicitMethod make_dop853() {
-    Matrix a = square(13);
+    Matrix a = square_matrix(13);
     fill(a, dop853_a);
     for (int j = 0; j < 12; ++j) a[12][std::size_t(j)] = dop853_b[j];
     return make_explicit(12, 8, a, {vector_of(dop853_error_5), vector_of(dop853_error_3)});
@@ -185,7 +185,7 @@ ExplicitMethod make_dop853() {
 
 // Kutta, Z. Math. Phys. 46 (1901) 435.
 ExplicitMethod make_rk4() {
-    Matrix a = square(5);
+    Matrix a = square_matrix(5);
     a[1][0] = a[2][1] = 1.0 / 2;
     a[3][2] = 1;
     a[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6, 0};

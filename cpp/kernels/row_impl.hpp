@@ -130,7 +130,8 @@ CLOTHSIM_INLINE auto increment_sum(const FieldLayout& f, const Real* from, const
 // the edge kernel's vectors or, in the gather kernel, 64 bytes.
 template <class V, class Work>
 CLOTHSIM_INLINE void in_chunks(const FieldLayout& f, const Work& work) {
-    constexpr int W = int(V::size), in_line = 64 / int(sizeof(V));
+    constexpr int W = int(V::size);
+    constexpr int in_line = 64 / int(sizeof(V));
     if (f.length == 3 * W) work(std::integral_constant<int, 3>{});
     else work(std::integral_constant<int, in_line>{});
 }

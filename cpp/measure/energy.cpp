@@ -53,7 +53,7 @@ void add_stretches(const double* first, const SpringRows& s, double* __restrict 
 // Calls `visit(kind, rest length, sum of (length - rest length)^2, largest length)` for each kind
 // of spring that the cloth has.
 template <class Visit>
-void each_kind(const Cloth& cloth, const PointsView& x, Visit visit) {
+void each_spring_kind(const Cloth& cloth, const PointsView& x, Visit visit) {
     std::vector<double> planes(std::size_t(3 * x.rows())), sum, largest;
     take_apart(x.data(), x.rows(), planes.data());
     for (const Neighbour& n : neighbours) {
@@ -82,7 +82,7 @@ Energy energy(const Scene& scene, const PointsView& x, const PointsView& v, doub
         e.gravity -= scene.cloth.mass[i] * x.row(i).dot(scene.gravity);
     }
     if (scene.has_force()) e.force = -scene.force.cwiseProduct(x).sum();
-    each_kind(scene.cloth, x, [&](const Neighbour& n, double, double squares, double) {
+    each_spring_kind(scene.cloth, x, [&](const Neighbour& n, double, double squares, double) {
         e.elastic += scene.cloth.stiffness[n.family] / 2 * squares;
     });
     each_contact(scene, t, each_free_of(scene.cloth, x),
@@ -93,7 +93,7 @@ Energy energy(const Scene& scene, const PointsView& x, const PointsView& v, doub
 
 double largest_stretch(const Cloth& cloth, const PointsView& x) {
     double most = -std::numeric_limits<double>::infinity();
-    each_kind(cloth, x, [&](const Neighbour&, double rest_length, double, double longest) {
+    each_spring_kind(cloth, x, [&](const Neighbour&, double rest_length, double, double longest) {
         most = std::max(most, longest / rest_length - 1);
     });
     return most;

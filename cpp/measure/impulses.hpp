@@ -45,7 +45,7 @@ public:
     void begin_anew() { std::fill(sums_.begin(), sums_.end(), 0.0); }
     const std::vector<double>& sums() const { return sums_; }
     // Go on from the sums of a cloth of this shape. Spheres that had none begin at 0.
-    void go_on(const std::vector<double>& sums) {
+    void continue_from(const std::vector<double>& sums) {
         begin_anew();
         std::copy_n(sums.begin(), std::min(sums.size(), sums_.size()), sums_.begin());
     }

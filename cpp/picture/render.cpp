@@ -12,7 +12,8 @@ namespace {
 
 // Pixels of a tile, along and down, whose 60 kB stay in a second-level cache: at half 4 % slower,
 // at twice 2 % faster.
-constexpr int tile_width = 32, tile_height = 16;
+constexpr int tile_width = 32;
+constexpr int tile_height = 16;
 // Part of the ambient light that a full shadow takes. At 0.25 contact hardly shows, at 1 grid lines
 // vanish.
 constexpr double ambient_in_shadow = 0.5;
@@ -36,8 +37,9 @@ double light_on(const Shading& shading, const Triple& normal, double to_eye, dou
 }
 
 // Colour of a cloth at that depth below a surface, of a picture coloured by depth.
-Triple depth_color(const Shading& shading, double depth) {
-    const double last = double(shading.depth_colors.size() - 1), low = shading.depth_range[0];
+Triple penetration_color(const Shading& shading, double depth) {
+    const double last = double(shading.depth_colors.size() - 1);
+    const double low = shading.depth_range[0];
     const double part_of_range = (depth - low) / (shading.depth_range[1] - low);
     const double place = last * std::min(std::max(0.0, part_of_range), 1.0);
     const std::size_t k = std::size_t(std::min(place, last - 1));
@@ -82,7 +84,8 @@ Disc seeds() {
     Disc disc;
     const double turn = std::numbers::pi * (3 - std::sqrt(5.0));
     for (std::size_t k = 0; k < taps; ++k) {
-        const double radius = std::sqrt((double(k) + 0.5) / taps), angle = double(k) * turn;
+        const double radius = std::sqrt((double(k) + 0.5) / taps);
+        const double angle = double(k) * turn;
         disc.x[k * stride % taps] = float(radius * std::cos(angle));
         disc.y[k * stride % taps] = float(radius * std::sin(angle));
     }
@@ -91,12 +94,14 @@ Disc seeds() {
 const Disc disc = seeds();
 
 // Extents of a sheet that has a shadow map, whose heights are float32 [m].
-constexpr double least_extent = 1e-30, largest_extent = 1e30;
+constexpr double least_extent = 1e-30;
+constexpr double largest_extent = 1e30;
 
 // Metres by which the map is above `height` at the seeds of a disc. Its border is beside the sheet.
 // A place that is NaN counts as 0, since `max` returns its first argument then.
-CLOTHSIM_VERSIONS void look_up(const float* __restrict map, const Disc& disc, float x, float y,
-                               float radius, float height, int count, float* __restrict above) {
+CLOTHSIM_VERSIONS void look_up_heights(const float* __restrict map, const Disc& disc, float x,
+                                       float y, float radius, float height, int count,
+                                       float* __restrict above) {
     const float last = map_size - 1;
     for (int k = 0; k < count; ++k) {
         const float column = std::min(std::max(0.0f, x + radius * disc.x[std::size_t(k)]), last);
@@ -150,7 +155,7 @@ public:
     // Part of the light that reaches a point, 0 to 1. A ball throws no shadow on itself.
     double lit(const Triple& point, const Ball* on = nullptr) const {
         if (!picture_.shading.shadow) return 1;
-        double lit = heights_.empty() ? 1.0 : past_sheet(point);
+        double lit = heights_.empty() ? 1.0 : light_past_sheet(point);
         for (const Ball& ball : picture_.balls) {
             if (!ball.solid || &ball == on) continue;
             const Triple way = ball.center - point;
@@ -166,23 +171,25 @@ public:
 private:
     // First the mean height of the cover between point and light. Then the covered part of a disc
     // as wide as the light's edge seems at that height.
-    double past_sheet(const Triple& point) const {
+    double light_past_sheet(const Triple& point) const {
         const Triple place = view_.to_view(point);
         const float x = float(map_size / 2.0 + view_.scale * place[0]);
         const float y = float(map_size / 2.0 - view_.scale * place[1]);
-        const float slack = float(map_slack / view_.scale), height = float(place[2]);
-        const float edge = float(light_size * view_.scale), least = float(map_slack);
+        const float slack = float(map_slack / view_.scale);
+        const float height = float(place[2]);
+        const float edge = float(light_size * view_.scale);
+        const float least = float(map_slack);
         const float reach = edge * (highest_ - height) + least;
         constexpr float middle = map_size / 2.0f;
         const float away = std::max(std::abs(x - middle), std::abs(y - middle));
         if (highest_ <= height + slack || !(away - reach <= middle)) return 1;
         float above[taps], sum = 0, between = 0, covered = 0;
-        look_up(heights_.data(), disc, x, y, reach, height, taps_of_search, above);
+        look_up_heights(heights_.data(), disc, x, y, reach, height, taps_of_search, above);
         for (int k = 0; k < taps_of_search; ++k)
             if (above[k] > slack) sum += above[k], ++between;
         if (between == 0) return 1;
         const float width = std::max(edge * (sum / between), least);
-        look_up(heights_.data(), disc, x, y, width, height, taps, above);
+        look_up_heights(heights_.data(), disc, x, y, width, height, taps, above);
         for (const float gap : above) covered += std::clamp(gap / slack - 1, 0.0f, 1.0f);
         return 1 - double(covered) / taps;
     }
@@ -203,7 +210,7 @@ public:
           shadow_(shadow),
           nearest_(tile_width * samples, tile_height * samples),
           color_(nearest_.nearness.size()) {
-        for (const Ball& ball : picture.balls) boxes_.push_back(box_of(ball));
+        for (const Ball& ball : picture.balls) boxes_.push_back(sample_box_of(ball));
     }
 
     // Draw the tile of that number into the picture's pixels. Whether it has come to its end.
@@ -238,7 +245,7 @@ private:
                 paint(nearest_.at(box_, column, row), column, row);
     }
     // The samples that a ball may cover.
-    Box box_of(const Ball& ball) const {
+    Box sample_box_of(const Ball& ball) const {
         const Box whole{0, 0, view_.columns(), view_.rows()};
         const Triple center = view_.to_view(ball.center);
         const double ahead = view_.distance - center[2];
@@ -256,8 +263,10 @@ private:
     }
 
     Triple weights(const Facet& facet, int column, int row) const {
-        const double x = column + 0.5 - facet.x, y = row + 0.5 - facet.y;
-        const double b = facet.b(x, y), c = facet.c(x, y);
+        const double x = column + 0.5 - facet.x;
+        const double y = row + 0.5 - facet.y;
+        const double b = facet.b(x, y);
+        const double c = facet.c(x, y);
         if (!view_.perspective()) return {1.0 - b - c, b, c};
         // A function linear on the sheet is linear in the picture after division by the distance.
         const Triple w{(1.0 - b - c) * facet.nearness, b * (facet.nearness + facet.b_nearness),
@@ -275,7 +284,8 @@ private:
                          to_eye = view_.ray(column + 0.5, row + 0.5).to_eye;
             const Triple point = blend(w, sheet.points, facet);
             Triple normal = blend(w, sheet.normals, facet);
-            const double facing = dot(normal, to_eye), side = facing >= 0 ? 1.0 : -1.0;
+            const double facing = dot(normal, to_eye);
+            const double side = facing >= 0 ? 1.0 : -1.0;
             const double factor = side / std::max(std::sqrt(dot(normal, normal)), 1e-300);
             normal = factor * normal;
             Triple color = side > 0 ? shading_.front : shading_.back;
@@ -285,7 +295,7 @@ private:
                 for (const Ball& ball : picture_.balls) depth = std::max(depth, below(ball, point));
                 for (const Plane& plane : picture_.planes)
                     depth = std::max(depth, below(plane, point));
-                color = depth_color(shading_, depth);
+                color = penetration_color(shading_, depth);
             }
             if (std::isnan(lit)) lit = shadow_.lit(point + shadow_.slack() * normal);
             const auto near = [&](double part) {  // to a line of the grid, in cells
@@ -300,14 +310,14 @@ private:
 
     // The colour of a body's surface at a sample, with the cloth that lies below it.
     template <class Body>
-    Triple with_cloth_below(const Triple& color, const Body& body, std::size_t sample, int column,
-                            int row) const {
+    Triple color_with_cloth_below(const Triple& color, const Body& body, std::size_t sample,
+                                  int column, int row) const {
         if (!body.solid || nearest_.facet[sample] < 0) return color;
         const Facet& facet = nearest_.facets[std::size_t(nearest_.facet[sample])];
         const Triple point = blend(weights(facet, column, row), picture_.sheet.points, facet);
         const double under = below(body, point) - view_.slack();
         if (!(under > 0)) return color;
-        if (!shading_.depth_colors.empty()) return depth_color(shading_, under);
+        if (!shading_.depth_colors.empty()) return penetration_color(shading_, under);
         const double red = shading_.least_red +
             (1 - shading_.least_red) * std::min(under / shading_.full_red_depth, 1.0);
         return (1 - red) * color + red * shading_.penetration;
@@ -335,7 +345,7 @@ private:
             // Cloth in the far half of the ball is not what the eye sees.
             color_[i] = rounded(nearest_.nearness[i] < middle
                                     ? color
-                                    : with_cloth_below(color, ball, i, column, row));
+                                    : color_with_cloth_below(color, ball, i, column, row));
             nearest_.nearness[i] = nearness;
         });
     }
@@ -348,8 +358,8 @@ private:
 
     // Part of a pixel that lines of a plane's grid cover. A line has at least half a pixel; where
     // cells have few pixels, lines fade. Every tenth line stays to ten times as far.
-    double line_part(const Plane& plane, const Triple& point, const Triple& to_right,
-                     const Triple& to_up) const {
+    double grid_line_part(const Plane& plane, const Triple& point, const Triple& to_right,
+                          const Triple& to_up) const {
         double most = 0;
         for (const Triple& across : plane.lines) {
             const double pixel = std::abs(dot(to_right, across)) + std::abs(dot(to_up, across));
@@ -377,9 +387,12 @@ private:
         if (!(above > 0)) return;
         const double length = view_.perspective() ? view_.distance : 1.0;
         const double middle = view_.perspective() ? n[2] / above : height / above;
-        const double by_x = -n[0] / (length * above), by_y = -n[1] / (length * above);
-        const double metre = 1 / view_.scale, pixel = metre * samples;
-        const double left = 0.5 * view_.columns(), top = 0.5 * view_.rows();
+        const double by_x = -n[0] / (length * above);
+        const double by_y = -n[1] / (length * above);
+        const double metre = 1 / view_.scale;
+        const double pixel = metre * samples;
+        const double left = 0.5 * view_.columns();
+        const double top = 0.5 * view_.rows();
         // The place that is seen, by metres to the right and up in the plane through the target.
         const auto place_at = [&](double right, double up) {
             const double nearness = middle + by_x * right + by_y * up;
@@ -394,7 +407,8 @@ private:
             double lit = unknown;
             Triple color = shading_.background;
             each_sample(x, y, [&](std::size_t i, int column, int row) {
-                const double right = metre * (column + 0.5 - left), up = metre * (top - row - 0.5);
+                const double right = metre * (column + 0.5 - left);
+                const double up = metre * (top - row - 0.5);
                 const double nearness = middle + by_x * right + by_y * up;
                 if (!(nearness > nearest_.nearness[i])) return;
                 if (view_.perspective() && nearness <= 0) return;
@@ -407,11 +421,11 @@ private:
                     if (grid && drawn > 0)
                         shade *= 1 -
                             (1 - shading_.plane_shade) *
-                                line_part(plane, point, place_at(right + pixel, up) - point,
-                                          place_at(right, up + pixel) - point);
+                                grid_line_part(plane, point, place_at(right + pixel, up) - point,
+                                               place_at(right, up + pixel) - point);
                     color = (shade * drawn) * plane.color + (1 - drawn) * shading_.background;
                 }
-                color_[i] = rounded(with_cloth_below(color, plane, i, column, row));
+                color_[i] = rounded(color_with_cloth_below(color, plane, i, column, row));
                 nearest_.nearness[i] = nearness;
             });
         });

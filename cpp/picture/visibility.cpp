@@ -7,12 +7,15 @@ namespace {
 
 constexpr std::int64_t triangles_between_questions = 1024;  // whether to end: some 30 us
 
-Facet facet_of(const Sheet& sheet, std::int64_t triangle) {
+Facet project_triangle(const Sheet& sheet, std::int64_t triangle) {
     const std::array<std::int64_t, 3> corners = sheet.corners(triangle);
     const double* const a = sheet.screen + 3 * corners[0];
     const double* const b = sheet.screen + 3 * corners[1];
     const double* const c = sheet.screen + 3 * corners[2];
-    const double bx = b[0] - a[0], by = b[1] - a[1], cx = c[0] - a[0], cy = c[1] - a[1];
+    const double bx = b[0] - a[0];
+    const double by = b[1] - a[1];
+    const double cx = c[0] - a[0];
+    const double cy = c[1] - a[1];
     const double twice_area = bx * cy - by * cx;
     // Of a triangle without area every weight is NaN or infinite, so that it covers nothing.
     return {
@@ -25,7 +28,8 @@ CLOTHSIM_VERSIONS void cover(const Facet& facet, double number, int column, doub
                              double* __restrict nearness, double* __restrict nearest) {
     for (int k = 0; k < count; ++k) {
         const double x = column + k + 0.5 - facet.x;
-        const double b = facet.b(x, dy), c = facet.c(x, dy);
+        const double b = facet.b(x, dy);
+        const double c = facet.c(x, dy);
         const double nearness_here = facet.nearness + b * facet.b_nearness + c * facet.c_nearness;
         const bool covered = (b >= 0) & (c >= 0) & (b + c <= 1) & (nearness_here > nearness[k]);
         nearness[k] = covered ? nearness_here : nearness[k];
@@ -86,7 +90,8 @@ void Bins::each_tile(const Sheet& sheet, Poll& poll, Visit visit) const {
 }
 
 Box Bins::tile(int number) const {
-    const int left = number % across_ * tile_columns_, top = number / across_ * tile_rows_;
+    const int left = number % across_ * tile_columns_;
+    const int top = number / across_ * tile_rows_;
     return {left, top, std::min(whole_.right, left + tile_columns_),
             std::min(whole_.bottom, top + tile_rows_)};
 }
@@ -105,7 +110,7 @@ bool Nearest::find(const Sheet& sheet, const Bins& bins, int tile, Poll& poll) {
         const std::int64_t triangle = bins.triangles_[std::size_t(k)];
         const Box all = bins.box(sheet, triangle);
         const Box box = clipped(all.left, all.top, all.right, all.bottom, whole);
-        facets.push_back(facet_of(sheet, triangle));
+        facets.push_back(project_triangle(sheet, triangle));
         for (int row = box.top; row < box.bottom; ++row) {
             const std::size_t at = this->at(whole, box.left, row);
             cover(facets.back(), double(facets.size() - 1), box.left, row + 0.5 - facets.back().y,

@@ -179,7 +179,7 @@ public:
             if (sphere.penalty()) continue;
             const double step = 2 * double(Real(dt / 2));  // as the shader has it
             const Contact contact(sphere, t, step, origin);
-            const SurfaceLevel<Real> level = level_of(contact);
+            const SurfaceLevel<Real> level = bound_of_level(contact);
             const std::int64_t most =
                 plan_.cloth.points() / heuristics::points_per_thread_of_response;
             const int parts = int(std::clamp<std::int64_t>(most, 1, threads));
@@ -192,7 +192,7 @@ public:
                 bool has_changed = false;
                 for (int r = geometry_.rows * thread / team;
                      r < geometry_.rows * (thread + 1) / team; ++r)
-                    each_near(memory, r, level, [&](int i) {
+                    each_point_near_surface(memory, r, level, [&](int i) {
                         near.push_back(i);
                         if (plan_.cloth.pinned[std::size_t(i)] ||
                             !touches(contact, points_.position(memory, i)))
@@ -221,7 +221,7 @@ public:
     }
 
 private:
-    SurfaceLevel<Real> level_of(const Contact& contact) const {
+    SurfaceLevel<Real> bound_of_level(const Contact& contact) const {
         const NearLevel near(contact, plan_.cloth, std::numeric_limits<Real>::epsilon());
         SurfaceLevel<Real> level{};
         for (int k = 0; k < 3; ++k) {
@@ -234,8 +234,8 @@ private:
     }
     // Calls `visit(i)` for the points of a row that may be below a level.
     template <class Visit>
-    void each_near(const AlignedVector<Real>& memory, int row, const SurfaceLevel<Real>& level,
-                   const Visit& visit) const {
+    void each_point_near_surface(const AlignedVector<Real>& memory, int row,
+                                 const SurfaceLevel<Real>& level, const Visit& visit) const {
         const Real* const first = memory.data() + layout_.first() + row * geometry_.row;
         for (int j = 0; j < geometry_.vectors; ++j) {
             std::uint64_t lanes =

@@ -149,8 +149,8 @@ def is_type(node: Any) -> bool:
     return isinstance(node, (desc_sig_name, desc_returns, desc_annotation))
 
 
-# A power in plain text, such as "m/s^2" or "h^-1/2".
-POWER = re.compile(r"(?<=[\w)])\^(-?[\d/]+)")
+# A power in plain text, such as "m/s^2", "h^-1/2", "(x / h)**2" or "J^T".
+POWER = re.compile(r"(?<=[\w)])(?:\^|\*\*)(-?[\d/]+|T\b)")
 
 
 def raise_powers(app: Any, document: Any, page: str) -> None:

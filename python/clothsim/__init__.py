@@ -115,7 +115,7 @@ from .run.settle import settle
 from .run.difference import difference
 from .run.result import Run, load_run
 from .run.simulate import simulate
-from .model.sphere import Plane, Sphere
+from .model.obstacle import Plane, Sphere
 from .model.wind import Wind
 from .engine.snapshot import Snapshot
 from .engine.stepper import Stepper
@@ -163,7 +163,7 @@ __all__ += ["build_config", "thread_grid", "triangles"]
 __all__ += ["ContactError", "ContactWarning", "OrderWarning", "StabilityWarning"]
 __all__ += ["ToleranceWarning", "UnstableError"]
 
-__getattr__, __dir__ = _extras.on_demand(
+__getattr__, __dir__ = _extras.make_late_importers(
     globals(),
     {
         ".accuracy": ("Convergence", "Reference", "convergence", "reference", "work_precision"),
@@ -179,10 +179,10 @@ __getattr__, __dir__ = _extras.on_demand(
     },
     also=("errors", "typing"),
 )
-_services.register(
+_services.register_services(
     {
         "clothsim.engine.explain": ("explain",),
-        "clothsim.gpu.live_page": ("live_page",),
+        "clothsim.gpu.live_page": ("write_live_page",),
         "clothsim.gpu.simulation": ("Simulation",),
         "clothsim.stability.limit": ("max_stable_dt",),
         "clothsim.viewing.animation": ("animate",),

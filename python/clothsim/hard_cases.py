@@ -49,7 +49,7 @@ class HardCase:
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
 
-def sheet(shape: tuple[int, int] = (8, 8), **changes: Any) -> cs.Cloth:
+def half_kilogram_cloth(shape: tuple[int, int] = (8, 8), **changes: Any) -> cs.Cloth:
     """Make a cloth of half a kilogram a point, undamped and pinned at two corners, but for
     `changes`.
     """
@@ -58,18 +58,18 @@ def sheet(shape: tuple[int, int] = (8, 8), **changes: Any) -> cs.Cloth:
     return cs.Cloth(**arguments)
 
 
-def noise(cloth: cs.Cloth, size: float) -> Floats:
+def random_displacements(cloth: cs.Cloth, size: float) -> Floats:
     """Draw random displacements of the free points [m]."""
     displacements = np.random.default_rng(0).normal(scale=size, size=(*cloth.shape, 3))
     return displacements * ~cloth.pinned[..., None]
 
 
-def stiffness() -> dict[str, HardCase]:
+def stiffness_cases() -> dict[str, HardCase]:
     """Make cases of springs of 1e6 to 1e12 N/m, and of 1e7 beside 1 N/m."""
     cases = {}
     for k in (1e6, 1e9, 1e12):
-        cloth = sheet(stiffness=k, damping=1e-3 * k**0.5)
-        scene = cs.Scene(cloth, position=cloth.rest_positions + noise(cloth, 1e-3))
+        cloth = half_kilogram_cloth(stiffness=k, damping=1e-3 * k**0.5)
+        scene = cs.Scene(cloth, position=cloth.rest_positions + random_displacements(cloth, 1e-3))
         cases[f"stiffness {k:.0e} N/m".replace("e+", "e")] = HardCase(
             scene,
             dt=0.9 * cs.max_stable_dt(scene),
@@ -79,7 +79,7 @@ def stiffness() -> dict[str, HardCase]:
     for strong in ("structural", "shear"):
         families = dict.fromkeys(("structural", "shear", "bend"), 1.0)
         families[strong] = 1e7
-        scene = cs.Scene(sheet(stiffness=families))
+        scene = cs.Scene(half_kilogram_cloth(stiffness=families))
         cases[f"{strong} springs of 1e7 beside 1 N/m"] = HardCase(
             scene,
             dt=0.9 * cs.max_stable_dt(scene),
@@ -90,10 +90,10 @@ def stiffness() -> dict[str, HardCase]:
 
 
 @cache  # The eigenvalues of a dense matrix take a second.
-def time_steps() -> dict[str, HardCase]:
+def time_step_cases() -> dict[str, HardCase]:
     """Make cases right below and right above the limit, of very small and of very many steps."""
-    cloth = sheet(stiffness=900.0)
-    scene = cs.Scene(cloth, gravity=NO_GRAVITY, velocity=noise(cloth, 1e-5))
+    cloth = half_kilogram_cloth(stiffness=900.0)
+    scene = cs.Scene(cloth, gravity=NO_GRAVITY, velocity=random_displacements(cloth, 1e-5))
     limit = cs.max_stable_dt(scene, x=cloth.rest_positions) / 0.97  # which is 3 % below the limit
     return {
         "dt at 0.95 of the limit": HardCase(
@@ -107,17 +107,17 @@ def time_steps() -> dict[str, HardCase]:
             unstable=True,
         ),
         "dt 5e-6 s in single": HardCase(
-            cs.Scene(sheet((12, 12), damping=100.0)),
+            cs.Scene(half_kilogram_cloth((12, 12), damping=100.0)),
             dt=5e-6,
             steps=50_000,
             why="a step moves a point by less than float32 can tell",
             precisions=("single",),
         ),
         "a million steps": HardCase(
-            drum((4, 4), damping=0.0), dt=5e-6, steps=1_000_000, why="rounding adds up"
+            drum_scene((4, 4), damping=0.0), dt=5e-6, steps=1_000_000, why="rounding adds up"
         ),
         "a million steps in single": HardCase(
-            drum((4, 4)),
+            drum_scene((4, 4)),
             dt=5e-6,
             steps=1_000_000,
             why="rounding adds up, in float32 at steps that float32 alone could not take",
@@ -126,7 +126,7 @@ def time_steps() -> dict[str, HardCase]:
     }
 
 
-def drum(shape: tuple[int, int], damping: float = 100.0) -> cs.Scene:
+def drum_scene(shape: tuple[int, int], damping: float = 100.0) -> cs.Scene:
     """Make a cloth with the paper's springs and masses, stretched by a tenth and pinned along its
     border.
 
@@ -135,17 +135,17 @@ def drum(shape: tuple[int, int], damping: float = 100.0) -> cs.Scene:
     """
     clamped = np.ones(shape, bool)
     clamped[1:-1, 1:-1] = False
-    cloth = sheet(shape, pins=clamped, damping=damping)
+    cloth = half_kilogram_cloth(shape, pins=clamped, damping=damping)
     return cs.Scene(cloth, position=1.1 * cloth.rest_positions)
 
 
-def masses() -> dict[str, HardCase]:
+def mass_cases() -> dict[str, HardCase]:
     """Make cases of one light and of one heavy point."""
     cases = {}
     for name, ratio in (("lighter", 1e-6), ("heavier", 1e6)):
         mass = np.ones((8, 8))
         mass[3, 4] = ratio
-        scene = cs.Scene(sheet(mass=mass, stiffness=1000.0))
+        scene = cs.Scene(half_kilogram_cloth(mass=mass, stiffness=1000.0))
         cases[f"a point 1e6 times {name}"] = HardCase(
             scene,
             dt=0.9 * cs.max_stable_dt(scene),
@@ -158,25 +158,27 @@ def masses() -> dict[str, HardCase]:
 FAR = (1e6, 1e6, 1e6)  # m, of the case "1e6 m away"
 
 
-def near_cloth() -> cs.Scene:
+def near_cloth_scene() -> cs.Scene:
     """Make the scene that the case "1e6 m away" has elsewhere."""
-    cloth = sheet(stiffness=1000.0, damping=1.0)
+    cloth = half_kilogram_cloth(stiffness=1000.0, damping=1.0)
     return cs.Scene(cloth, cs.Sphere((0.5, -0.4, 0.5), 0.25, offset="none", response="ray"))
 
 
-def geometry() -> dict[str, HardCase]:
+def geometry_cases() -> dict[str, HardCase]:
     """Make cases of coincident points, springs of zero length, narrow cloths, and positions far
     from the origin.
     """
-    tiny = sheet(size=(1e-300, 1e-300), stiffness=100.0, pins=())
-    linear = cs.Scene(tiny, gravity=NO_GRAVITY, position=noise(tiny, 1.0))
-    scene = near_cloth()
+    tiny = half_kilogram_cloth(size=(1e-300, 1e-300), stiffness=100.0, pins=())
+    linear = cs.Scene(tiny, gravity=NO_GRAVITY, position=random_displacements(tiny, 1.0))
+    scene = near_cloth_scene()
     cloth = scene.cloth
     coincident = cloth.rest_positions.copy()
     coincident[3, 3] = coincident[3, 4]
     one_place = np.full((8, 8, 3), 0.25)
-    undamped = sheet(stiffness=1000.0, pins=())
-    noisy = cs.Scene(undamped, gravity=NO_GRAVITY, position=one_place + noise(undamped, 1e-9))
+    undamped = half_kilogram_cloth(stiffness=1000.0, pins=())
+    noisy = cs.Scene(
+        undamped, gravity=NO_GRAVITY, position=one_place + random_displacements(undamped, 1e-9)
+    )
     half = 0.5 * cs.max_stable_dt(cs.Scene(cloth))
     sphere = scene.spheres[0]
     center = np.add(sphere.center, FAR)
@@ -221,7 +223,7 @@ def geometry() -> dict[str, HardCase]:
         ),
     }
     for shape in ((1, 2), (1, 12), (12, 1), (2, 12)):
-        scene = cs.Scene(sheet(shape, stiffness=1000.0, damping=1.0, pins=[(0, 0)]))
+        scene = cs.Scene(half_kilogram_cloth(shape, stiffness=1000.0, damping=1.0, pins=[(0, 0)]))
         cases["a strip of {} x {}".format(*shape)] = HardCase(
             scene,
             dt=0.5 * cs.max_stable_dt(scene),
@@ -231,12 +233,12 @@ def geometry() -> dict[str, HardCase]:
     return cases
 
 
-def contact() -> dict[str, HardCase]:
+def contact_cases() -> dict[str, HardCase]:
     """Make cases of points and pins that start inside a sphere, and of a sphere that is faster than
     the test.
     """
-    soft = sheet(stiffness=1000.0, damping=1.0)
-    loose = sheet((2, 2), stiffness=0.0, pins=())
+    soft = half_kilogram_cloth(stiffness=1000.0, damping=1.0)
+    loose = half_kilogram_cloth((2, 2), stiffness=0.0, pins=())
     inside = loose.rest_positions + 10.0
     inside[0, 0] = (0.03, -0.04, 0.12)
     centre = loose.rest_positions + 10.0
@@ -300,5 +302,5 @@ def hard_cases() -> dict[str, HardCase]:
     >>> run.report["steps"] == case.steps
     True
     """
-    families = (stiffness, time_steps, geometry, masses, contact)
+    families = (stiffness_cases, time_step_cases, geometry_cases, mass_cases, contact_cases)
     return {name: case for family in families for name, case in family().items()}

@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from . import _core
 from .base import check
-from .engine.options import Options, kept_plan
-from .engine.state import scenes_of, state_arrays
+from .engine.options import Options, cached_plan
+from .engine.state import check_state_arrays, list_scenes
+from .model.obstacle import Plane, Sphere
 from .model.scene import Scene, core_sphere
-from .model.sphere import Plane, Sphere
 
 Value = float | npt.NDArray[np.float64]
 
@@ -51,8 +51,8 @@ def energy(
     >>> round(cs.energy(scene, scene.initial_position, scene.initial_velocity)["total"], 12)
     0.5
     """
-    scenes = scenes_of(scene)
-    x, v = state_arrays(x, v, scenes, not isinstance(scene, Scene))
+    scenes = list_scenes(scene)
+    x, v = check_state_arrays(x, v, scenes, not isinstance(scene, Scene))
     single = x.ndim == 3
     xs = x.astype(np.float64).reshape(-1, *x.shape[-3:])
     vs = v.astype(np.float64).reshape(-1, *v.shape[-3:])
@@ -62,7 +62,7 @@ def energy(
     if t is None and any(o.response == "penalty" and o.motion is not None for o in obstacles):
         raise ValueError("t must be given, as an obstacle moves: give the time of x in seconds")
     time = 0.0 if t is None else check.number("t", t)
-    plans = [kept_plan(member, Options()) for member in scenes]
+    plans = [cached_plan(member, Options()) for member in scenes]
     parts = np.array([_core.energy(plan, x, v, time) for plan, x, v in zip(plans, xs, vs)])
     values = dict(zip(("kinetic", "elastic", "gravity", "force", "contact"), parts.T))
     values["total"] = parts.sum(axis=1)
@@ -102,7 +102,7 @@ def penetration(
     0.0
     """
     if not isinstance(sphere, (Sphere, Plane)):
-        raise TypeError(f"sphere must be a Sphere or a Plane, got {check.shown(sphere)}")
+        raise TypeError(f"sphere must be a Sphere or a Plane, got {check.value_text(sphere)}")
     accepted = "an array of shape (rows, columns, 3) or (B, rows, columns, 3) of finite numbers"
     x = check.as_array("x", x, accepted)
     if x.ndim not in (3, 4) or x.shape[-1] != 3 or 0 in x.shape:
@@ -111,7 +111,7 @@ def penetration(
     check.check_all("x", x, np.isfinite(x), accepted, points=True)
     rows, columns = x.shape[-3:-1]
     batch = x.reshape(-1, rows, columns, 3)
-    times = np.broadcast_to(np.asarray(_times(t, sphere, x.shape[:-3]), float), len(batch))
+    times = np.broadcast_to(np.asarray(_check_times(t, sphere, x.shape[:-3]), float), len(batch))
     core = core_sphere(sphere)
     depths = np.array(
         [_core.penetration(rows, columns, state, core, time) for state, time in zip(batch, times)]
@@ -120,7 +120,7 @@ def penetration(
     return values if x.ndim == 4 else {name: float(value[0]) for name, value in values.items()}
 
 
-def _times(
+def _check_times(
     t: npt.ArrayLike | None, sphere: Sphere | Plane, batch: tuple[int, ...]
 ) -> npt.ArrayLike:
     """Check `t`: a time, or a time per member of a batch of this shape, () or (B,)."""
@@ -131,7 +131,7 @@ def _times(
                 "per member of a batch, such as penetration(run.x, sphere, run.t)"
             )
         return 0.0
-    if check.real(t) is not None:
+    if check.real_or_none(t) is not None:
         return check.number("t", t)
     return check.array("t", t, batch, "finite times, one per member of x, or one for all")
 
@@ -161,7 +161,7 @@ def largest_stretch(scene: Scene, x: npt.ArrayLike) -> Value:
     0.1
     """
     cloth = check.instance("scene", scene, Scene).cloth.core
-    x, _ = state_arrays(x, x, [scene], False)
+    x, _ = check_state_arrays(x, x, [scene], False)
     if not scene.cloth.spring_count():
         return np.zeros(len(x)) if x.ndim == 4 else 0.0
     batch = np.reshape(x.astype(np.float64), (-1, *x.shape[-3:]))

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from .base.extras import on_demand as _on_demand
+from .base.extras import make_late_importers as _on_demand
 from .model.ready import PAPER_DT, hanging, oscillator, paper_moving, paper_static, paper_swing
 
 if TYPE_CHECKING:

@@ -45,9 +45,9 @@ def test_the_bound_sees_a_wrong_kernel(swing, monkeypatch):
     heavier = scene.replace(cloth=scene.cloth.replace(stiffness=35_000.0 * (1 + 1e-9)))
     original = solution.solve_in_double
     monkeypatch.setattr(solution, "solve_in_double", lambda s, *rest: original(heavier, *rest))
-    solution._solved.cache_clear()
+    solution._cached_reference.cache_clear()
     assert cs.reference(scene, DURATION).error_bound["max"][-1] > 1e-12
-    solution._solved.cache_clear()
+    solution._cached_reference.cache_clear()
 
 
 def test_a_solution_is_computed_once(monkeypatch):
@@ -129,8 +129,8 @@ def test_a_pulse_shorter_than_a_step_leaves_the_bound_at_rounding():
 def test_threads_do_not_change_its_bits(monkeypatch, swing):
     scene, truth = swing
     for threads in (2, 5):
-        monkeypatch.setattr(solution, "available_threads", lambda threads=threads: threads)
-        solution._solved.cache_clear()
+        monkeypatch.setattr(solution, "available_thread_count", lambda threads=threads: threads)
+        solution._cached_reference.cache_clear()
         assert np.array_equal(cs.reference(scene, DURATION, every=0.1).x, truth.x)
 
 

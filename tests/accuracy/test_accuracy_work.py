@@ -7,7 +7,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.accuracy import Method, work
-from clothsim.accuracy.work import own_method, pareto
+from clothsim.accuracy.work import is_on_pareto_front, method_of_integrator
 
 pytest.importorskip("xarray", reason="work_precision returns an xarray.Dataset")
 
@@ -159,11 +159,11 @@ def test_finer_settings_are_left_out_after_a_long_run(scene, solution, recorder,
 def test_pareto():
     rms = np.array([[1e-3, 1e-4, np.inf], [1e-3, 1e-5, 1e-9]])
     cost = np.array([[1.0, 3.0, 0.1], [2.0, 3.0, np.nan]])
-    assert pareto(rms, cost).tolist() == [[True, False, False], [False, True, False]]
+    assert is_on_pareto_front(rms, cost).tolist() == [[True, False, False], [False, True, False]]
 
 
 def test_a_tolerance_below_rounding_ends(scene, monkeypatch):
-    method = own_method("dopri5 adaptive", "single")
+    method = method_of_integrator("dopri5 adaptive", "single")
     spent = []
     simulate = work.simulate
     monkeypatch.setattr(
@@ -175,5 +175,5 @@ def test_a_tolerance_below_rounding_ends(scene, monkeypatch):
 
 
 def test_five_methods_in_double_are_compared_by_default():
-    methods = work._solvers(None, ["double"], None, None)
+    methods = work._list_methods(None, ["double"], None, None)
     assert len(methods) == 5 and {"rk4", "dop853 adaptive"} < {method.name for method in methods}

@@ -144,7 +144,7 @@ def test_a_bound_is_no_value():
 
 @pytest.mark.parametrize("sigma", [1e-3, None])
 def test_the_motion_of_another_cloth_is_told(sigma, monkeypatch):
-    monkeypatch.setattr("clothsim.accuracy.search._STARTS", 1)
+    monkeypatch.setattr("clothsim.accuracy.fit_search._STARTS", 1)
     result = cs.fit(softer(springs=("structural",)), TIMES, DATA, ["drag"], sigma=sigma)
     assert result.report["starts"] == 2 and np.isnan(result.errors["drag"])
     assert (
@@ -166,7 +166,7 @@ def test_stiffness_and_friction_are_found_through_a_layer():
 
 
 def test_after_a_contact_nothing_is_fitted(monkeypatch):
-    monkeypatch.setattr("clothsim.accuracy.search._STARTS", 0)
+    monkeypatch.setattr("clothsim.accuracy.fit_search._STARTS", 0)
     scene = SCENE.replace(spheres=cs.Sphere((0.25, -0.3, 0.25), 0.2, response="ray"))
     data = cs.simulate(scene, 1.0, dt=1e-3, times=TIMES).x[1:]
     result = cs.fit(scene, TIMES, data, ["stiffness"])

@@ -5,7 +5,7 @@ no meaning.
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.accuracy.sensitivity import Schedule, checked_times
+from clothsim.accuracy.sensitivity import Schedule, check_times
 
 pytest.importorskip("xarray")
 integrate = pytest.importorskip("scipy.integrate")
@@ -213,21 +213,21 @@ def test_steps_end_where_a_pin_turns():
     scene = cs.Scene(
         cs.Cloth((3, 3), mass=0.1, stiffness=50.0, damping=0.01, pins={(0, 0): turn, (2, 0): None})
     )
-    schedule = Schedule(scene, checked_times([0.3]), 1e-9)
+    schedule = Schedule(scene, check_times([0.3]), 1e-9)
     assert schedule.stops == [0.1234, 0.3]
-    x = schedule.run([scene], schedule.counts(scene)).x[0, 0]
+    x = schedule.compute_positions([scene], schedule.step_counts(scene)).x[0, 0]
     assert np.abs(x - cs.reference(scene, 0.3).x[-1]).max() < 1e-9
 
 
 def test_the_cost_in_runs(monkeypatch):
     counts = []
-    run = Schedule.run
+    run = Schedule.compute_positions
 
-    def counted(schedule, scenes, steps):
+    def count_steps(schedule, scenes, steps):
         counts.append(len(scenes) * steps.sum())
         return run(schedule, scenes, steps)
 
-    monkeypatch.setattr(Schedule, "run", counted)
+    monkeypatch.setattr(Schedule, "compute_positions", count_steps)
     cs.sensitivity(SCENE, TIMES, ["stiffness_shear", "drag", "mass"])
-    single = Schedule(SCENE, TIMES, 1e-11).counts(SCENE).sum()
+    single = Schedule(SCENE, TIMES, 1e-11).step_counts(SCENE).sum()
     assert 0 < sum(counts) <= (3 * 3 + 2.8) * single * 1.05

@@ -5,7 +5,7 @@ import sys
 
 import clothsim as cs
 import pytest
-from clothsim.base.progress import ProgressBar, wanted_by_command
+from clothsim.base.progress import ProgressBar, is_wanted_by_command
 from clothsim.cli import main
 
 pytest.importorskip("tqdm")
@@ -35,17 +35,17 @@ def test_nothing_is_shown_in_a_pipe_or_unasked(monkeypatch):
     terminal = stderr(monkeypatch, Terminal)
     with ProgressBar(False, total=4) as bar:
         bar.advance()
-    assert terminal.getvalue() == "" and wanted_by_command()
+    assert terminal.getvalue() == "" and is_wanted_by_command()
     pipe = stderr(monkeypatch, io.StringIO)
     with ProgressBar(True, total=4, mininterval=0) as bar:
         bar.advance()
-    assert pipe.getvalue() == "" and not wanted_by_command()
+    assert pipe.getvalue() == "" and not is_wanted_by_command()
 
 
 def test_a_notebook_has_its_bar_beside_the_output_and_not_in_red(monkeypatch, capsys):
-    monkeypatch.setattr("clothsim.base.progress.in_notebook", lambda: True)
-    with ProgressBar.of_time(True, 2.0, "fit") as bar:
-        bar.expect(2.0)
+    monkeypatch.setattr("clothsim.base.progress.is_in_notebook", lambda: True)
+    with ProgressBar.for_simulated_time(True, 2.0, "fit") as bar:
+        bar.expect_more(2.0)
         bar.advance(4.0)
     shown = capsys.readouterr()
     assert shown.err == "" and "4/4 s of simulated time" in shown.out

@@ -6,7 +6,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.methods.integrators import METHODS
-from clothsim.methods.region import amplification_matrix, box_limit
+from clothsim.methods.region import amplification_matrix, stable_dt_of_box
 from tables import each
 from variants import FIXED, NAMED_KERNELS, pairs
 
@@ -83,7 +83,7 @@ def test_everything_below_the_guaranteed_step_is_stable(integrator):
         (0.0, 7.0),
     ]:
         # A hair below: at the border two eigenvalues meet, and rounding counts by its root.
-        dt = (1 - 1e-6) * box_limit(integrator, omega, delta)
+        dt = (1 - 1e-6) * stable_dt_of_box(integrator, omega, delta)
         grid = amplification(integrator, part[:, None] * omega * dt, part * delta * dt)
         assert grid.max() <= 1 + 1e-6
         assert (

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from clothsim import _core
-from clothsim.gpu.shader import springs
+from clothsim.gpu.shader import springs_wgsl
 
 
 def written_springs(text, rows, columns, x, y):
@@ -42,7 +42,7 @@ def test_the_shader_follows_the_list_of_springs(more):
     kinds = len(_core.spring_kinds)
     if more:
         neighbours += [(down, 3 * right, "skew", kinds) for down in (1, -1) for right in (1, -1)]
-    text = springs(neighbours)
+    text = springs_wgsl(neighbours)
     rows = 4
     columns = 5
     for y, x in np.ndindex(rows, columns):

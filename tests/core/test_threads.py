@@ -93,9 +93,9 @@ def test_an_unstable_member_that_a_team_steps_is_named(crumpled):
     ],
 )
 def test_without_a_number_the_size_decides(monkeypatch, available, shape, members, threads):
-    monkeypatch.setattr("clothsim.engine.options.available_threads", lambda: available)
-    assert Options().threads_for(shape, members) == threads
-    assert Options(threads=5).threads_for(shape, members) == 5
+    monkeypatch.setattr("clothsim.engine.options.available_thread_count", lambda: available)
+    assert Options().thread_count_for(shape, members) == threads
+    assert Options(threads=5).thread_count_for(shape, members) == 5
 
 
 _SETTINGS = """
@@ -130,7 +130,7 @@ def test_settings_of_openmp_mean_what_openmp_says(settings, available, threads):
 
 
 def test_more_threads_than_processors_warn_once(monkeypatch):
-    monkeypatch.setattr("clothsim.engine.options.processors", lambda: 2)
+    monkeypatch.setattr("clothsim.engine.options.processor_count", lambda: 2)
     monkeypatch.setattr("clothsim.engine.options._past_warnings", set())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -142,7 +142,7 @@ def test_another_thread_may_add_a_kind_of_call_at_any_moment():
         def trace(frame, event, argument, at=at, kinds=kinds, plans=plans):
             nonlocal count, reached
             frame.f_trace_opcodes = True
-            if frame.f_code.co_name in ("_take_state", "kept_plan", "make_room"):
+            if frame.f_code.co_name in ("_take_or_make_state", "cached_plan", "make_room_in_cache"):
                 count += event == "opcode"
                 if count == at:
                     kinds["more"] = plans["more"] = []

@@ -18,7 +18,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    from clothsim.gpu.device import opened
+    from clothsim.gpu.device import open_device
 
     folder = pathlib.Path(__file__).parent
     needy_items = [
@@ -28,7 +28,7 @@ def pytest_collection_modifyitems(items):
     ]
     try:
         if needy_items:
-            opened()
+            open_device()
     except (ImportError, RuntimeError) as error:
         if os.environ.get("CLOTHSIM_TEST_GPU") == "1":
             raise pytest.UsageError(f"CLOTHSIM_TEST_GPU=1, but {error}") from error
@@ -38,9 +38,9 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture
 def device():
-    from clothsim.gpu.device import opened
+    from clothsim.gpu.device import open_device
 
-    return opened()
+    return open_device()
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def narrow(device, monkeypatch):
     from clothsim.gpu import device as devices
 
     narrow = devices.Device(device.adapter, float64=False)
-    monkeypatch.setattr(devices, "opened", lambda: narrow)
+    monkeypatch.setattr(devices, "open_device", lambda: narrow)
     return narrow
 
 

@@ -112,7 +112,7 @@ def test_ctrl_c_ends_a_long_advance_at_a_whole_step(same_bits):
 
 def test_a_lost_adapter_is_an_error_that_asks_for_another_process(device, monkeypatch):
     lost = devices.Device(device.adapter)
-    monkeypatch.setattr(devices, "opened", lambda: lost)
+    monkeypatch.setattr(devices, "open_device", lambda: lost)
     scene = cs.scenes.paper_static()
     stepper = cs.Stepper(scene, t=0.1, **GPU)
     lost.handle.destroy()
@@ -170,7 +170,7 @@ def test_the_best_adapter_is_used_or_the_one_that_is_asked_for(choice, name, dev
         handle("RTX", "DiscreteGPU"),
     ]
     wgpu = SimpleNamespace(gpu=SimpleNamespace(enumerate_adapters_sync=lambda: handles))
-    monkeypatch.setattr(devices, "load_wgpu", lambda: wgpu)
+    monkeypatch.setattr(devices, "import_wgpu", lambda: wgpu)
     monkeypatch.setenv("CLOTHSIM_GPU_ADAPTER", choice)
     assert [adapter.name for adapter in devices.adapters()] == ["RTX", "Iris Xe", "soft"]
     assert devices.chosen_adapter().name == name

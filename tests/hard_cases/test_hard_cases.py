@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.hard_cases import FAR, near_cloth
+from clothsim.hard_cases import FAR, near_cloth_scene
 
 CASES = cs.scenes.hard_cases()
 LONG = 10_000  # steps, from which on the default kernel is enough
@@ -95,7 +95,7 @@ def free_fall(case):
 
 
 def motion_near_the_origin(case):
-    near = near_cloth()
+    near = near_cloth_scene()
     start = (near.initial_position, near.initial_velocity)
     return cs.step(near, *start, case.dt, case.steps, t=0.0)[0] + FAR
 

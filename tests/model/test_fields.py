@@ -35,7 +35,7 @@ CASES = [
 
 @pytest.mark.parametrize(("name", "value", "read", "expected"), CASES)
 def test_a_changed_name_changes_the_result(name, value, read, expected):
-    fields.check_name(name)
+    fields.check_sweep_name(name)
     assert read(change_scene(SCENE, {name: value})) == expected
     assert read(SCENE) != expected or name == "damping_bend"
 

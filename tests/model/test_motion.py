@@ -130,7 +130,7 @@ def test_a_curve_that_leaves_the_range_of_its_keys_warns(recwarn):
     ],
 )
 def test_stops_are_where_pieces_end_and_smooth_motions_have_no_kink_there(motion, stops, jumps):
-    assert motion._stops(0.0, 1.5) == pytest.approx(stops)
+    assert motion._ends_of_pieces(0.0, 1.5) == pytest.approx(stops)
     for t in stops:
         before, after = motion.velocity_at([t - 1e-9, t + 1e-9])
         assert (np.abs(after - before).max() > 0.1) == jumps

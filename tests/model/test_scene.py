@@ -8,8 +8,8 @@ import pytest
 from clothsim.errors import UnstableError
 from clothsim.measure import energy
 from clothsim.model.cloth import Cloth
+from clothsim.model.obstacle import Plane
 from clothsim.model.scene import Scene
-from clothsim.model.sphere import Plane
 
 CLOTH = Cloth(shape=(3, 4))
 

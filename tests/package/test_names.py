@@ -48,9 +48,9 @@ def test_every_public_function_answers_so():
 
 
 def test_what_is_not_alike_is_not_suggested():
-    assert check.nearest("cuda", ("cpu", "gpu")) == ""
-    assert check.nearest("gup", ("cpu", "gpu")) == ""
-    assert "'gather'" in check.nearest("gathre", ("auto", "gather", "edge"))
+    assert check.nearest_name_hint("cuda", ("cpu", "gpu")) == ""
+    assert check.nearest_name_hint("gup", ("cpu", "gpu")) == ""
+    assert "'gather'" in check.nearest_name_hint("gathre", ("auto", "gather", "edge"))
 
 
 def test_planes_are_called_planes():

@@ -6,7 +6,7 @@ No motion is stepped over, contact is as with short steps, and every call ends.
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.model.scene import stops_of
+from clothsim.model.scene import turning_times
 from random_cloths import draw, rms
 
 REQUESTS = [
@@ -247,7 +247,7 @@ def test_frames_between_steps_have_driven_pins_where_they_are():
 def test_resumed_at_a_kink_and_elsewhere(same_bits):
     scene = random_scene(2)
     right = cs.reference(scene, 0.5)
-    kink = stops_of(scene, 0.0, 0.5)[3]
+    kink = turning_times(scene, 0.0, 0.5)[3]
     for first in (kink, kink + 0.0013):
         run = cs.simulate(scene, first, rtol=1e-7).resume(0.5 - first)
         assert rms(run.x[-1] - right.x[-1]) < 1e-6

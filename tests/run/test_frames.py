@@ -47,6 +47,13 @@ def test_interpolated_frames_are_of_order_four():
     assert errors[1][0] < 1e-6
 
 
+def test_a_frame_within_the_shorter_last_step():
+    times = np.array([0.2951, 0.2983])  # 42 steps end at 0.294 s, and the last takes 6 ms
+    exact = cs.simulate(SWING, DURATION, rtol=1e-12, times=times)
+    run = cs.simulate(SWING, DURATION, dt=7e-3, times=times)
+    assert abs(run.x - exact.x).max() < 1.5 * abs(run.x[-1] - exact.x[-1]).max()
+
+
 @pytest.mark.parametrize("response", ["reflect", "ray"])
 def test_an_interpolated_frame_is_no_deeper_in_a_sphere_than_the_states_beside_it(response):
     scene = moving_ball(response)

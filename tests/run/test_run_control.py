@@ -6,6 +6,8 @@ import threading
 import clothsim as cs
 import numpy as np
 import pytest
+from clothsim.engine.options import Options
+from clothsim.run.trajectory import Frames, Job, Recording, Watch
 
 SCENE = cs.scenes.paper_swing()
 SMALL = SCENE.replace(cloth=SCENE.cloth.replace(shape=(6, 7), mass=21.0))
@@ -169,6 +171,19 @@ def test_ctrl_c_returns_the_finished_steps(options, precision, same_bits):
         assert same_bits(
             frame(run, -1), cs.step(SCENE, x, v, 5e-5, steps, precision=precision, threads=1)
         )
+
+
+@pytest.mark.parametrize("step", [{"dt": 5e-5}, {"tolerance": 1e-6}], ids=str)
+def test_ctrl_c_between_frames_that_follow_each_other_quickly(step):
+    options = Options("dopri5", "double", 1)
+    job = Job([SMALL], False, 500.0, options, frames=Frames(every=5e-3), **step)
+    recording = Recording(job, Watch())
+    timer = threading.Timer(0.3, signal.raise_signal, (signal.SIGINT,))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        recording.run()
+    timer.join()
+    assert 10 < len(recording.trajectory().t) < 100_000
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")

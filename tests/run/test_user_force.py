@@ -5,7 +5,7 @@ import ctypes
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.engine.force import types_of
+from clothsim.engine.force import types_in_signature
 
 CLOTH = cs.Cloth((6, 7), mass=2.0, stiffness=200.0, damping=0.1)
 SCENE = cs.Scene(CLOTH, force=np.full((6, 7, 3), 0.01))
@@ -142,8 +142,8 @@ def test_a_cfunc_of_numba_is_the_same_force(same_bits):
     ],
 )
 def test_signatures(signature, good):
-    expected = types_of("void (double, double *, double *, double *, int64_t)")
-    assert (types_of(signature)[:6] == expected) == good
+    expected = types_in_signature("void (double, double *, double *, double *, int64_t)")
+    assert (types_in_signature(signature)[:6] == expected) == good
 
 
 def test_a_c_function_of_another_signature_is_refused():

@@ -113,7 +113,7 @@ def test_view_opens_a_small_silent_page_that_asks_for_nothing(opened, monkeypatc
 
 
 def test_view_is_a_cell_of_a_notebook(opened, monkeypatch, tmp_path):
-    monkeypatch.setattr("clothsim.gpu.live_page.in_notebook", lambda: True)
+    monkeypatch.setattr("clothsim.gpu.live_page.is_in_notebook", lambda: True)
     monkeypatch.setattr(
         "webbrowser.open", lambda url: pytest.fail("a notebook shows the page itself")
     )
@@ -171,7 +171,7 @@ def test_contact_has_the_bits_of_the_adapter_without_float64_and_follows_the_cor
         narrow = devices.Device(devices.chosen_adapter(), float64=False)
     except (ImportError, RuntimeError) as error:
         pytest.skip(str(error))
-    monkeypatch.setattr(devices, "opened", lambda: narrow)
+    monkeypatch.setattr(devices, "open_device", lambda: narrow)
     gpu = cs.Stepper(scene, precision="single", backend="gpu", t=0.0)
     gpu.advance(300, DT)
     assert same_bits(found, parts(gpu))

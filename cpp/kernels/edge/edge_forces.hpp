@@ -12,7 +12,7 @@ namespace {
 
 // Adds weight a[l] to sum[l], in double.
 template <class V>
-CLOTHSIM_INLINE void add_lanes(double* sum, double weight, V a) {
+CLOTHSIM_INLINE void add_sum_of_lanes(double* sum, double weight, V a) {
     const auto add = [weight](double* to, auto lanes) __attribute__((always_inline)) {
         using Doubles = decltype(lanes);
         xsimd::fma(Doubles(weight), lanes, Doubles::load_aligned(to)).store_aligned(to);
@@ -33,13 +33,13 @@ CLOTHSIM_INLINE void add_to_record(double* record, int lanes, const PenaltyArgum
     constexpr int W = int(V::size);
     double* const tail = record + ContactRecord::tail * lanes;
     tail[ContactRecord::touched] = 1;
-    add_lanes(record, p.weight, force.x);
-    add_lanes(record + lanes, p.weight, force.y);
-    add_lanes(record + 2 * lanes, p.weight, force.z);
+    add_sum_of_lanes(record, p.weight, force.x);
+    add_sum_of_lanes(record + lanes, p.weight, force.y);
+    add_sum_of_lanes(record + 2 * lanes, p.weight, force.z);
     if (p.moves) {
         const Vector3<V> velocity{V(p.velocity[0]), V(p.velocity[1]), V(p.velocity[2])};
-        add_lanes(record + ContactRecord::work * lanes, p.weight,
-                  dot<Arithmetic::fused>(force, velocity));
+        add_sum_of_lanes(record + ContactRecord::work * lanes, p.weight,
+                         dot<Arithmetic::fused>(force, velocity));
     }
     if (!p.between_steps) return;
     alignas(64) Real depths[W];
@@ -86,7 +86,8 @@ __attribute__((noinline)) void penalty_on_row(const EdgeArguments<Real>& e, cons
         const Vector3<V> x = load3<V>(source, W);
         Vector3<V> across =
             normal;  // the normal times the distance from the centre over the radius
-        V square = one, root = one;  // of that distance over the radius, and 1 / its root
+        V square = one;  // of that distance over the radius
+        V root = one;  // 1 / the root of the square
         V depth;                     // times the scale
         if constexpr (method == DepthMethod::flat) {
             depth = xsimd::fnma(x.x, place.x, scaled_reach);

@@ -143,7 +143,8 @@ template <class V, class Real>
 __attribute__((noinline)) void add_contacts(const GatherArguments<Real>& g, int row, int column,
                                             const Real* free, const Vector3<V>& x,
                                             const Vector3<V>& v, Vector3<V>& force) {
-    constexpr int W = int(V::size), lanes = group_size;
+    constexpr int W = int(V::size);
+    constexpr int lanes = group_size;
     const V zero(Real(0));
     for (int i = 0; i < g.contacts.count; ++i) {
         const PenaltyArguments<Real>& p = g.contacts.obstacles[i];

@@ -12,24 +12,24 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.progress import ProgressBar
-from ..base.services import service
-from ..base.text import aligned
+from ..base.services import find_service
+from ..base.text import align_table
 from ..model.scene import Scene
 from ..run.reasons import Reason
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..typing import Force
+from .fit_search import FitProblem, SearchOutcome
 from .parameters import parameters_of
 from .residuals import (
-    correlated_covariance,
-    determination,
-    is_significant,
-    rivals,
-    student,
-    too_small,
+    covariance_of_correlated_residuals,
+    is_significant_correlation,
+    judge_determination,
+    one_sigma_of_student,
+    reason_of_small_chi_square,
+    rival_minima,
 )
-from .search import Outcome, Problem
-from .sensitivity import checked_times, known_derivatives
+from .sensitivity import check_times, compute_known_derivatives
 
 _COARSE = 0.3  # largest error of simulated positions over sigma
 
@@ -77,7 +77,7 @@ class Fit:
             (name, f"{value:.6g}", f"+- {self.errors[name]:.2g}", reasons[name])
             for name, value in self.values.items()
         ]
-        text = aligned([("parameter", "value", "one sigma", ""), *rows], left=(0, 3))
+        text = align_table([("parameter", "value", "one sigma", ""), *rows], left=(0, 3))
         return text + f"\n{self.report['reason']}".rstrip()
 
     def plot(self, ax: Any = None) -> Any:
@@ -98,7 +98,7 @@ class Fit:
         >>> len(cs.fit(guess, motion.t, motion.x, over=["stiffness"]).plot())
         3
         """
-        return service("draw_fit")(self, ax)
+        return find_service("draw_fit")(self, ax)
 
 
 @check.check_names
@@ -174,8 +174,8 @@ def fit(
     """
     check.instance("scene", scene, Scene)
     names = [parameter.name for parameter in parameters_of(scene, over, "over")]
-    times = checked_times(times)
-    numbers, place = _checked_data(scene, times, positions, points)
+    times = check_times(times)
+    numbers, place = _check_measured_positions(scene, times, positions, points)
     if sigma is not None:
         sigma = check.number("sigma", sigma, minimum=1e-100)
     rtol = check.number("rtol", rtol, minimum=0, exclusive=True)
@@ -190,40 +190,46 @@ def fit(
             "positions must have more numbers at free points than over has names, "
             f"{len(names)}, got {count}"
         )
-    problem = Problem(scene, over, times, data, mask, sigma, rtol, force)
+    problem = FitProblem(scene, over, times, data, mask, sigma, rtol, force)
     if sigma is not None and problem.least > _COARSE * sigma:
         raise ValueError(
             f"rtol must be at most {_COARSE * sigma / max(scene.cloth.size):.2g} with sigma = "
             f"{sigma:g} m, so that simulated positions err by less than that, got {rtol:g}"
         )
     # The times count once for the first start, and once for the derivatives and the run at the end.
-    with ProgressBar.of_time(progress, 2 * float(times[-1]), "fit") as bar:
-        problem.check_units()
+    with ProgressBar.for_simulated_time(progress, 2 * float(times[-1]), "fit") as bar:
+        problem.check_unit_of_length()
         begin = perf_counter()
-        outcome = problem.search(bar)
-        best = outcome.best
-        scene = problem.at(best.x)
+        outcome = problem.search_minima(bar)
+        best = outcome.best_minimum
+        scene = problem.scene_at(best.x)
         parameters = parameters_of(scene, names, "over")
-        slopes = known_derivatives(scene, parameters, problem.schedule(scene, times))
+        slopes = compute_known_derivatives(scene, parameters, problem.make_schedule(scene, times))
         run = simulate(scene, float(times[-1]), rtol=rtol, times=times, force=force)
         wall_time = perf_counter() - begin
         bar.advance(times[-1])
-    jacobian = problem.columns(slopes.change, parameters, best.x) / outcome.quality["sigma"]
-    covariance, condition, reasons = determination(jacobian, slopes.reasons, best.x, problem.bounds)
+    jacobian = (
+        problem.jacobian_columns(slopes.change, parameters, best.x) / outcome.quality["sigma"]
+    )
+    covariance, condition, reasons = judge_determination(
+        jacobian, slopes.reasons, best.x, problem.bounds
+    )
     correlation = outcome.quality["correlation"]
     if sigma is None:
-        covariance *= student(count - len(names)) ** 2
-    elif is_significant(correlation, mask):
-        covariance = correlated_covariance(covariance, jacobian, mask, correlation)
+        covariance *= one_sigma_of_student(count - len(names)) ** 2
+    elif is_significant_correlation(correlation, mask):
+        covariance = covariance_of_correlated_residuals(covariance, jacobian, mask, correlation)
     scale = 2 * (problem.unit / outcome.quality["sigma"]) ** 2
-    for k, other in rivals(best, outcome.minima, scale, covariance).items():
-        value = problem.values(best.x)[k]
-        rival = Reason.RIVAL.format(other=problem.values(other)[k], value=value)
+    for k, other in rival_minima(best, outcome.minima, scale, covariance).items():
+        value = problem.parameter_values(best.x)[k]
+        rival = Reason.RIVAL.format(other=problem.parameter_values(other)[k], value=value)
         reasons[k] = reasons[k] or rival
-    rates = problem.slopes(best.x)
-    values = np.where([bool(reason) for reason in reasons], np.nan, problem.values(best.x))
+    rates = problem.value_slopes(best.x)
+    values = np.where(
+        [bool(reason) for reason in reasons], np.nan, problem.parameter_values(best.x)
+    )
     covariance = covariance * np.outer(rates, rates) + 0 * np.add.outer(values, values)
-    text, has_no_errors = _reason(problem, outcome, reasons, slopes.reasons)
+    text, has_no_errors = _reason_and_reach_of_nan(problem, outcome, reasons, slopes.reasons)
     if has_no_errors:
         covariance = np.full_like(covariance, np.nan)
     report = {
@@ -250,8 +256,8 @@ def fit(
     )
 
 
-def _reason(
-    problem: Problem, outcome: Outcome, reasons: Sequence[str], ends: Sequence[str]
+def _reason_and_reach_of_nan(
+    problem: FitProblem, outcome: SearchOutcome, reasons: Sequence[str], ends: Sequence[str]
 ) -> tuple[str, bool]:
     """Return why something is NaN, or "", and whether that takes the meaning from all errors.
 
@@ -269,21 +275,23 @@ def _reason(
     misfit = outcome.misfit
     if not misfit and problem.sigma is not None:
         free = int(problem.mask.sum()) - len(problem.names)
-        misfit = too_small(outcome.quality, free, problem.mask)
+        misfit = reason_of_small_chi_square(outcome.quality, free, problem.mask)
     if misfit:
         parts.append(misfit)
     return "; ".join(parts), bool(misfit)
 
 
-def _checked_data(scene: Scene, times: Floats, values: Any, points: Any) -> tuple[Floats, Any]:
+def _check_measured_positions(
+    scene: Scene, times: Floats, values: Any, points: Any
+) -> tuple[Floats, Any]:
     """Return measured positions, and the rows and columns of their points."""
     sides = scene.cloth.shape
     place = np.indices(sides)
     if points is not None:
         pairs = []
-        for k, pair in enumerate(check.items("points", points, None, "(row, column)", 1)):
+        for k, pair in enumerate(check.list_of_items("points", points, None, "(row, column)", 1)):
             argument = f"points[{k}]"
-            indices = check.items(argument, pair, 2, "integers (row, column)")
+            indices = check.list_of_items(argument, pair, 2, "integers (row, column)")
             pairs.append(
                 [
                     check.integer(argument, index, minimum=-side, maximum=side - 1) % side

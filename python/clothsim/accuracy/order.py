@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..base.services import service
-from ..base.text import aligned
+from ..base.services import find_service
+from ..base.text import align_table
 from ..errors import UnstableError
-from ..methods.integrators import integrator_name
+from ..methods.integrators import check_integrator_name
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Force, Integrator, Kernel, Precision
-from .solution import Reference, reference_for
+from .solution import Reference, checked_or_new_reference
 
 _FLOOR_PART = 0.1  # largest part of an error that is fitted, which rounding and reference may make
 _LARGEST_PART = 0.1  # largest error that is fitted, over how far the cloth has moved
@@ -79,7 +79,7 @@ class Convergence:
         >>> cs.convergence(cs.scenes.oscillator(), 0.1, [0.01, 0.005]).plot().get_xlabel()
         'time step dt [s]'
         """
-        return service("draw_convergence")(self, ax)
+        return find_service("draw_convergence")(self, ax)
 
     def __str__(self) -> str:
         title = f"order {self.order:.2f} (* fitted)"
@@ -88,14 +88,14 @@ class Convergence:
                 "no order: fewer than two errors are well above the floor, "
                 f"{self.floor.min():.1e} m"
             )
-        orders = ["", *(f"{order:.2f}" for order in _slopes(self.dt, self.rms))]
+        orders = ["", *(f"{order:.2f}" for order in _observed_orders(self.dt, self.rms))]
         rows = [
             (f"{dt:.4g}", f"{rms:.2e}", f"{largest:.2e}", order, "*" * bool(fit))
             for dt, rms, largest, order, fit in zip(
                 self.dt, self.rms, self.max, orders, self.fitted, strict=True
             )
         ]
-        table = aligned([("dt [s]", "rms [m]", "max [m]", "order", ""), *rows], left=())
+        table = align_table([("dt [s]", "rms [m]", "max [m]", "order", ""), *rows], left=())
         return f"{self.integrator}, {self.precision}: {title}\n{table}"
 
     __repr__ = __str__
@@ -154,10 +154,10 @@ def convergence(
     """
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
-    integrator = integrator_name(integrator, fixed=True)
+    integrator = check_integrator_name(integrator, fixed=True)
     check.choice("precision", precision, ("double", "single"))
-    steps = _step_counts(dts, duration)
-    solution = reference_for(scene, duration, reference, force)
+    steps = _check_step_counts(dts, duration)
+    solution = checked_or_new_reference(scene, duration, reference, force)
     options: dict[str, Any] = {"precision": precision, "threads": threads, "kernel": kernel}
     dt = duration / steps
     errors = []
@@ -169,7 +169,7 @@ def convergence(
         except UnstableError:
             errors.append((math.inf, math.inf))
     rms, largest = np.array(errors).T
-    floor = _floor(scene, precision, solution, steps, rms)
+    floor = _error_floor(scene, precision, solution, steps, rms)
     way = solution.error_of(scene.initial_position)["rms"]
     fitted = (rms >= floor / _FLOOR_PART) & (rms <= _LARGEST_PART * way)
     order = math.nan
@@ -189,9 +189,9 @@ def convergence(
     )
 
 
-def _step_counts(dts: Any, duration: float) -> npt.NDArray[np.int64]:
+def _check_step_counts(dts: Any, duration: float) -> npt.NDArray[np.int64]:
     """Return the numbers of equal steps of at most the lengths in `dts`, increasing."""
-    values = check.items("dts", dts, None, "time steps > 0", 1)
+    values = check.list_of_items("dts", dts, None, "time steps > 0", 1)
     lengths = [
         check.number(f"dts[{k}]", dt, minimum=0, exclusive=True) for k, dt in enumerate(values)
     ]
@@ -202,7 +202,7 @@ def _step_counts(dts: Any, duration: float) -> npt.NDArray[np.int64]:
     return np.array(sorted({max(1, math.ceil(duration / dt - 1e-9)) for dt in lengths}))
 
 
-def _floor(
+def _error_floor(
     scene: Scene,
     precision: Precision,
     solution: Reference,
@@ -210,7 +210,7 @@ def _floor(
     rms: Floats,
 ) -> Floats:
     """Return the smallest error that the comparison can show at each step; see `Convergence`."""
-    flat = np.flatnonzero(_slopes(1 / steps, rms) < _LEAST_SLOPE)
+    flat = np.flatnonzero(_observed_orders(1 / steps, rms) < _LEAST_SLOPE)
     least = float(rms[flat[0] :].min()) if flat.size else 0.0
     digits: Floats = np.finfo(np.float64).eps / 2 * np.sqrt(steps)
     if precision == "single":
@@ -220,7 +220,7 @@ def _floor(
     return floor
 
 
-def _slopes(dt: Floats, rms: Floats) -> Floats:
+def _observed_orders(dt: Floats, rms: Floats) -> Floats:
     """Return the order between each two steps."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.diff(np.log(rms)) / np.diff(np.log(dt))

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 from ..base import Floats, check
 from ..model.cloth import Cloth
-from ..model.fields import change_scene, check_name, units
+from ..model.fields import change_scene, check_sweep_name, unit_of_name
+from ..model.obstacle import Plane, Sphere
 from ..model.scene import Scene
-from ..model.sphere import Plane, Sphere
 
 # This is the step of a difference over the scale of its parameter. With it, rounding and truncation
 # are below 1e-9 of most derivatives.
@@ -28,7 +28,7 @@ class Parameter(NamedTuple):
     most: float
 
     @property
-    def side(self) -> int:
+    def only_direction(self) -> int:
         """The only side to which it can vary, else 0."""
         reach = 3 * STEP * self.scale
         return int(self.value - reach <= self.least) - int(self.value + reach >= self.most)
@@ -39,14 +39,14 @@ def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
     if isinstance(names, str) or not isinstance(names, (Sequence, Mapping)) or not names:
         raise TypeError(
             f"{argument} must be a sequence of names such as ('stiffness', 'drag'), got "
-            f"{check.shown(names)}"
+            f"{check.value_text(names)}"
         )
-    numbers = _numbers(scene)
+    numbers = _numbers_by_name(scene)
     scales = {"m": max(scene.cloth.size), "m/s^2": 9.80665, "1": 1.0}
     scales["N s/m"] = float(scene.cloth.mass_per_point.min())  # Such a drag acts within a second.
     parameters = []
     for name in names:
-        field = check_name(name.replace(".", "_") if isinstance(name, str) else name)
+        field = check_sweep_name(name.replace(".", "_") if isinstance(name, str) else name)
         if field not in numbers:
             raise ValueError(
                 f"{argument} must name numbers of the scene, got {name!r}; this one has "
@@ -63,7 +63,7 @@ def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
                 name=name,
                 field=field,
                 value=value,
-                scale=max(abs(value), scales.get(units(field), 0.0)),
+                scale=max(abs(value), scales.get(unit_of_name(field), 0.0)),
                 least=-math.inf if field[-2:] in ("_x", "_y", "_z") else 0.0,
                 most=1.0 if field.endswith("restitution") else math.inf,
             )
@@ -73,7 +73,7 @@ def parameters_of(scene: Scene, names: Any, argument: str) -> list[Parameter]:
     return parameters
 
 
-def with_values(
+def scene_with_values(
     scene: Scene, parameters: Sequence[Parameter], values: Sequence[float] | Floats
 ) -> Scene:
     """Return a copy of `scene` with new values of the parameters."""
@@ -83,7 +83,7 @@ def with_values(
     return change_scene(scene, fields)
 
 
-def _numbers(scene: Scene) -> dict[str, list[float]]:
+def _numbers_by_name(scene: Scene) -> dict[str, list[float]]:
     """Return the numbers of a scene by name: several, where the name stands for several objects."""
     cloth = scene.cloth
     numbers = {"mass": [float(cloth.mass_per_point.sum())], "drag": [cloth.drag]}
@@ -98,13 +98,13 @@ def _numbers(scene: Scene) -> dict[str, list[float]]:
     for k, pin in enumerate(cloth.pins):
         vectors[f"pin{k}"] = [scene.initial_position[pin]]
     planes = {f"plane{k}": s for k, s in enumerate(scene.spheres) if s._kind == "plane"}
-    for prefix, members in _groups("plane", planes).items():
+    for prefix, members in _obstacles_by_prefix("plane", planes).items():
         for part in ("point", "normal"):
             vectors[f"{prefix}_{part}"] = [getattr(plane, part) for plane in members]
-        numbers |= _contact_numbers(prefix, members, cloth)
+        numbers |= _contact_numbers_by_name(prefix, members, cloth)
     obstacles = {f"sphere{k}": sphere for k, sphere in enumerate(scene.spheres)}
-    for prefix, members in _groups("sphere", obstacles).items():
-        numbers |= _contact_numbers(prefix, members, cloth)
+    for prefix, members in _obstacles_by_prefix("sphere", obstacles).items():
+        numbers |= _contact_numbers_by_name(prefix, members, cloth)
         if all(sphere._kind == "sphere" for sphere in members):
             vectors[f"{prefix}_center"] = [sphere.center for sphere in members]
             numbers[f"{prefix}_radius"] = [sphere.radius for sphere in members]
@@ -118,7 +118,7 @@ def _numbers(scene: Scene) -> dict[str, list[float]]:
     return {name: values for name, values in numbers.items() if values}
 
 
-def _groups(prefix: str, obstacles: Mapping[str, Any]) -> dict[str, list[Any]]:
+def _obstacles_by_prefix(prefix: str, obstacles: Mapping[str, Any]) -> dict[str, list[Any]]:
     """Return all obstacles under the prefix, and each under its own name."""
     groups = {prefix: [*obstacles.values()]}
     for name, obstacle in obstacles.items():
@@ -126,7 +126,7 @@ def _groups(prefix: str, obstacles: Mapping[str, Any]) -> dict[str, list[Any]]:
     return groups
 
 
-def _contact_numbers(
+def _contact_numbers_by_name(
     prefix: str, obstacles: Sequence[Sphere | Plane], cloth: Cloth
 ) -> dict[str, list[float]]:
     """Return the numbers of contact of some obstacles, layers as resolved for the cloth."""

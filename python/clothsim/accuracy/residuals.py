@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base import Floats
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from ..run.reasons import Reason
 
 EDGE = 1e-3  # distance [logarithms or scales] from a bound at which a value ends at it
@@ -25,22 +25,22 @@ _SIGMAS_OF_CORRELATION = 3.0  # deviation [sigmas] of such a correlation that wi
 _LEAST_FREE = 3  # least excess of numbers over parameters that tells sigma
 
 
-def quality_of(
+def quality_and_misfit(
     minimum: Any,
     mask: Any,
-    parameters: int,
+    parameter_count: int,
     sigma: float | None,
     unit: float,
-    least: float,
-    way: float,
+    least_residual: float,
+    travel: float,
 ) -> tuple[dict[str, float], str]:
     """Return the quality of a minimum, and why its residuals are not noise, or "".
 
     The quality has sigma, chi-square per degree of freedom and the correlation of residuals at
     neighbouring times, as in `Fit.report`. The residuals of `minimum` are in units of `unit` [m];
-    `least` [m] is what residuals can show, `way` [m] how far the cloth has moved, rms.
+    `least_residual` [m] is what residuals can show, `travel` [m] how far the cloth has moved, rms.
     """
-    free = mask.sum() - parameters
+    free = mask.sum() - parameter_count
     residuals = np.full(mask.shape, np.nan)
     residuals[mask] = minimum.fun[: mask.sum()]
     pairs = residuals[1:] * residuals[:-1]
@@ -52,48 +52,52 @@ def quality_of(
     chi = 2 * float(minimum.cost) / free
     if sigma is not None:
         quality = {"sigma": sigma, "chi_square": chi, "correlation": correlation}
-        deviation = math.sqrt(2 / _effective_number(free, correlation, mask))
+        deviation = math.sqrt(2 / _effective_number_of_data(free, correlation, mask))
         if chi > 1 + _SIGMAS * deviation:
             return quality, Reason.LARGE_CHI_SQUARE.format(chi=chi)
         return quality, ""
     noise = unit * math.sqrt(chi)
-    quality = {"sigma": max(noise, least), "chi_square": math.nan, "correlation": correlation}
+    quality = {
+        "sigma": max(noise, least_residual),
+        "chi_square": math.nan,
+        "correlation": correlation,
+    }
     chance = max(_LEAST_CORRELATION, _SIGMAS / math.sqrt(max(number, 1)))
     reason = ""
     if free < _LEAST_FREE:
         reason = Reason.FEW_NUMBERS.format(free=free)
-    elif noise > 10 * least and correlation > chance:
+    elif noise > 10 * least_residual and correlation > chance:
         reason = Reason.CORRELATED.format(correlation=correlation)
-    elif noise > max(10 * least, LARGE * way):
-        reason = Reason.LARGE_RESIDUALS.format(percent=100 * noise / way)
+    elif noise > max(10 * least_residual, LARGE * travel):
+        reason = Reason.LARGE_RESIDUALS.format(percent=100 * noise / travel)
     return quality, reason
 
 
-def is_significant(correlation: float, mask: Any) -> bool:
+def is_significant_correlation(correlation: float, mask: Any) -> bool:
     """Return whether a correlation of residuals at neighbouring times is no chance."""
     number = int((mask[1:] & mask[:-1]).sum())
     return number > 0 and correlation > _SIGMAS_OF_CORRELATION / math.sqrt(number)
 
 
-def _effective_number(free: int, correlation: float, mask: Any) -> float:
+def _effective_number_of_data(free: int, correlation: float, mask: Any) -> float:
     """Return the number of independent data whose chi-square scatters as much as that of these."""
-    rho = correlation if is_significant(correlation, mask) else 0.0
+    rho = correlation if is_significant_correlation(correlation, mask) else 0.0
     return free * (1 - rho**2) / (1 + rho**2)
 
 
-def too_small(quality: Mapping[str, float], free: int, mask: Any) -> str:
+def reason_of_small_chi_square(quality: Mapping[str, float], free: int, mask: Any) -> str:
     """Return why chi-square is far below 1, or "".
 
     Its cube root is nearly normal (Wilson and Hilferty).
     """
     chi = quality["chi_square"]
-    part = 2 / (9 * _effective_number(free, quality["correlation"], mask))
+    part = 2 / (9 * _effective_number_of_data(free, quality["correlation"], mask))
     if chi > max(1 - part - _SIGMAS * math.sqrt(part), 0.0) ** 3:
         return ""
     return Reason.SMALL_CHI_SQUARE.format(chi=chi)
 
 
-def correlated_covariance(
+def covariance_of_correlated_residuals(
     covariance: Floats, jacobian: Floats, mask: Any, correlation: float
 ) -> Floats:
     """Return the covariance where residuals k times apart have the correlation to the k-th."""
@@ -109,13 +113,17 @@ def correlated_covariance(
     return np.asarray(covariance @ sums @ covariance)
 
 
-def student(free: int) -> float:
+def one_sigma_of_student(degrees_of_freedom: int) -> float:
     """Return the one-sigma quantile of Student's t: sigma is estimated from so many numbers."""
-    special = needed("scipy.special", "fit", "fit")
-    return float(special.stdtrit(max(free, _LEAST_FREE), 0.5 + math.erf(math.sqrt(0.5)) / 2))
+    special = import_from_extra("scipy.special", "fit", "fit")
+    return float(
+        special.stdtrit(max(degrees_of_freedom, _LEAST_FREE), 0.5 + math.erf(math.sqrt(0.5)) / 2)
+    )
 
 
-def rivals(best: Any, minima: list[Any], scale: float, covariance: Floats) -> dict[int, Floats]:
+def rival_minima(
+    best: Any, minima: list[Any], scale: float, covariance: Floats
+) -> dict[int, Floats]:
     """Return other minima that the data does not rule out, by the parameter that differs there.
 
     `scale` times a cost is chi-square.
@@ -138,7 +146,7 @@ class Determination(NamedTuple):
     reasons: list[str]  # reason why a parameter is not determined, or ""
 
 
-def determination(
+def judge_determination(
     jacobian: Floats, ends: Sequence[str], u: Floats, bounds: Floats
 ) -> Determination:
     """Return what the data determine at the coordinates `u`.

@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..base.extras import needed
-from ..methods.bound import limit_in_layer, stable_dt
-from ..model.fields import units
-from ..model.scene import Scene, stops_of
+from ..base.extras import import_from_extra
+from ..methods.bound import stable_dt, stable_dt_in_layer
+from ..model.fields import unit_of_name
+from ..model.scene import Scene, turning_times
 from ..run.reasons import Reason
 from ..typing import Force
-from .parameters import STEP, Parameter, parameters_of, with_values
+from .parameters import STEP, Parameter, parameters_of, scene_with_values
 from .solution import METHOD, ORDER, Positions, positions_at
 
 if TYPE_CHECKING:
@@ -34,12 +34,12 @@ _FINEST = 64.0  # largest factor of the number of steps
 _DIGITS = 1e-11  # error of positions over the cloth's size that `sensitivity` asks for
 
 
-def checked_times(times: npt.ArrayLike) -> Floats:
+def check_times(times: npt.ArrayLike) -> Floats:
     """Return times at which positions are asked for [s], checked."""
     requirement = "increasing times >= 0 [s] of which one is > 0"
     array = np.atleast_1d(check.array("times", times, kind=requirement))
     if array.ndim > 1 or not array.any():
-        raise ValueError(f"times must be {requirement}, got {check.shown(times)}")
+        raise ValueError(f"times must be {requirement}, got {check.value_text(times)}")
     check.check_all("times", array, np.diff(array, prepend=-1e-300) > 0, requirement)
     return array
 
@@ -55,23 +55,23 @@ class Schedule:
         self.size = max(scene.cloth.size)
         self.refinement = 1.0
         self.force = force
-        self.stops = sorted({*times.tolist(), *stops_of(scene, 0.0, float(times[-1]))} - {0.0})
-        coarse = self.counts(scene)
-        x = self.run([scene], coarse + -(-coarse // 4))
-        y = self.run([scene], coarse)
+        self.stops = sorted({*times.tolist(), *turning_times(scene, 0.0, float(times[-1]))} - {0.0})
+        coarse = self.step_counts(scene)
+        x = self.compute_positions([scene], coarse + -(-coarse // 4))
+        y = self.compute_positions([scene], coarse)
         common = times <= min(x.end, y.end)
         error = np.abs(x.x - y.x)[:, common].max(initial=0.0) / (rtol * self.size)
         # The coarse steps are longer by a fourth, which is not counted on.
         self.refinement = float(np.clip(error ** (1 / ORDER), 1.0, _FINEST)) * 1.25
 
-    def counts(self, scene: Scene) -> npt.NDArray[np.int64]:
+    def step_counts(self, scene: Scene) -> npt.NDArray[np.int64]:
         """Return the number of steps up to each stop."""
         # Friction of a layer is stiffer than springs: twice as deep contacts are rare.
         limits = [stable_dt(scene, METHOD)]
         for k, obstacle in enumerate(scene.spheres):
             if obstacle.response == "penalty":
                 depth = obstacle.layer(scene.cloth)["thickness"] / 2
-                limits.append(limit_in_layer(scene, METHOD, k, depth))
+                limits.append(stable_dt_in_layer(scene, METHOD, k, depth))
         longest = _LONGEST * min(limits) / self.refinement
         if not self.stops[-1] / longest < check.INT64_MAX / 2:
             raise ValueError(
@@ -80,7 +80,9 @@ class Schedule:
             )
         return np.maximum(np.ceil(np.diff(self.stops, prepend=0.0) / longest), 1).astype(np.int64)
 
-    def run(self, scenes: Sequence[Scene], counts: npt.NDArray[np.int64]) -> Positions:
+    def compute_positions(
+        self, scenes: Sequence[Scene], counts: npt.NDArray[np.int64]
+    ) -> Positions:
         """Return the motion of the scenes at `times`."""
         result = positions_at(scenes, self.stops, counts.tolist(), force=self.force)
         x = result.x[:, np.searchsorted(self.stops, self.times)]
@@ -97,7 +99,7 @@ class Derivatives(NamedTuple):
     term: Floats  # last term of each change, in the same shape
 
 
-def derivatives(
+def compute_derivatives(
     scene: Scene, parameters: Sequence[Parameter], schedule: Schedule, most: int = 3
 ) -> Derivatives:
     """Return the changes of the motion of `scene` per scale of each parameter.
@@ -106,21 +108,23 @@ def derivatives(
     bound, 0, 1 and 2. With `most` = 4 values the term of third order corrects it.
     """
     places = [
-        np.arange(most) * parameter.side if parameter.side else np.arange(-1, most - 1)
+        np.arange(most) * parameter.only_direction
+        if parameter.only_direction
+        else np.arange(-1, most - 1)
         for parameter in parameters
     ]
     members = [
-        with_values(scene, [parameter], [parameter.value + k * STEP * parameter.scale])
+        scene_with_values(scene, [parameter], [parameter.value + k * STEP * parameter.scale])
         for parameter, steps in zip(parameters, places)
         for k in steps
         if k
     ]
-    result = schedule.run([scene, *members], schedule.counts(scene))
+    result = schedule.compute_positions([scene, *members], schedule.step_counts(scene))
     change = np.empty((len(parameters), *result.x.shape[1:]))
     term = np.zeros_like(change)
     positions = iter(result.x[1:])
     for n, (parameter, steps) in enumerate(zip(parameters, places)):
-        side = parameter.side
+        side = parameter.only_direction
         x = [next(positions) if k else result.x[0] for k in steps]
         if side:
             change[n] = (4 * (x[1] - x[0]) - (x[2] - x[0])) / 2 * side
@@ -141,11 +145,11 @@ class KnownDerivatives(NamedTuple):
     reasons: list[str]  # reason why a derivative is not known later, or ""
 
 
-def known_derivatives(
+def compute_known_derivatives(
     scene: Scene, parameters: Sequence[Parameter], schedule: Schedule
 ) -> KnownDerivatives:
     """Return derivatives per scale of each parameter, as far as they are known, with errors."""
-    result, change, term = derivatives(scene, parameters, schedule, 4)
+    result, change, term = compute_derivatives(scene, parameters, schedule, 4)
     times = schedule.times
     largest = np.fmax.accumulate(np.abs(change).max(axis=(2, 3, 4)), axis=1)
     rounding = _ROUNDING * schedule.size / STEP
@@ -217,11 +221,11 @@ def sensitivity(
     >>> abs(slope + 0.1 * math.sin(10.0) * 1.0 / 20.0) < 1e-12
     True
     """
-    xr: Any = needed("xarray", "sensitivity")
+    xr: Any = import_from_extra("xarray", "sensitivity")
     check.instance("scene", scene, Scene)
     parameters = parameters_of(scene, of, "of")
-    schedule = Schedule(scene, checked_times(times), _DIGITS, force)
-    slopes = known_derivatives(scene, parameters, schedule)
+    schedule = Schedule(scene, check_times(times), _DIGITS, force)
+    slopes = compute_known_derivatives(scene, parameters, schedule)
     scales = np.array([parameter.scale for parameter in parameters])
     place = ("time", "row", "column", "component")
     data: xarray.Dataset = xr.Dataset(
@@ -230,7 +234,7 @@ def sensitivity(
             "error": (("parameter", "time"), slopes.error / scales[:, None]),
             "x": (place, slopes.x, {"units": "m"}),
             "value": ("parameter", [parameter.value for parameter in parameters]),
-            "unit": ("parameter", [units(parameter.field) for parameter in parameters]),
+            "unit": ("parameter", [unit_of_name(parameter.field) for parameter in parameters]),
             "known_until": ("parameter", slopes.until, {"units": "s"}),
             "reason": ("parameter", slopes.reasons),
         },

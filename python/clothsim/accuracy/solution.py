@@ -16,16 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import Floats, check, frozen
-from ..base.build import available_threads
-from ..base.services import service
-from ..engine.force import checked_force, is_python, with_force
-from ..engine.options import Options, core_plan
+from ..base import Floats, check, make_read_only
+from ..base.build import available_thread_count
+from ..base.services import find_service
+from ..engine.force import check_force, needs_python, plan_with_force
+from ..engine.options import Options, compile_plan
 from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
-from ..model.scene import Scene, stops_of
-from ..model.sphere import kind_name
+from ..model.obstacle import name_of_kind
+from ..model.scene import Scene, turning_times
 from ..run.reasons import Reason
 from ..run.trajectory import PAUSE, Frames
 from ..typing import Force
@@ -106,7 +106,9 @@ class Reference:
         frame = check.integer("frame", frame, minimum=-len(self.t), maximum=len(self.t) - 1)
         return {
             name: float(value)
-            for name, value in distances(x.astype(np.float64), self.x[frame]).items()
+            for name, value in largest_and_rms_distances(
+                x.astype(np.float64), self.x[frame]
+            ).items()
         }
 
     def plot(self, ax: Any = None) -> Any:
@@ -123,7 +125,7 @@ class Reference:
         >>> [axes.get_ylabel() for axes in solution.plot()]
         ['way from the start [m]', 'error [m]']
         """
-        return service("draw_reference")(self, ax)
+        return find_service("draw_reference")(self, ax)
 
 
 @check.check_names
@@ -181,11 +183,13 @@ def reference(
     )
     moments = frames.moments_between(0.0, 0.0, duration, None)
     times = tuple(moment.time for moment in moments[1:])
-    force = checked_force(force)
-    return _solved(scene, times) if force is None else _solve(scene, times, force)
+    force = check_force(force)
+    return (
+        _cached_reference(scene, times) if force is None else _make_reference(scene, times, force)
+    )
 
 
-def reference_for(
+def checked_or_new_reference(
     scene: Scene, duration: float, solution: Reference | None, force: Force | None
 ) -> Reference:
     """Return the solution, checked to fit scene, duration and force; a new one where it is None."""
@@ -202,18 +206,18 @@ def reference_for(
 
 
 @lru_cache(maxsize=32)
-def _solved(scene: Scene, times: tuple[float, ...]) -> Reference:
+def _cached_reference(scene: Scene, times: tuple[float, ...]) -> Reference:
     """Return the reference with frames at 0 and at `times`, without a function's force."""
-    return _solve(scene, times, None)
+    return _make_reference(scene, times, None)
 
 
-def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Reference:
+def _make_reference(scene: Scene, times: tuple[float, ...], force: Force | None) -> Reference:
     """Return the reference with frames at 0 and at `times`."""
     layers = [obstacle for obstacle in scene.spheres if obstacle.response == "penalty"]
     free = scene.replace(spheres=layers)
-    threads = available_threads()
+    threads = available_thread_count()
     # Steps end where pieces of the pins' motions end, so that both methods keep their orders.
-    stops = sorted({*times, *stops_of(free, 0.0, times[-1])})
+    stops = sorted({*times, *turning_times(free, 0.0, times[-1])})
     frames = np.searchsorted(stops, times)
     # Where spheres respond after a step, the method of the kernels tells whether they do. Without
     # such spheres the extrapolation comes first: it finds out whether forces are smooth.
@@ -222,14 +226,14 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
         double = solve_in_double(scene, stops, threads, force)
     if double and double.finest.contact:
         raise ValueError(
-            f"duration must end before a {kind_name(scene.spheres)} responds after a step, at "
+            f"duration must end before a {name_of_kind(scene.spheres)} responds after a step, at "
             f"about {double.finest.end:.4g} s, got {times[-1]:g} s: such responses are no part of "
             "the equation and have no reference; take response 'penalty', or compare outcomes "
             "(penetration, energy)"
         )
     options: dict[str, Any] = {"threads": threads, "force": force}
-    x, v = extrapolation(free, stops, **_TRUSTED, **options)
-    control, _ = extrapolation(free, stops, **_CONTROL, **options)
+    x, v = extrapolate_states(free, stops, **_TRUSTED, **options)
+    control, _ = extrapolate_states(free, stops, **_CONTROL, **options)
     double = double or solve_in_double(free, stops, threads, force)
     if double.finest.reason:
         raise ArithmeticError(f"no reference: {double.finest.reason}")
@@ -240,13 +244,18 @@ def _solve(scene: Scene, times: tuple[float, ...], force: Force | None) -> Refer
     v = np.concatenate([scene.initial_velocity[None], v[frames]])
     second = np.concatenate([start, double.x[frames]])
     control = np.concatenate([start, control[frames]])
-    bound = {name: frozen(value + rounding) for name, value in distances(x, second).items()}
-    estimate = {name: frozen(value) for name, value in distances(x, control).items()}
+    bound = {
+        name: make_read_only(value + rounding)
+        for name, value in largest_and_rms_distances(x, second).items()
+    }
+    estimate = {
+        name: make_read_only(value) for name, value in largest_and_rms_distances(x, control).items()
+    }
     return Reference(
         scene=scene,
-        t=frozen(np.array([0.0, *times])),
-        x=frozen(x),
-        v=frozen(v),
+        t=make_read_only(np.array([0.0, *times])),
+        x=make_read_only(x),
+        v=make_read_only(v),
         error_bound=bound,
         error_estimate=estimate,
         force=force,
@@ -273,7 +282,7 @@ def positions_at(
 ) -> Positions:
     """Return the scenes at `times` [s], increasing and > 0, by `counts` equal steps to each."""
     several = scenes if len(scenes) > 1 else scenes[0]
-    state = State.checked(several, None, None, None, Options(METHOD, threads=threads), force)
+    state = State.from_arguments(several, None, None, None, Options(METHOD, threads=threads), force)
     state.warn_of_order()
     moments = [_core.Moment(t, t) for t in (0.0, *times)]
     steps = np.diff(times, prepend=0.0) / counts
@@ -281,7 +290,7 @@ def positions_at(
         _core.Segment(begin=a, end=b, dt=dt, whole=count)
         for (a, b), dt, count in zip(pairwise(moments), steps, counts, strict=True)
     ]
-    state.check_step(float(steps.max()))
+    state.warn_of_time_step(float(steps.max()))
     run = _core.FixedRun(segments, moments)
     shape = (len(scenes), len(moments), *scenes[0].cloth.shape, 3)
     x = np.full(shape, np.nan)
@@ -305,7 +314,7 @@ def positions_at(
         contact = min(responses)
         k = min(int(np.searchsorted(times, contact)), len(times) - 1)
         begin = contact - (times[k] - (times[k - 1] if k else 0.0)) / counts[k]
-        reason = Reason.PARTED.format(kind=kind_name(scenes[0].spheres), time=begin)
+        reason = Reason.PARTED.format(kind=name_of_kind(scenes[0].spheres), time=begin)
         return Positions(x, begin, reason, True)
     return Positions(x, end, failure)
 
@@ -352,7 +361,7 @@ def solve_in_double(
     return DoubleSolution(finest.x[0], changes, finest)
 
 
-def extrapolation(
+def extrapolate_states(
     scene: Scene,
     times: list[float],
     *,
@@ -364,8 +373,8 @@ def extrapolation(
     """Return states at `times` by extrapolation in double-double."""
     x = np.ascontiguousarray(scene.initial_position)
     v = np.ascontiguousarray(scene.initial_velocity)
-    plan = with_force(core_plan(scene, Options()), force, scene.cloth.shape)
-    threads = 1 if is_python(force) else threads
+    plan = plan_with_force(compile_plan(scene, Options()), force, scene.cloth.shape)
+    threads = 1 if needs_python(force) else threads
     time, xs, vs = _core.extrapolate(plan, x, v, times, columns, tolerance, threads)
     if xs is None or vs is None:
         raise ArithmeticError(
@@ -376,7 +385,7 @@ def extrapolation(
     return xs, vs
 
 
-def distances(a: Floats, b: Floats) -> dict[str, Floats]:
+def largest_and_rms_distances(a: Floats, b: Floats) -> dict[str, Floats]:
     """Return the largest and the rms distance of the mass points, of a frame or of each."""
     distance = np.linalg.norm(a - b, axis=-1)
     return {"max": distance.max(axis=(-2, -1)), "rms": np.sqrt((distance**2).mean(axis=(-2, -1)))}

@@ -15,17 +15,17 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base.build import build_config
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
 from ..engine.options import PRECISIONS
 from ..errors import OrderWarning, StabilityWarning, ToleranceWarning
 from ..measure import energy
 from ..methods.bound import stable_dt
-from ..methods.integrators import METHODS, integrator_name
+from ..methods.integrators import METHODS, check_integrator_name
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Force, Precision
-from .solution import Reference, reference_for
+from .solution import Reference, checked_or_new_reference
 
 if TYPE_CHECKING:
     import xarray
@@ -188,24 +188,24 @@ def work_precision(
     >>> data.sizes["level"], bool(data.rms_error[0, 1] < data.rms_error[0, 0] / 10)
     (2, True)
     """
-    xr: Any = needed("xarray", "work_precision")
+    xr: Any = import_from_extra("xarray", "work_precision")
     check.instance("scene", scene, Scene)
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     windows = check.integer("windows", windows, minimum=1)
-    solvers = _solvers(methods, precisions, threads, force)
-    levels = [_settings(method, scene, duration, dts, rtols) for method in solvers]
+    solvers = _list_methods(methods, precisions, threads, force)
+    levels = [_settings_to_try(method, scene, duration, dts, rtols) for method in solvers]
     shape = len(solvers), max(map(len, levels))
     table = {name: np.full(shape, np.nan) for name in _COLUMNS}
     places = [(m, n) for m, n in np.ndindex(shape) if n < len(levels[m])]
     stable = []
     spent = 0.0  # wall time of the last run [s]
     most = duration * len(places) * (1 + windows)
-    with ProgressBar.of_time(progress, most, "work_precision") as bar:
-        solution = reference_for(scene, duration, reference, force)
+    with ProgressBar.for_simulated_time(progress, most, "work_precision") as bar:
+        solution = checked_or_new_reference(scene, duration, reference, force)
         for m, n in places:
             # The first run is not timed: it compiles code and fills caches.
             if not (n and spent > _LONGEST):
-                row = _errors(solvers[m], levels[m][n], scene, solution)
+                row = _measure_setting(solvers[m], levels[m][n], scene, solution)
                 spent = row.pop("spent")
                 for name, value in row.items():
                     table[name][m, n] = value
@@ -216,20 +216,25 @@ def work_precision(
         # Each round has another order, so a slow spell of the machine affects all methods, and none
         # always follows another.
         shuffle = Random(0).shuffle
-        bar.expect(-duration * windows * (len(places) - len(stable)))
+        bar.expect_more(-duration * windows * (len(places) - len(stable)))
         for _ in range(windows):
             shuffle(stable)
             for m, n in stable:
                 times = seconds[m, n]
                 if not (times and min(times) > _LONGEST_REPEATED / duration):
-                    seconds_of_run = _solve(solvers[m], scene, duration, levels[m][n]).wall_time
+                    seconds_of_run = _solve_or_nan(
+                        solvers[m], scene, duration, levels[m][n]
+                    ).wall_time
                     times.append(seconds_of_run / duration)
                 bar.advance(duration)
     for place, times in seconds.items():
         lower, upper = np.quantile(times, (0.25, 0.75))
         table["wall_time"][place] = min(times)
         table["wall_time_spread"][place] = upper - lower
-    columns: dict[str, Any] = {**table, "pareto": pareto(table["rms_error"], table["wall_time"])}
+    columns: dict[str, Any] = {
+        **table,
+        "pareto": is_on_pareto_front(table["rms_error"], table["wall_time"]),
+    }
     of_solver = {
         "solver": [f"{method.name} {method.precision}" for method in solvers],
         "integrator": [method.name for method in solvers],
@@ -258,13 +263,15 @@ def work_precision(
     return data
 
 
-def _errors(method: Method, setting: float, scene: Scene, solution: Reference) -> dict[str, float]:
+def _measure_setting(
+    method: Method, setting: float, scene: Scene, solution: Reference
+) -> dict[str, float]:
     """Return the columns of one setting that are no times, and "spent", the wall time [s].
 
     Errors are infinite where the method is unstable.
     """
     duration = float(solution.t[-1])
-    result = _solve(method, scene, duration, setting)
+    result = _solve_or_nan(method, scene, duration, setting)
     row = dict.fromkeys(("rms_error", "max_error", "frames_rms_error"), math.inf)
     row |= {"setting": setting, "spent": result.wall_time}
     if not np.isfinite(result.x).all():
@@ -272,7 +279,7 @@ def _errors(method: Method, setting: float, scene: Scene, solution: Reference) -
     error = solution.error_of(result.x)
     frames = [error["rms"]]
     for k, t in enumerate(solution.t[1:-1].tolist(), 1):
-        frames.append(solution.error_of(_solve(method, scene, t, setting).x, k)["rms"])
+        frames.append(solution.error_of(_solve_or_nan(method, scene, t, setting).x, k)["rms"])
     total = energy(scene, result.x, result.v, duration)["total"]
     exact = energy(scene, solution.x[-1], solution.v[-1], duration)["total"]
     row["rms_error"] = error["rms"]
@@ -283,7 +290,7 @@ def _errors(method: Method, setting: float, scene: Scene, solution: Reference) -
     return row
 
 
-class _Result(NamedTuple):
+class _MethodResult(NamedTuple):
     """The result of `Method.solve`."""
 
     x: Floats  # positions at the end [m]
@@ -292,7 +299,7 @@ class _Result(NamedTuple):
     wall_time: float  # [s]
 
 
-def _solve(method: Method, scene: Scene, duration: float, setting: float) -> _Result:
+def _solve_or_nan(method: Method, scene: Scene, duration: float, setting: float) -> _MethodResult:
     """Return what `method.solve` returns; NaN where it is unstable."""
     try:
         with warnings.catch_warnings():
@@ -301,13 +308,13 @@ def _solve(method: Method, scene: Scene, duration: float, setting: float) -> _Re
             warnings.simplefilter("ignore", StabilityWarning)
             warnings.simplefilter("ignore", OrderWarning)
             warnings.simplefilter("ignore", ToleranceWarning)
-            return _Result(*method.solve(scene, duration, setting))
+            return _MethodResult(*method.solve(scene, duration, setting))
     except ArithmeticError:
         nan = np.full_like(scene.initial_position, np.nan)
-        return _Result(x=nan, v=nan, evaluations=0, wall_time=math.nan)
+        return _MethodResult(x=nan, v=nan, evaluations=0, wall_time=math.nan)
 
 
-def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+def is_on_pareto_front(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     """Return where a point is on the Pareto front: none has both a smaller error and cost.
 
     Points whose error or cost is not finite are left out.
@@ -322,32 +329,32 @@ def pareto(rms: npt.ArrayLike, cost: npt.ArrayLike) -> npt.NDArray[np.bool_]:
     return front.reshape(error.shape)
 
 
-def _solvers(
+def _list_methods(
     methods: Sequence[str | Method] | None,
     precisions: Sequence[Precision],
     threads: int | None,
     force: Force | None,
 ) -> list[Method]:
     """Return the integrators by name, in each precision, then the methods of others."""
-    precisions = check.items("precisions", precisions, None, "names", 1)
+    precisions = check.list_of_items("precisions", precisions, None, "names", 1)
     for k, precision in enumerate(precisions):
         check.choice(f"precisions[{k}]", precision, PRECISIONS)
     entries = list(_DEFAULT_METHODS)
     if methods is not None:
-        entries = check.items("methods", methods, None, "names or methods", 1)
+        entries = check.list_of_items("methods", methods, None, "names or methods", 1)
     integrators: list[Method] = []
     solvers: list[Method] = []
     for k, entry in enumerate(entries):
         if isinstance(entry, str):
             integrators += [
-                own_method(entry, precision, threads, force) for precision in precisions
+                method_of_integrator(entry, precision, threads, force) for precision in precisions
             ]
         else:
             solvers.append(check.instance(f"methods[{k}]", entry, Method))
     return integrators + solvers
 
 
-def own_method(
+def method_of_integrator(
     name: str,
     precision: Precision = "double",
     threads: int | None = None,
@@ -355,7 +362,7 @@ def own_method(
 ) -> Method:
     """Return an integrator of this package; "NAME adaptive" chooses its steps by a tolerance."""
     control = "rtol" if name.endswith(" adaptive") else "dt"
-    integrator = integrator_name(
+    integrator = check_integrator_name(
         name.removesuffix(" adaptive"), argument="methods", fixed=control == "dt"
     )
     label = integrator
@@ -377,12 +384,14 @@ def own_method(
     return Method(label, solve, control, OWN, precision, threads)
 
 
-def _settings(method: Method, scene: Scene, duration: float, dts: Any, rtols: Any) -> list[float]:
+def _settings_to_try(
+    method: Method, scene: Scene, duration: float, dts: Any, rtols: Any
+) -> list[float]:
     """Return the settings to try, the coarsest first."""
     name = f"{method.control}s"
     values = dts if name == "dts" else rtols
     if values is not None:
-        entries = check.items(name, values, None, "numbers > 0", 1)
+        entries = check.list_of_items(name, values, None, "numbers > 0", 1)
         numbers = {
             check.number(f"{name}[{k}]", value, minimum=0, exclusive=True)
             for k, value in enumerate(entries)

@@ -21,7 +21,7 @@ except ImportError:
 Floats = npt.NDArray[np.float64]
 
 
-def frozen(array: np.ndarray) -> np.ndarray:
+def make_read_only(array: np.ndarray) -> np.ndarray:
     """Make `array` read-only, and return it."""
     array.flags.writeable = False
     return array

@@ -13,12 +13,12 @@ import numpy as np
 from .. import _core
 
 
-def processors() -> int:
+def processor_count() -> int:
     """Count the processors that this process may use."""
     return _core.processors()
 
 
-def available_threads() -> int:
+def available_thread_count() -> int:
     """Count the processors that this process may use, at most `OMP_NUM_THREADS`."""
     return _core.available_threads()
 
@@ -44,7 +44,7 @@ def build_config() -> dict[str, Any]:
     return {
         **_core.build_facts(),
         "instruction_set": _core.choose_instruction_set(),
-        "threads": available_threads(),
+        "threads": available_thread_count(),
         "python": platform.python_version(),
         "numpy": np.__version__,
     }
@@ -53,7 +53,7 @@ def build_config() -> dict[str, Any]:
 def provenance() -> dict[str, Any]:
     """Return the time, the build and the machine that numbers belong to."""
     machine = {
-        "cpu": _processor(),
+        "cpu": _processor_name(),
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
     }
@@ -64,7 +64,7 @@ def provenance() -> dict[str, Any]:
     }
 
 
-def _processor() -> str:
+def _processor_name() -> str:
     """Return the processor's name; on Linux with the numbers that tell equal names apart."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().split("\n\n")[0].splitlines() if cpuinfo.exists() else []

@@ -31,15 +31,15 @@ _ALIKE = 0.7
 INT64_MAX = 2**63 - 1  # the largest count that the core can hold
 
 
-def shown(value: Any) -> str:
+def value_text(value: Any) -> str:
     """Describe `value` and its type in a short text for an error message."""
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of shape {value.shape} and dtype {value.dtype}"
     return f"{reprlib.repr(value)} ({type(value).__name__})"
 
 
-def _refuse(error: type[Exception], name: str, accepted: str, value: Any) -> NoReturn:
-    raise error(f"{name} must be {accepted}, got {shown(value)}")
+def _refuse_value(error: type[Exception], name: str, accepted: str, value: Any) -> NoReturn:
+    raise error(f"{name} must be {accepted}, got {value_text(value)}")
 
 
 SUBSTITUTES: dict[str, str] = {}
@@ -48,11 +48,13 @@ table.
 """
 
 
-def arguments(owner: str, options: Mapping[str, object], names: Collection[str]) -> None:
+def refuse_unknown_arguments(
+    owner: str, options: Mapping[str, object], names: Collection[str]
+) -> None:
     """Refuse keyword arguments that are not among `names`, and suggest the nearest."""
     for name in options:
         if name not in names:
-            hint = _hint(name, names)
+            hint = _substitute_hint(name, names)
             accepted = ", ".join(map(repr, names)) or "none"
             raise TypeError(
                 f"{owner} has the unknown argument {name!r}{hint}; accepted: {accepted}"
@@ -66,29 +68,29 @@ def check_names(function: F) -> F:
     owner = function.__qualname__.removesuffix(".__init__")
 
     @functools.wraps(function)
-    def checked(*values: Any, **options: Any) -> Any:
+    def call_with_known_names(*values: Any, **options: Any) -> Any:
         if not names.issuperset(options):
-            arguments(owner, options, ordered)
+            refuse_unknown_arguments(owner, options, ordered)
         return function(*values, **options)
 
-    return cast(F, checked)
+    return cast(F, call_with_known_names)
 
 
 def instance(name: str, value: Any, kind: type[T]) -> T:
     """Return `value` if it is an object of this class."""
     if not isinstance(value, kind):
-        _refuse(TypeError, name, f"a {kind.__name__}", value)
+        _refuse_value(TypeError, name, f"a {kind.__name__}", value)
     return value
 
 
 def boolean(name: str, value: Any, accepted: str = "True or False") -> bool:
     """Return `value` as a bool; 0 and 1 are refused."""
     if not isinstance(value, (bool, np.bool_)):
-        _refuse(TypeError, name, accepted, value)
+        _refuse_value(TypeError, name, accepted, value)
     return bool(value)
 
 
-def real(value: Any) -> Any:
+def real_or_none(value: Any) -> Any:
     """Return `value` if it is a single real number, also in a 0-d array, else None. A bool is no
     number, nor is the masked entry of an array.
     """
@@ -99,10 +101,10 @@ def real(value: Any) -> Any:
     return value if isinstance(value, numbers.Real) and not isinstance(value, bool) else None
 
 
-def _within(
+def _number_in_range(
     name: str, value: Any, kind: type, accepted: str, low: float, high: float, above: bool = False
 ) -> Any:
-    entry = real(value)
+    entry = real_or_none(value)
     good = isinstance(entry, kind)
     # Python compares large integers exactly: 10**400 is too large for a float.
     if (
@@ -117,7 +119,7 @@ def _within(
         bounds.append(f" {'>' if above else '>='} {low:.12g}")
     if high < INT64_MAX or (good and entry > high):
         bounds.append(f" <= {high:.12g}")
-    _refuse(ValueError if good else TypeError, name, accepted + " and".join(bounds), value)
+    _refuse_value(ValueError if good else TypeError, name, accepted + " and".join(bounds), value)
 
 
 def number(
@@ -131,17 +133,19 @@ def number(
     """Return `value` as a finite float >= `minimum` (> with `exclusive`) and <= `maximum`."""
     if type(value) is float and minimum < value < maximum:
         return value
-    return float(_within(name, value, numbers.Real, "a finite number", minimum, maximum, exclusive))
+    return float(
+        _number_in_range(name, value, numbers.Real, "a finite number", minimum, maximum, exclusive)
+    )
 
 
 def integer(name: str, value: Any, *, minimum: float = -math.inf, maximum: int = INT64_MAX) -> int:
     """Return `value` as an int with `minimum` <= value <= `maximum`; 2.0 is not an integer."""
     if type(value) is int and minimum <= value <= maximum:
         return value
-    return int(_within(name, value, numbers.Integral, "an integer", minimum, maximum))
+    return int(_number_in_range(name, value, numbers.Integral, "an integer", minimum, maximum))
 
 
-def items(name: str, value: Any, count: int | None, kind: str, least: int = 0) -> list[Any]:
+def list_of_items(name: str, value: Any, count: int | None, kind: str, least: int = 0) -> list[Any]:
     """List the entries of a sequence or one-dimensional array: `count` of them, or at least
     `least`.
     """
@@ -153,20 +157,20 @@ def items(name: str, value: Any, count: int | None, kind: str, least: int = 0) -
         number = ""
     accepted = f"a sequence of {number}{kind}"
     if isinstance(value, (str, bytes)) or not isinstance(value, (Sequence, np.ndarray)):
-        _refuse(TypeError, name, accepted, value)
+        _refuse_value(TypeError, name, accepted, value)
     listed = list(value) if not isinstance(value, np.ndarray) or value.ndim == 1 else []
     if len(listed) < least or count not in (None, len(listed)):
-        _refuse(ValueError, name, accepted, value)
+        _refuse_value(ValueError, name, accepted, value)
     return listed
 
 
 def vector(name: str, value: Any, length: int = 3) -> Any:
     """Return `value` as a tuple of `length` finite floats."""
-    entries = items(name, value, length, "finite numbers")
+    entries = list_of_items(name, value, length, "finite numbers")
     return tuple(number(f"{name}[{k}]", entry) for k, entry in enumerate(entries))
 
 
-def step_count(duration: float, dt: float) -> None:
+def check_step_count(duration: float, dt: float) -> None:
     """Refuse a run of more steps than the core can count."""
     if not duration / dt <= INT64_MAX:
         raise ValueError(
@@ -180,22 +184,22 @@ def choice(name: str, value: Any, options: Collection[T]) -> T:
         return value  # type: ignore[return-value]  # names are texts
     accepted = f"one of {', '.join(map(repr, options))}"
     if not isinstance(value, str):
-        _refuse(TypeError, name, accepted, value)
-    raise ValueError(f"{name} must be {accepted}, got {value!r}{nearest(value, options)}")
+        _refuse_value(TypeError, name, accepted, value)
+    raise ValueError(f"{name} must be {accepted}, got {value!r}{nearest_name_hint(value, options)}")
 
 
-def nearest(value: Any, options: Collection[Any]) -> str:
+def nearest_name_hint(value: Any, options: Collection[Any]) -> str:
     """Hint at the option that the wrong name `value` may mean."""
     close = difflib.get_close_matches(str(value), options, n=1, cutoff=_ALIKE)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
-def _hint(name: str, options: Collection[str]) -> str:
+def _substitute_hint(name: str, options: Collection[str]) -> str:
     """Hint at what serves in place of the unknown argument `name`."""
-    return f"; {SUBSTITUTES[name]}" if name in SUBSTITUTES else nearest(name, options)
+    return f"; {SUBSTITUTES[name]}" if name in SUBSTITUTES else nearest_name_hint(name, options)
 
 
-def keys(
+def mapping(
     name: str, value: Any, names: Collection[str], required: Collection[str] = ()
 ) -> dict[str, Any]:
     """Copy the mapping `value`, after a check that it has only keys of `names` and all keys of
@@ -203,10 +207,10 @@ def keys(
     """
     accepted = ", ".join(map(repr, names)) or "none"
     if not isinstance(value, Mapping):
-        _refuse(TypeError, name, f"a mapping with the keys {accepted}", value)
+        _refuse_value(TypeError, name, f"a mapping with the keys {accepted}", value)
     for key in value:
         if key not in names:
-            hint = _hint(key, names)
+            hint = _substitute_hint(key, names)
             raise ValueError(f"{name} has the unknown key {key!r}{hint}; accepted: {accepted}")
     for key in required:
         if key not in value:
@@ -218,9 +222,9 @@ def keys(
 def path(name: str, value: Any, accepted: str = "a path") -> Path:
     """Return `value` as a path."""
     if not isinstance(value, (str, os.PathLike)):
-        _refuse(TypeError, name, accepted, value)
+        _refuse_value(TypeError, name, accepted, value)
     if not str(value) or "\0" in str(value):
-        _refuse(ValueError, name, accepted, value)
+        _refuse_value(ValueError, name, accepted, value)
     return Path(value)
 
 
@@ -234,9 +238,9 @@ def as_array(name: str, value: Any, accepted: str, kinds: str = "iuf") -> np.nda
     try:
         entries = np.asarray(value)
     except (ValueError, TypeError):  # as of rows of different lengths
-        _refuse(TypeError, name, accepted, value)
+        _refuse_value(TypeError, name, accepted, value)
     if entries.dtype.kind not in kinds and entries.size:
-        _refuse(TypeError, name, accepted, value)
+        _refuse_value(TypeError, name, accepted, value)
     return entries
 
 

@@ -13,7 +13,7 @@ EXTENSIONS: dict[str, str] = {}
 """
 
 
-def needed(name: str, purpose: str, extra: str = "sweep") -> Any:
+def import_from_extra(name: str, purpose: str, extra: str = "sweep") -> Any:
     """Import the named module, or raise an ImportError that says which extra brings it, or why it
     cannot be loaded.
     """
@@ -31,7 +31,7 @@ def needed(name: str, purpose: str, extra: str = "sweep") -> Any:
     return module
 
 
-def on_demand(
+def make_late_importers(
     namespace: dict[str, Any], modules: Mapping[str, Sequence[str]], also: Sequence[str] = ()
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Make `__getattr__` and `__dir__` of the module with that namespace (PEP 562).
@@ -42,11 +42,11 @@ def on_demand(
     package = namespace["__name__"]
     places = {name: module for module, names in modules.items() for name in names}
 
-    def get(name: str) -> Any:
+    def get_attribute(name: str) -> Any:
         if name not in places:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = namespace[name] = getattr(import_module(places[name], package), name)
         return value
 
     names = {*namespace["__all__"], *also, *(name for name in namespace if name.startswith("__"))}
-    return get, lambda: sorted(names)
+    return get_attribute, lambda: sorted(names)

@@ -24,9 +24,9 @@ from . import check
 
 
 @contextmanager
-def folder_beside(path: Path) -> Iterator[Path]:
-    """Make a folder beside `path` for files that `put` moves to their places, and remove it at the
-    end.
+def temporary_folder_beside(path: Path) -> Iterator[Path]:
+    """Make a folder beside `path` for files that `move_files` moves to their places, and remove it
+    at the end.
     """
     if not path.parent.is_dir():
         raise FileNotFoundError(f"path must be in an existing folder, got {str(path)!r}")
@@ -48,7 +48,7 @@ def folder_beside(path: Path) -> Iterator[Path]:
         raise
 
 
-def put(files: Sequence[Path], folder: Path) -> list[Path]:
+def move_files(files: Sequence[Path], folder: Path) -> list[Path]:
     """Move complete files to `folder`, the first one last; a symbolic link there is replaced, not
     followed.
     """
@@ -63,16 +63,16 @@ def put(files: Sequence[Path], folder: Path) -> list[Path]:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replace_when_complete(path: Path) -> Iterator[Path]:
     """Make a file to write, which replaces `path` at the end of the block, unless it raises."""
-    with folder_beside(path) as folder:
+    with temporary_folder_beside(path) as folder:
         yield folder / path.name
-        put([folder / path.name], path.parent)
+        move_files([folder / path.name], path.parent)
 
 
 def write_bytes(path: Path, data: bytes) -> Path:
     """Write a file, whole or not at all."""
-    with replacing(path) as part:
+    with replace_when_complete(path) as part:
         part.write_bytes(data)
     return path
 
@@ -92,7 +92,7 @@ def write_npz(path: Path, arrays: dict[str, Any]) -> Path:
     """Write arrays and texts to the file `path` atomically."""
     from zipfile import ZipFile  # takes longer than the rest of this module
 
-    with replacing(path) as part:
+    with replace_when_complete(path) as part:
         np.savez_compressed(part, **arrays)
         # Its list of members has no checksum, so damage could hide some.
         with ZipFile(part, "a") as archive:
@@ -101,7 +101,7 @@ def write_npz(path: Path, arrays: dict[str, Any]) -> Path:
 
 
 @contextmanager
-def reading(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
+def explain_unreadable_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     """Turn every failure to understand the file `path` into a ValueError that names it."""
     try:
         yield
@@ -114,15 +114,15 @@ def reading(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
 
 
 def read_npz(
-    path: str | os.PathLike[str], kind: str, needed: Collection[str]
+    path: str | os.PathLike[str], kind: str, required: Collection[str]
 ) -> dict[str, np.ndarray]:
     """Read the arrays of a file of `write_npz`; a ValueError says why it is no `kind`."""
     from zipfile import ZipFile
 
     path = check.path("path", path)
-    with open(path, "rb") as file, reading(path, kind), ZipFile(file) as archive:
+    with open(path, "rb") as file, explain_unreadable_file(path, kind), ZipFile(file) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist()]
-        if missing := sorted(set(needed) - set(names)):
+        if missing := sorted(set(required) - set(names)):
             raise ValueError(f"it lacks {', '.join(missing)}")
         if archive.comment != b"%d arrays" % len(names):
             raise ValueError("its list of arrays is damaged")
@@ -133,12 +133,12 @@ def read_npz(
         }
 
 
-def _plain(value: Any) -> Any:
+def _plain_data(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
+        return {str(key): _plain_data(entry) for key, entry in value.items()}
     value = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
     if isinstance(value, (list, tuple)):
-        return [_plain(entry) for entry in value]
+        return [_plain_data(entry) for entry in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, (bool, int)) else str(value)
@@ -148,4 +148,4 @@ def as_json(data: Any) -> str:
     """Write `data` as indented standard JSON: a number that is not finite becomes null, an object
     becomes its `str`.
     """
-    return json.dumps(_plain(data), indent=1, allow_nan=False)
+    return json.dumps(_plain_data(data), indent=1, allow_nan=False)

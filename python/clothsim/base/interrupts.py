@@ -8,7 +8,7 @@ from typing import Any
 
 
 class Interrupts:
-    """A context that keeps SIGINT back; `deliver` passes it to the previous handler.
+    """A context that keeps SIGINT back; `deliver_signal` passes it to the previous handler.
 
     It has no effect outside the main thread, because only the main thread receives signals.
     """
@@ -21,13 +21,13 @@ class Interrupts:
             handler := signal.getsignal(signal.SIGINT)
         ):
             self._handler = handler
-            signal.signal(signal.SIGINT, self._note)
+            signal.signal(signal.SIGINT, self._note_signal)
         return self
 
-    def _note(self, *signal_and_frame: Any) -> None:
+    def _note_signal(self, *signal_and_frame: Any) -> None:
         self._pending = signal_and_frame
 
-    def deliver(self) -> None:
+    def deliver_signal(self) -> None:
         """Call the handler if a signal has come; it raises KeyboardInterrupt by default."""
         pending = self._pending
         self._pending = ()
@@ -38,4 +38,4 @@ class Interrupts:
         if self._handler:
             signal.signal(signal.SIGINT, self._handler)
             if error[0] is None:
-                self.deliver()
+                self.deliver_signal()

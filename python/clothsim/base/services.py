@@ -14,13 +14,13 @@ from typing import Any
 _MODULES: dict[str, str] = {}
 
 
-def register(modules: Mapping[str, Sequence[str]]) -> None:
+def register_services(modules: Mapping[str, Sequence[str]]) -> None:
     """Add functions (or classes), given as the full name of a module -> names in it."""
     for module, names in modules.items():
         _MODULES.update(dict.fromkeys(names, module))
 
 
-def service(name: str) -> Callable[..., Any]:
+def find_service(name: str) -> Callable[..., Any]:
     """Return the function that was registered under this name."""
     function: Callable[..., Any] = getattr(import_module(_MODULES[name]), name)
     return function

@@ -5,25 +5,25 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 
-def joules(energies: Sequence[float]) -> list[str]:
+def format_joules(energies: Sequence[float]) -> list[str]:
     """Format energies with their unit; rounding errors of the largest print as 0."""
     rounding = 1e-15 * max(map(abs, energies))
-    return [quantity(0.0 if abs(energy) < rounding else energy, "J") for energy in energies]
+    return [format_quantity(0.0 if abs(energy) < rounding else energy, "J") for energy in energies]
 
 
-def counted(number: int, noun: str) -> str:
+def format_count(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
-def quantity(value: float, unit: str) -> str:
+def format_quantity(value: float, unit: str) -> str:
     return f"{value:.4g} {unit}"
 
 
-def aligned(rows: Sequence[Sequence[str]], left: Collection[int] = (0,)) -> str:
+def align_table(rows: Sequence[Sequence[str]], left: Collection[int] = (0,)) -> str:
     """Align a table: columns are as wide as their widest cell and two blanks apart; those of `left`
     are aligned left.
 
-    >>> print(aligned([("family", "springs"), ("shear", "1,922"), ("bend", "16")]))
+    >>> print(align_table([("family", "springs"), ("shear", "1,922"), ("bend", "16")]))
     family  springs
     shear     1,922
     bend         16

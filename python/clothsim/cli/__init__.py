@@ -15,18 +15,18 @@ from typing import NoReturn
 
 import clothsim as cs
 
-from ..base.progress import print_above
+from ..base.progress import print_above_bars
 from .commands import COMMANDS
 
 
-class _Parser(argparse.ArgumentParser):
+class _ArgumentParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
-def _parser(word: str | None) -> argparse.ArgumentParser:
+def _make_parser(word: str | None) -> argparse.ArgumentParser:
     """Make the parser of the whole command line, with the arguments of the chosen command."""
-    top = _Parser(prog="clothsim", description="Mass-spring cloth meeting spheres.")
+    top = _ArgumentParser(prog="clothsim", description="Mass-spring cloth meeting spheres.")
     top.add_argument("--version", action="version", version=f"clothsim {cs.__version__}")
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
     for name, (text, add_arguments, run) in COMMANDS.items():
@@ -49,13 +49,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = sys.argv[1:] if argv is None else list(argv)
     command = next((word for word in words if not word.startswith("-")), None)
-    args = _parser(command).parse_args(words)
+    args = _make_parser(command).parse_args(words)
     with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *_, **__: _say(args, f"warning: {message}")
-        return _run(args)
+        warnings.showwarning = lambda message, *_, **__: _print_message(args, f"warning: {message}")
+        return _run_and_get_exit_code(args)
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run_and_get_exit_code(args: argparse.Namespace) -> int:
     code = 0
     message = ""
     try:
@@ -73,9 +73,9 @@ def _run(args: argparse.Namespace) -> int:
         code = 130
         message = f"interrupted; {stop}" if str(stop) else "interrupted"
     if code:
-        _say(args, f"error: {message}")
+        _print_message(args, f"error: {message}")
     return code
 
 
-def _say(args: argparse.Namespace, message: str) -> None:
-    print_above(f"clothsim {args.command}: {' '.join(message.split())}", sys.stderr)
+def _print_message(args: argparse.Namespace, message: str) -> None:
+    print_above_bars(f"clothsim {args.command}: {' '.join(message.split())}", sys.stderr)

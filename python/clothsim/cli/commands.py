@@ -13,7 +13,7 @@ import clothsim as cs
 from clothsim.gpu import adapters
 
 from ..base.files import as_json, npz_path
-from ..base.progress import print_above, wanted_by_command
+from ..base.progress import is_wanted_by_command, print_above_bars
 from ..model import fields
 from ..viewing.animation import FORMATS as FILMS
 from ..viewing.animation import animate, check_film_path
@@ -43,14 +43,14 @@ READY: dict[str, Callable[..., cs.Scene]] = {
 }
 
 
-def _add_run(command: argparse.ArgumentParser) -> None:
+def _add_run_arguments(command: argparse.ArgumentParser) -> None:
     add = command.add_argument
-    _add_scene(command)
+    _add_scene_arguments(command)
     add("--duration", type=float, default=1.0, metavar="S", help="seconds to simulate (default 1)")
     add("--dt", type=float, metavar="S", help="time step in seconds (default: a stable one)")
     add(
         "--every",
-        type=_every,
+        type=_parse_every,
         metavar="N|S",
         help="store a frame every N steps, or every S seconds (with a point)",
     )
@@ -84,23 +84,23 @@ def _add_run(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _every(text: str) -> int | float:
+def _parse_every(text: str) -> int | float:
     return int(text) if text.isdigit() else float(text)
 
 
-def _run(args: argparse.Namespace) -> None:
-    scene = _changed_scene(args)
-    _check_files(args, scene)
+def _run_scene(args: argparse.Namespace) -> None:
+    scene = _make_scene(args)
+    _check_output_files(args, scene)
     files = [cs.save_scene(scene, args.save_scene)] if args.save_scene else []
     options = {name: getattr(args, name) for name in OPTIONS}
     if (args.html or args.film or args.export) and args.every is None and args.fps is None:
         options["fps"] = FPS
     try:
-        result = cs.simulate(scene, args.duration, **options, progress=wanted_by_command())
-        _write(args, result, files)
+        result = cs.simulate(scene, args.duration, **options, progress=is_wanted_by_command())
+        _write_files_of_run(args, result, files)
     except BaseException:
         for file in files:
-            print_above(f"Written: {file}", sys.stderr)
+            print_above_bars(f"Written: {file}", sys.stderr)
         raise
     if args.json:
         print(as_json({**result.report, "files": files}))
@@ -108,9 +108,9 @@ def _run(args: argparse.Namespace) -> None:
         print("\n".join([str(result), *(f"Written: {file}" for file in files)]))
 
 
-def _write(args: argparse.Namespace, result: cs.Run, files: list[Path]) -> None:
+def _write_files_of_run(args: argparse.Namespace, result: cs.Run, files: list[Path]) -> None:
     """Write the files of the run, and append each to `files`."""
-    progress = wanted_by_command()
+    progress = is_wanted_by_command()
     if args.out:
         files.append(result.save(args.out))
     if args.html:
@@ -124,7 +124,7 @@ def _write(args: argparse.Namespace, result: cs.Run, files: list[Path]) -> None:
         files += export(result, args.export, progress=progress)
 
 
-def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
+def _check_output_files(args: argparse.Namespace, scene: cs.Scene) -> None:
     """Refuse files that cannot be written before the scene is simulated."""
     for name in ("out", "html", "picture", "save_scene"):
         if getattr(args, name):
@@ -137,7 +137,7 @@ def _check_files(args: argparse.Namespace, scene: cs.Scene) -> None:
         check_export_path(scene, args.export, "--export")
 
 
-def _add_scene(command: argparse.ArgumentParser) -> None:
+def _add_scene_arguments(command: argparse.ArgumentParser) -> None:
     """Add the argument SCENE, and its changes."""
     command.add_argument(
         "scene",
@@ -155,23 +155,23 @@ def _add_scene(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _changed_scene(args: argparse.Namespace) -> cs.Scene:
+def _make_scene(args: argparse.Namespace) -> cs.Scene:
     """Make the scene that the arguments describe."""
     changes = {}
     for entry in args.set:
         name, sign, text = entry.partition("=")
         if not sign:
             raise ValueError(f"--set must be NAME=VALUE, got {entry!r}")
-        if fields.check_name(name) in (*fields.RUN, "scene"):
+        if fields.check_sweep_name(name) in (*fields.RUN, "scene"):
             raise ValueError(f"--set must name an argument of the scene, got {name!r}")
         try:
             changes[name] = ast.literal_eval(text)
         except (ValueError, SyntaxError):
             changes[name] = text
-    return fields.change_scene(_scene(args.scene), changes)
+    return fields.change_scene(_load_scene_of_word(args.scene), changes)
 
 
-def _scene(text: str) -> cs.Scene:
+def _load_scene_of_word(text: str) -> cs.Scene:
     if text.endswith(".toml"):
         return cs.load_scene(text)
     if text in READY:
@@ -184,8 +184,8 @@ def _scene(text: str) -> cs.Scene:
     return scene
 
 
-def _add_live(command: argparse.ArgumentParser) -> None:
-    _add_scene(command)
+def _add_live_arguments(command: argparse.ArgumentParser) -> None:
+    _add_scene_arguments(command)
     command.add_argument(
         "-o", "--out", metavar="FILE", default="live.html", help="default: live.html"
     )
@@ -198,12 +198,12 @@ def _add_live(command: argparse.ArgumentParser) -> None:
     command.add_argument("--title", help="heading of the page (default: the shape of the cloth)")
 
 
-def _live(args: argparse.Namespace) -> None:
-    path = _changed_scene(args).to_live_html(args.out, args.dt, args.title)
+def _write_live_page(args: argparse.Namespace) -> None:
+    path = _make_scene(args).to_live_html(args.out, args.dt, args.title)
     print(as_json({"page": path}) if args.json else f"Page: {path}")
 
 
-def _add_reproduce(command: argparse.ArgumentParser) -> None:
+def _add_reproduce_arguments(command: argparse.ArgumentParser) -> None:
     from clothsim.paper import NUMBERS
 
     command.add_argument(
@@ -224,7 +224,7 @@ def _add_reproduce(command: argparse.ArgumentParser) -> None:
     )
 
 
-def _reproduce(args: argparse.Namespace) -> None:
+def _reproduce_experiments(args: argparse.Namespace) -> None:
     from clothsim.paper import NUMBERS, list_verdicts, report_as_text, reproduce
 
     numbers = args.experiment or NUMBERS
@@ -233,7 +233,7 @@ def _reproduce(args: argparse.Namespace) -> None:
         quick=args.quick,
         experiments=numbers,
         threads=args.threads,
-        progress=wanted_by_command(),
+        progress=is_wanted_by_command(),
     )
     print(as_json(report) if args.json else report_as_text(report))
     if not args.json:
@@ -241,7 +241,7 @@ def _reproduce(args: argparse.Namespace) -> None:
         print("\n".join(list_verdicts(report["experiments"])))
 
 
-def _adapters() -> Any:
+def _describe_adapters() -> Any:
     """Describe the adapters for the backend "gpu", or say why there are none."""
     try:
         devices = adapters()
@@ -259,16 +259,16 @@ def _adapters() -> Any:
     } or "none found"
 
 
-def _info(args: argparse.Namespace) -> None:
-    config = {**cs.build_config(), "graphics_adapters": _adapters()}
-    print(as_json(config) if args.json else "\n".join(_lines(config)))
+def _print_info(args: argparse.Namespace) -> None:
+    config = {**cs.build_config(), "graphics_adapters": _describe_adapters()}
+    print(as_json(config) if args.json else "\n".join(_lines_of_mapping(config)))
 
 
-def _lines(data: Mapping[str, Any], indent: str = "") -> Iterator[str]:
+def _lines_of_mapping(data: Mapping[str, Any], indent: str = "") -> Iterator[str]:
     for name, value in data.items():
         if isinstance(value, Mapping):
             yield f"{indent}{name}:"
-            yield from _lines(value, indent + "  ")
+            yield from _lines_of_mapping(value, indent + "  ")
         elif isinstance(value, list):
             yield f"{indent}{name}: {', '.join(map(str, value))}"
         else:
@@ -277,16 +277,24 @@ def _lines(data: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 
 # The help of each command, what adds its arguments, and what runs it.
 COMMANDS = {
-    "run": ("Simulate a scene, print its report, and write files of it.", _add_run, _run),
-    "live": ("Write a page that simulates a scene in the browser, by WebGPU.", _add_live, _live),
+    "run": (
+        "Simulate a scene, print its report, and write files of it.",
+        _add_run_arguments,
+        _run_scene,
+    ),
+    "live": (
+        "Write a page that simulates a scene in the browser, by WebGPU.",
+        _add_live_arguments,
+        _write_live_page,
+    ),
     "reproduce": (
         "Run the experiments of Kim et al. and write a report.",
-        _add_reproduce,
-        _reproduce,
+        _add_reproduce_arguments,
+        _reproduce_experiments,
     ),
     "info": (
         "Print the build, instruction sets, threads, libraries and graphics adapters.",
         lambda command: None,
-        _info,
+        _print_info,
     ),
 }

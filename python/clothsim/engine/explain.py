@@ -6,12 +6,17 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ..base.text import aligned
-from ..methods.bound import damping_ratio, least_rtol_of_rkc2, limit_in_layer, limiting_term
-from ..methods.integrators import METHODS, integrator_name
+from ..base.text import align_table
+from ..methods.bound import (
+    least_rtol_of_rkc2,
+    limiting_term,
+    stable_dt_in_layer,
+    stable_dt_ratio_without_damping,
+)
+from ..methods.integrators import METHODS, check_integrator_name
 from ..model.cloth import FAMILIES
 from ..model.scene import Scene
-from .options import Options, core_plan
+from .options import Options, compile_plan
 
 
 class Explanation(dict[str, Any]):
@@ -25,18 +30,19 @@ class Explanation(dict[str, Any]):
     """
 
     def __str__(self) -> str:
-        return aligned(
-            [(name.replace("_", " "), _text(value)) for name, value in self.items()], left=(0, 1)
+        return align_table(
+            [(name.replace("_", " "), _value_text(value)) for name, value in self.items()],
+            left=(0, 1),
         )
 
     __repr__ = __str__
 
 
-def _text(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if isinstance(value, (tuple, list)):
-        return ", ".join(map(_text, value)) or "nothing"
+        return ", ".join(map(_value_text, value)) or "nothing"
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_text(v)}" for name, v in value.items()) or "nothing"
+        return ", ".join(f"{name} {_value_text(v)}" for name, v in value.items()) or "nothing"
     if isinstance(value, int) and not isinstance(value, bool):
         return f"{value:,}"
     return str(value)
@@ -45,7 +51,7 @@ def _text(value: Any) -> str:
 def _layer_text(scene: Scene, k: int, integrator: str) -> str:
     layer = scene.spheres[k].layer(scene.cloth)
     h = layer["thickness"]
-    limit = limit_in_layer(scene, integrator, k, h)
+    limit = stable_dt_in_layer(scene, integrator, k, h)
     return (
         f"a {scene.spheres[k]._kind}, spheres[{k}]: thickness {h:.3g} m, stiffness "
         f"{layer['stiffness']:.4g} N/m, dissipation {layer['dissipation']:.3g} s/m, friction "
@@ -53,7 +59,7 @@ def _layer_text(scene: Scene, k: int, integrator: str) -> str:
     )
 
 
-def _with_tolerance(scene: Scene) -> str:
+def _method_with_tolerance(scene: Scene) -> str:
     """Return the method that `simulate` chooses where an error is asked for."""
     least = least_rtol_of_rkc2(scene)
     if math.isinf(least):
@@ -62,7 +68,7 @@ def _with_tolerance(scene: Scene) -> str:
         return "velocity_verlet at parts of its stable step where these meet it, else dop853"
     return (
         f"rkc2 from rtol {least:g} on, as damping shortens the stable step "
-        f"{damping_ratio(scene):.1f} times; else dop853"
+        f"{stable_dt_ratio_without_damping(scene):.1f} times; else dop853"
     )
 
 
@@ -75,10 +81,10 @@ def explain(
 ) -> Explanation:
     """See `Scene.explain`."""
     options = Options(integrator, precision, threads, kernel)
-    integrator = integrator_name(options.integrator, fixed=True)
+    integrator = check_integrator_name(options.integrator, fixed=True)
     cloth = scene.cloth
     method = METHODS[integrator]
-    plan = core_plan(scene, options)
+    plan = compile_plan(scene, options)
     stages = method.stages_damped if scene.damped else method.stages
     parts = {
         **{f"{family} springs": family in cloth.springs for family in FAMILIES},
@@ -110,7 +116,7 @@ def explain(
                 if s.response == "penalty"
             ),
             "integrator": integrator,
-            "with_tolerance": _with_tolerance(scene),
+            "with_tolerance": _method_with_tolerance(scene),
             "order": method.order_of(scene),
             "force_evaluations_per_step": (
                 stages if method.explicit else "as many as Newton's method takes"
@@ -120,6 +126,6 @@ def explain(
             "kernel": options.chosen_kernel,
             "precision": precision,
             "instruction_set": plan.instruction_set,
-            "threads": options.threads_for(cloth.shape),
+            "threads": options.thread_count_for(cloth.shape),
         }
     )

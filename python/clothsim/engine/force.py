@@ -35,19 +35,19 @@ class ForceAtTime:
     t: float
 
 
-def checked_force(force: Any, argument: str = "force") -> Force | None:
+def check_force(force: Any, argument: str = "force") -> Force | None:
     """Return `force` if the core can call it; else raise an error."""
     if (
         force is None
         or isinstance(force, ForceAtTime)
-        or _native(force, argument)
+        or _c_addresses(force, argument)
         or callable(force)
     ):
         return force
-    raise TypeError(f"{argument} must be {_KINDS}, or None, got {check.shown(force)}")
+    raise TypeError(f"{argument} must be {_KINDS}, or None, got {check.value_text(force)}")
 
 
-def forces_of(force: Any, scenes: Sequence[Scene], batched: bool) -> list[Force | None]:
+def force_of_each_scene(force: Any, scenes: Sequence[Scene], batched: bool) -> list[Force | None]:
     """Return the force of each scene; an empty list without a force.
 
     `force` acts on all scenes. It may also be a list with a force for each scene of a batch.
@@ -55,21 +55,21 @@ def forces_of(force: Any, scenes: Sequence[Scene], batched: bool) -> list[Force 
     if force is None:
         return []
     if not batched or not isinstance(force, list):
-        return [checked_force(force)] * len(scenes)
+        return [check_force(force)] * len(scenes)
     if len(force) != len(scenes):
         raise ValueError(
             f"force must be one function, or a list of {len(scenes)} for as many scenes, got "
             f"{len(force)}"
         )
-    return [checked_force(member, f"force[{k}]") for k, member in enumerate(force)]
+    return [check_force(member, f"force[{k}]") for k, member in enumerate(force)]
 
 
-def is_python(force: Force | None) -> bool:
+def needs_python(force: Force | None) -> bool:
     """Tell whether only one thread at a time may call the force."""
-    return force is not None and _native(force) is None
+    return force is not None and _c_addresses(force) is None
 
 
-def with_force(plan: _core.Plan, force: Any, shape: tuple[int, int]) -> _core.Plan:
+def plan_with_force(plan: _core.Plan, force: Any, shape: tuple[int, int]) -> _core.Plan:
     """Add a user's force to a plan."""
     if force is None:
         return plan
@@ -77,17 +77,17 @@ def with_force(plan: _core.Plan, force: Any, shape: tuple[int, int]) -> _core.Pl
     if isinstance(force, ForceAtTime):
         fixed_t = force.t
         force = force.function
-    if native := _native(force):
-        return plan.with_c_force(*native, force, fixed_t)
+    if addresses := _c_addresses(force):
+        return plan.with_c_force(*addresses, force, fixed_t)
 
-    def call(t: float, x: Floats, v: Floats) -> Floats:
+    def call_force(t: float, x: Floats, v: Floats) -> Floats:
         result = force(t if fixed_t is None else fixed_t, x, v)
         return check.array("the result of force(t, x, v)", result, (*shape, 3))
 
-    return plan.with_python_force(call)
+    return plan.with_python_force(call_force)
 
 
-def _native(force: Any, argument: str = "force") -> tuple[int, int | None] | None:
+def _c_addresses(force: Any, argument: str = "force") -> tuple[int, int | None] | None:
     """Return the addresses of a C function and of its user data; None for a Python function."""
     kind = type(force)
     if kind.__name__ == "LowLevelCallable" and kind.__module__.startswith("scipy."):
@@ -95,21 +95,21 @@ def _native(force: Any, argument: str = "force") -> tuple[int, int | None] | Non
         signature, address, data = _core.capsule_facts(tuple.__getitem__(force, 0))
     elif kind.__name__ == "CFunc" and kind.__module__.startswith("numba."):
         from_numba = force.ctypes
-        result = _ctypes_name(from_numba.restype)
-        arguments = ", ".join(map(_ctypes_name, from_numba.argtypes))
+        result = _c_type_name(from_numba.restype)
+        arguments = ", ".join(map(_c_type_name, from_numba.argtypes))
         signature = f"{result} ({arguments})"
         address = force.address
         data = 0
     else:
         return None
-    types = types_of(signature)
+    types = types_in_signature(signature)
     takes_data = types == ["void", *_ARGUMENTS, "void *"]
     if not (takes_data or types == ["void", *_ARGUMENTS]):
         raise ValueError(f"{argument} must have the signature {SIGNATURE}, got {signature!r}")
     return address, data if takes_data else None
 
 
-def _ctypes_name(kind: Any) -> str:
+def _c_type_name(kind: Any) -> str:
     if kind is None:
         return "void"
     name = str(kind.__name__)
@@ -117,12 +117,12 @@ def _ctypes_name(kind: Any) -> str:
     return name.replace("LP_", "").removeprefix("c_") + " " + "*" * pointers
 
 
-def types_of(signature: str) -> list[str]:
+def types_in_signature(signature: str) -> list[str]:
     """Return the types in a C signature, that of the result first.
 
     `const` and the names of arguments are dropped, and integers of 64 bits are called int64_t.
 
-    >>> types_of("void(double t, const double *x, long n)")
+    >>> types_in_signature("void(double t, const double *x, long n)")
     ['void', 'double', 'double *', 'int64_t']
     """
     result, _, arguments = signature.partition("(")

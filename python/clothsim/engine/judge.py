@@ -10,14 +10,14 @@ from typing import Any, NoReturn
 import numpy as np
 
 from .. import _core
-from ..base.services import service
+from ..base.services import find_service
 from ..errors import ContactError, ContactWarning, StabilityWarning, UnstableError, warn_caller
-from ..methods.bound import limit_in_layer, limiting_term
+from ..methods.bound import limiting_term, stable_dt_in_layer
+from ..model.obstacle import name_of_kind
 from ..model.scene import Scene
-from ..model.sphere import kind_name
 from ..typing import Force
 from .backend import Simulation
-from .options import Options, kept_plan
+from .options import Options, cached_plan
 
 # Warnings of a time step are of these kinds. Error control chooses the step itself, and gives none.
 TIME_STEP = frozenset({"time_step", "grown", "stiff"})
@@ -52,13 +52,13 @@ class Judge:
         # Without springs each entry is infinite.
         self.least_stable_dt = min(*max_stable_dt, sys.float_info.max)
         self._warnings: dict[str, tuple[type[Warning], Callable[[_core.Event, float], str]]] = {
-            "pinned_inside": (ContactWarning, self._pins_text),
-            "below": (ContactWarning, self._below_text),
-            "stiff": (StabilityWarning, self._stiff_text),
-            "grown": (StabilityWarning, self._growth_text),
+            "pinned_inside": (ContactWarning, self._pin_inside_text),
+            "below": (ContactWarning, self._cloth_below_text),
+            "stiff": (StabilityWarning, self._stiff_layer_text),
+            "grown": (StabilityWarning, self._energy_growth_text),
         }
 
-    def begin_call(self) -> None:
+    def forget_warnings(self) -> None:
         """Give all warnings anew, as each call of `step` does."""
         self.past_kinds.clear()
 
@@ -67,7 +67,7 @@ class Judge:
         repeats_growth = kind in TIME_STEP and "grown" in self.past_kinds
         return kind in self._quiet or kind in self.past_kinds or repeats_growth
 
-    def time_step(self, dt: float) -> None:
+    def judge_time_step(self, dt: float) -> None:
         """Warn once of a time step above the guarantee of a member that moves."""
         if dt <= self.least_stable_dt or self._is_quiet("time_step"):
             return
@@ -87,7 +87,9 @@ class Judge:
                 f"{text}; {limiting_term(self._scenes[member], self._integrator)}", StabilityWarning
             )
 
-    def report(self, events: Sequence[_core.Event], dt: float, steps_before: int = 0) -> None:
+    def report_events(
+        self, events: Sequence[_core.Event], dt: float, steps_before: int = 0
+    ) -> None:
         """Give the warnings of a call of the core, and raise the error of a failed step.
 
         `steps_before`: steps of the run, or of this call of a user, before that of the core.
@@ -101,55 +103,55 @@ class Judge:
             category, text = self._warnings[event.kind]
             warn_caller(text(event, dt), category)
 
-    def _of_member(self, member: int) -> str:
+    def _member_phrase(self, member: int) -> str:
         return f" of batch member {member}" if self._batched else ""
 
-    def _state(self, member: int) -> tuple[Any, Any]:
+    def _state_of_member(self, member: int) -> tuple[Any, Any]:
         shape = (*self._scenes[0].cloth.shape, 3)
         x, v = np.empty((2, len(self._scenes), *shape))
         self._core.store(*((x, v) if self._batched else (x[0], v[0])))
         return x[member], v[member]
 
-    def _pins_text(self, event: _core.Event, dt: float) -> str:
+    def _pin_inside_text(self, event: _core.Event, dt: float) -> str:
         scene = self._scenes[event.member]
         pin = divmod(event.point, scene.cloth.columns)
         return (
-            f"the pinned mass point {pin}{self._of_member(event.member)} is inside a "
-            f"{kind_name(scene.spheres)}; no contact moves it, so it, and triangles at it, are "
+            f"the pinned mass point {pin}{self._member_phrase(event.member)} is inside a "
+            f"{name_of_kind(scene.spheres)}; no contact moves it, so it, and triangles at it, are "
             "inside while it is there"
         )
 
-    def _below_text(self, event: _core.Event, dt: float) -> str:
+    def _cloth_below_text(self, event: _core.Event, dt: float) -> str:
         return (
-            f"the cloth{self._of_member(event.member)} is {event.value:.3g} m below the true "
+            f"the cloth{self._member_phrase(event.member)} is {event.value:.3g} m below the true "
             f"surface of an obstacle at t = {event.time:g} s; a larger stiffness or thickness of "
             "its layer, or a larger offset, keeps the cloth out"
         )
 
-    def _stiff_text(self, event: _core.Event, dt: float) -> str:
+    def _stiff_layer_text(self, event: _core.Event, dt: float) -> str:
         scene = self._scenes[event.member]
         k = event.obstacle
         part = event.value / scene.spheres[k].layer(scene.cloth)["thickness"]
-        limit = limit_in_layer(scene, self._integrator, k, event.value)
+        limit = stable_dt_in_layer(scene, self._integrator, k, event.value)
         return (
             f"dt = {dt:g} s is above {limit:.3g} s, up to which {self._integrator} is guaranteed "
             f"to be stable with mass points {part:.2g} of its thickness deep in the layer of "
-            f"spheres[{k}]{self._of_member(event.member)}, as they are at t = {event.time:g} s"
+            f"spheres[{k}]{self._member_phrase(event.member)}, as they are at t = {event.time:g} s"
         )
 
-    def _limit_at(self, member: int) -> float:
+    def _stable_dt_at_state(self, member: int) -> float:
         """Return the stable time step [s] at the present state of a member."""
         try:
-            state = self._state(member)
-            limit: float = service("max_stable_dt")(
+            state = self._state_of_member(member)
+            limit: float = find_service("max_stable_dt")(
                 self._scenes[member], self._integrator, *state, t=self._core.time
             )
             return limit
         except ValueError:  # Points are too near for a direction, which does not end the run.
             return self._max_stable_dt[member]
 
-    def _growth_text(self, event: _core.Event, dt: float) -> str:
-        limit = self._limit_at(event.member)
+    def _energy_growth_text(self, event: _core.Event, dt: float) -> str:
+        limit = self._stable_dt_at_state(event.member)
         if not limit:
             reach = "is stable there at no time step"
         elif limit < dt:
@@ -160,12 +162,12 @@ class Judge:
                 "a smaller dt"
             )
         return (
-            f"energy{self._of_member(event.member)} grows out of nothing: at t = {event.time:g} s "
-            "more than half of the kinetic and elastic energy was made by the time step "
-            f"dt = {dt:g} s; {self._integrator} {reach}"
+            f"energy{self._member_phrase(event.member)} grows out of nothing: at t = "
+            f"{event.time:g} s more than half of the kinetic and elastic energy was made "
+            f"by the time step dt = {dt:g} s; {self._integrator} {reach}"
         )
 
-    def _remedy(self, event: _core.Event, v: Any, dt: float) -> str:
+    def _remedy_text(self, event: _core.Event, v: Any, dt: float) -> str:
         """Return what would hold a point that has gone through the layer of an obstacle."""
         scene = self._scenes[event.member]
         obstacle = scene.spheres[event.obstacle]
@@ -194,7 +196,7 @@ class Judge:
 
     def _raise_error(self, event: _core.Event, dt: float, steps_before: int) -> NoReturn:
         cloth = self._scenes[event.member].cloth
-        x, v = self._state(event.member)
+        x, v = self._state_of_member(event.member)
         pinned = cloth.pinned.flat[event.point]
         values: dict[str, Any] = {
             "step": steps_before + event.step,
@@ -205,13 +207,13 @@ class Judge:
             "member": event.member if self._batched else None,
         }
         if event.kind == "passed":
-            remedy = self._remedy(event, v, dt)
+            remedy = self._remedy_text(event, v, dt)
             raise ContactError(**values, obstacle=event.obstacle, remedy=remedy)
-        limit, term = self._limit_of(event.member, x, dt)
+        limit, term = self._suggested_dt_and_term(event.member, x, dt)
         function = self._forces[event.member] is not None
         raise UnstableError(**values, dt=dt, max_stable_dt=limit, term=term, function=function)
 
-    def _limit_of(self, member: int, x: Any, dt: float) -> tuple[float, str]:
+    def _suggested_dt_and_term(self, member: int, x: Any, dt: float) -> tuple[float, str]:
         """Return the time step that an unstable run suggests, and the term that limits it."""
         scene = self._scenes[member]
         for k, obstacle in enumerate(scene.spheres):
@@ -224,15 +226,17 @@ class Judge:
                 return thickness / speed, text
         limit = self._max_stable_dt[member]
         term = str(limiting_term(scene, self._integrator))
-        for k, depth in enumerate(self._depths(member, x, self._core.time)):
-            in_layer = limit_in_layer(scene, self._integrator, k, depth) if depth > 0 else math.inf
+        for k, depth in enumerate(self._layer_depths(member, x, self._core.time)):
+            in_layer = (
+                stable_dt_in_layer(scene, self._integrator, k, depth) if depth > 0 else math.inf
+            )
             if in_layer < limit:
                 limit = in_layer
                 term = f"mass points are {depth:.3g} m deep in the layer of spheres[{k}]"
-        if scene.wind is not None and (at_state := self._limit_at(member)) < limit:
+        if scene.wind is not None and (at_state := self._stable_dt_at_state(member)) < limit:
             return at_state, "the wind at the speeds of that state limits it"
         return limit, term
 
-    def _depths(self, member: int, x: Any, t: float) -> list[float]:
-        plan = kept_plan(self._scenes[member], Options())
+    def _layer_depths(self, member: int, x: Any, t: float) -> list[float]:
+        plan = cached_plan(self._scenes[member], Options())
         return [depth for depth, _ in _core.contact_depths(plan, np.ascontiguousarray(x), t)]

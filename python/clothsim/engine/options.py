@@ -7,10 +7,10 @@ from typing import Any, get_args
 
 from .. import _core
 from ..base import check
-from ..base.build import available_threads, processors
-from ..base.text import counted
+from ..base.build import available_thread_count, processor_count
+from ..base.text import format_count
 from ..errors import warn_caller
-from ..methods.integrators import integrator_name
+from ..methods.integrators import check_integrator_name
 from ..model.scene import Scene
 from ..typing import Backend, Kernel, Precision
 
@@ -38,13 +38,13 @@ class Options:
     def __post_init__(self) -> None:
         check.choice("precision", self.precision, PRECISIONS)
         check.choice("kernel", self.kernel, KERNELS)
-        integrator_name(self.integrator)
+        check_integrator_name(self.integrator)
         if check.choice("backend", self.backend, BACKENDS) == "gpu":
-            self._check_gpu()
+            self._check_gpu_options()
         if self.threads is not None:
             check.integer("threads", self.threads, minimum=1, maximum=_core.most_threads)
 
-    def _check_gpu(self) -> None:
+    def _check_gpu_options(self) -> None:
         for name, value, choices in (
             ("integrator", self.integrator, ("rk4",)),
             ("kernel", self.kernel, ("gather", "auto")),
@@ -61,51 +61,51 @@ class Options:
         """The kernel that "auto" stands for."""
         return "edge" if self.kernel == "auto" else self.kernel
 
-    def threads_for(self, shape: tuple[int, int], members: int = 1) -> int:
+    def thread_count_for(self, shape: tuple[int, int], members: int = 1) -> int:
         """Return `threads`, or a number by size if it is None.
 
         Large cloths get all processors, others one thread for each member.
         """
         if self.threads is not None:
-            _warn_of_threads(self.threads)
+            _warn_of_many_threads(self.threads)
             return self.threads
         points = shape[0] * shape[1]
         team = 1
         if points >= _core.heuristics["points_of_team"]:
             team = points // _core.heuristics["points_per_thread_of_step"]
-        return min(max(team, members), available_threads(), _core.most_threads)
+        return min(max(team, members), available_thread_count(), _core.most_threads)
 
 
-def _warn_of_threads(threads: int) -> None:
+def _warn_of_many_threads(threads: int) -> None:
     """Warn once of more threads than processors: they wait for each other in turns."""
-    if threads > (count := processors()) and "threads" not in _past_warnings:
+    if threads > (count := processor_count()) and "threads" not in _past_warnings:
         _past_warnings.add("threads")
         warn_caller(
-            f"threads = {threads} is above the {counted(count, 'processor')} that this process may "
-            "use: steps take several times as long as with one thread",
+            f"threads = {threads} is above the {format_count(count, 'processor')} that this "
+            "process may use: steps take several times as long as with one thread",
             UserWarning,
         )
 
 
-def kept_plan(scene: Scene, options: Options) -> _core.Plan:
+def cached_plan(scene: Scene, options: Options) -> _core.Plan:
     """Return the plan of a scene, which is compiled once: a scene cannot change."""
     plans: dict[Any, _core.Plan] = scene.__dict__.setdefault("_plans", {})
     key = options.precision, options.kernel, options.integrator, _core.choose_instruction_set()
     plan = plans.get(key)
     if plan is None:
         if len(plans) >= _MOST_PLANS:
-            make_room(plans, _MOST_PLANS)
-        plan = plans[key] = core_plan(scene, options)
+            make_room_in_cache(plans, _MOST_PLANS)
+        plan = plans[key] = compile_plan(scene, options)
     return plan
 
 
-def make_room(cache: dict[Any, Any], most: int) -> None:
+def make_room_in_cache(cache: dict[Any, Any], most: int) -> None:
     """Remove the oldest entries until there is room for another; other threads may do so too."""
     for key in list(cache)[: len(cache) + 1 - most]:
         cache.pop(key, None)
 
 
-def core_plan(scene: Scene, options: Options) -> _core.Plan:
+def compile_plan(scene: Scene, options: Options) -> _core.Plan:
     """Compile a scene for the core, with the kernels of the chosen instruction set."""
     return _core.Plan(
         cloth=scene.cloth.core,

@@ -73,7 +73,7 @@ class Snapshot:
         ...     cs.Stepper(cs.scenes.paper_swing()).snapshot().save(folder + "/start").name
         'start.npz'
         """
-        return _files.write_npz(_files.npz_path(path), to_arrays(self))
+        return _files.write_npz(_files.npz_path(path), snapshot_to_arrays(self))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Snapshot:
@@ -92,11 +92,11 @@ class Snapshot:
         0.0
         """
         arrays = _files.read_npz(path, "snapshot", ("snapshot",))
-        with _files.reading(path, "snapshot"):
-            return from_arrays(arrays)
+        with _files.explain_unreadable_file(path, "snapshot"):
+            return snapshot_from_arrays(arrays)
 
 
-def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
+def snapshot_to_arrays(snapshot: Snapshot) -> dict[str, Any]:
     """Return the arrays of a file: the text "snapshot" (JSON), and the fields of the core.
 
     The name of each field begins with "snapshot_".
@@ -116,8 +116,8 @@ def to_arrays(snapshot: Snapshot) -> dict[str, Any]:
     }
 
 
-def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
-    """Make a snapshot from the arrays that `to_arrays` returned."""
+def snapshot_from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
+    """Make a snapshot from the arrays that `snapshot_to_arrays` returned."""
     header = json.loads(str(arrays["snapshot"]))
     if header["schema"] != SCHEMA:
         raise ValueError(f"its schema must be {SCHEMA}, got {header['schema']!r}")
@@ -142,7 +142,7 @@ def from_arrays(arrays: dict[str, np.ndarray]) -> Snapshot:
     )
 
 
-def take(
+def make_snapshot(
     state: Any, scene: Scene | Sequence[Scene], options: Options, core: dict[str, Any] | None = None
 ) -> Snapshot:
     """Make a snapshot of a state, or of the member whose fields are `core`."""
@@ -156,7 +156,7 @@ def take(
     )
 
 
-def of_members(core: dict[str, Any], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
+def fields_of_members(core: dict[str, Any], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
     """Split the fields of a batch into those that each member would have on its own."""
     parts = []
     spheres = contacts = 0

@@ -14,18 +14,18 @@ import numpy.typing as npt
 from .. import _core
 from ..base import check
 from ..base.interrupts import Interrupts
-from ..base.services import service
+from ..base.services import find_service
 from ..errors import ContactWarning, warn_caller
-from ..methods.bound import stable_depths, stable_dt
-from ..methods.integrators import METHODS, integrator_name, warn_of_order
+from ..methods.bound import stable_dt, stable_layer_depths
+from ..methods.integrators import METHODS, check_integrator_name, warn_of_order
 from ..model.motion import Linear
+from ..model.obstacle import name_of_kind
 from ..model.scene import Scene
-from ..model.sphere import kind_name
 from ..typing import Force
 from .backend import Simulation
-from .force import forces_of, is_python, with_force
+from .force import force_of_each_scene, needs_python, plan_with_force
 from .judge import Judge
-from .options import Options, kept_plan
+from .options import Options, cached_plan
 
 # float32 or float64, as the caller gave it: a state that is stepped stays of its type.
 FloatArray = npt.NDArray[Any]
@@ -38,13 +38,13 @@ _PLACE_ROUNDING = 1e-6
 _LONGEST_PIECE = 0.05  # s, of steps between two questions for Ctrl-C
 
 
-def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
+def list_scenes(scene: Scene | Sequence[Scene]) -> list[Scene]:
     """Return `scene` as a list of scenes of one shape."""
     if isinstance(scene, Scene):
         return [scene]
     accepted = "a Scene or a non-empty sequence of Scene of one shape"
     if not isinstance(scene, Sequence) or isinstance(scene, (str, bytes)):
-        raise TypeError(f"scene must be {accepted}, got {check.shown(scene)}")
+        raise TypeError(f"scene must be {accepted}, got {check.value_text(scene)}")
     for k, member in enumerate(scene):
         if not isinstance(member, Scene):
             raise TypeError(f"scene must be {accepted}, got {type(member).__name__} at index {k}")
@@ -54,7 +54,7 @@ def scenes_of(scene: Scene | Sequence[Scene]) -> list[Scene]:
     return list(scene)
 
 
-def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> FloatArray:
+def check_state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> FloatArray:
     """Return `value` as a finite, C-contiguous float32 or float64 array, a copy only if necessary.
 
     Its shape is (rows, columns, 3), or (B, rows, columns, 3). If the scenes came as a sequence
@@ -78,15 +78,15 @@ def state_array(name: str, value: Any, scenes: list[Scene], batched: bool) -> Fl
     return result
 
 
-def state_arrays(
+def check_state_arrays(
     x: Any, v: Any, scenes: list[Scene], batched: bool, precision: str = "double"
 ) -> tuple[FloatArray, FloatArray]:
     """Check `x` and `v`, and return them with one shape and dtype (the wider of the two).
 
     Their numbers are in the range of the precision.
     """
-    x = state_array("x", x, scenes, batched)
-    v = state_array("v", v, scenes, batched)
+    x = check_state_array("x", x, scenes, batched)
+    v = check_state_array("v", v, scenes, batched)
     if x.shape != v.shape:
         raise ValueError(f"x and v must have one shape, got {x.shape} and {v.shape}")
     dtype = np.result_type(x, v)
@@ -98,23 +98,25 @@ def state_arrays(
     return x.astype(dtype, copy=False), v.astype(dtype, copy=False)
 
 
-def out_arrays(
+def check_or_make_out_arrays(
     out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]
 ) -> tuple[FloatArray, FloatArray]:
     """Check that `out` is two arrays that can hold the results; return new ones if it is None."""
     if out is None:
         return np.empty(shape, dtype), np.empty(shape, dtype)
     x, v = (
-        out if type(out) is tuple and len(out) == 2 else check.items("out", out, 2, "arrays (x, v)")
+        out
+        if type(out) is tuple and len(out) == 2
+        else check.list_of_items("out", out, 2, "arrays (x, v)")
     )
-    out_array("out[0]", x, shape, dtype)
-    out_array("out[1]", v, shape, dtype)
+    check_out_array("out[0]", x, shape, dtype)
+    check_out_array("out[1]", v, shape, dtype)
     if x is v or (np.may_share_memory(x, v) and np.shares_memory(x, v)):
         raise ValueError("out must be two arrays that share no memory, got arrays that overlap")
     return x, v
 
 
-def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+def check_out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
     """Check that `array` can be written to in place of a new array."""
     if (
         type(array) is np.ndarray
@@ -125,7 +127,7 @@ def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any
         return
     accepted = f"a writeable, C-contiguous, aligned {dtype} array of shape {shape}"
     if not isinstance(array, np.ndarray):
-        raise TypeError(f"{name} must be {accepted}, got {check.shown(array)}")
+        raise TypeError(f"{name} must be {accepted}, got {check.value_text(array)}")
     flags = array.flags
     raise ValueError(
         f"{name} must be {accepted}, got {array.dtype} of shape {array.shape}, writeable "
@@ -133,7 +135,7 @@ def out_array(name: str, array: Any, shape: tuple[int, ...], dtype: np.dtype[Any
     )
 
 
-def start_time(t: Any, scenes: Sequence[Scene]) -> float:
+def check_start_time(t: Any, scenes: Sequence[Scene]) -> float:
     """Check the time `t` [s]. None means 0, and is refused where a sphere or a pin moves."""
     if type(t) is float and math.isfinite(t):
         return t
@@ -141,7 +143,7 @@ def start_time(t: Any, scenes: Sequence[Scene]) -> float:
         return check.number("t", t)
     for scene in scenes:
         moving = [
-            (kind_name([sphere]), f"spheres[{k}]")
+            (name_of_kind([sphere]), f"spheres[{k}]")
             for k, sphere in enumerate(scene.spheres)
             if sphere.motion is not None
         ]
@@ -190,7 +192,7 @@ def put_driven_pins(
         for pins in scene.driven_pins:
             at = (pins.rows, pins.columns) if x.ndim == 3 else (member, pins.rows, pins.columns)
             x[at] = pins.places_at(t)
-            v[at] = pins.motion._velocity(np.array(t))
+            v[at] = pins.motion._velocities_at(np.array(t))
 
 
 def check_pins(
@@ -225,7 +227,7 @@ def check_depths(scenes: Sequence[Scene], x: FloatArray, t: float, start: bool =
         if not scene.has_layers:
             continue
         points = np.ascontiguousarray(x[member] if x.ndim == 4 else x, np.float64)
-        depths = _core.contact_depths(kept_plan(scene, Options()), points, t)
+        depths = _core.contact_depths(cached_plan(scene, Options()), points, t)
         for k, (depth, point) in enumerate(depths):
             if not depth > 0:
                 continue
@@ -253,16 +255,19 @@ def check_depths(scenes: Sequence[Scene], x: FloatArray, t: float, start: bool =
                 )
 
 
-def sphere_targets(centers: Any, scenes: Sequence[Scene]) -> dict[int, npt.NDArray[np.float64]]:
+def check_sphere_targets(
+    centers: Any, scenes: Sequence[Scene]
+) -> dict[int, npt.NDArray[np.float64]]:
     """Check `centers` of `Stepper.advance`."""
     if not isinstance(centers, Mapping):
         raise TypeError(
-            f"centers must be a mapping of spheres' indices to centres, got {check.shown(centers)}"
+            f"centers must be a mapping of spheres' indices to centres, "
+            f"got {check.value_text(centers)}"
         )
     count = min(len(scene.spheres) for scene in scenes)
     if centers and not count:
         raise ValueError(
-            f"centers must be None for a scene without spheres, got {check.shown(centers)}"
+            f"centers must be None for a scene without spheres, got {check.value_text(centers)}"
         )
     keys = [check.integer("centers", k, minimum=0, maximum=count - 1) for k in centers]
     return {
@@ -271,7 +276,7 @@ def sphere_targets(centers: Any, scenes: Sequence[Scene]) -> dict[int, npt.NDArr
     }
 
 
-def own_arrays(scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
+def initial_arrays(scenes: list[Scene], batched: bool) -> tuple[FloatArray, FloatArray]:
     """Return the scenes' own states."""
     if not batched:
         return scenes[0].initial_position, scenes[0].initial_velocity
@@ -315,23 +320,23 @@ class State:
         self.threads = 1
         if self.forced and options.backend == "gpu":
             raise ValueError("force must be None with backend 'gpu'; backend='cpu' has it")
-        plans, limits = self._compiled(scenes)
+        plans, limits = self._compile_plans(scenes)
         self.core: Simulation
         if options.backend == "gpu":
-            self.core = service("Simulation")(scenes, t, options.precision)
+            self.core = find_service("Simulation")(scenes, t, options.precision)
         else:
             self.threads = _core.granted_threads(
-                options.threads_for(scenes[0].cloth.shape, len(scenes))
+                options.thread_count_for(scenes[0].cloth.shape, len(scenes))
             )
-            if len(scenes) > 1 and any(map(is_python, self.forces)):
+            if len(scenes) > 1 and any(map(needs_python, self.forces)):
                 self.threads = 1  # that of the caller, which alone may call Python
             self.core = _core.Simulation(plans, t, self.threads)
         self.core.set_stable_dt(limits)
         self._may_lose_order = not METHODS[self.integrator].damped
-        self._adopt(scenes, plans, limits)
+        self._adopt_plans(scenes, plans, limits)
 
     @classmethod
-    def checked(
+    def from_arguments(
         cls,
         scene: Scene | Sequence[Scene],
         x: Any,
@@ -346,27 +351,27 @@ class State:
 
         Driven pins that are elsewhere are refused.
         """
-        scenes = scenes_of(scene)
+        scenes = list_scenes(scene)
         batched = not isinstance(scene, Scene)
         own = x is None
-        integrator_name(options.integrator, fixed=True)
-        time = 0.0 if t is None and own else start_time(t, scenes)
-        own_x, own_v = own_arrays(scenes, batched)
+        check_integrator_name(options.integrator, fixed=True)
+        time = 0.0 if t is None and own else check_start_time(t, scenes)
+        own_x, own_v = initial_arrays(scenes, batched)
         x = own_x if own else x
         v = np.broadcast_to(own_v, np.shape(x)) if v is None else v
-        x, v = state_arrays(x, v, scenes, batched, options.precision)
+        x, v = check_state_arrays(x, v, scenes, batched, options.precision)
         if x.ndim == 4 and not batched:
             scenes = scenes * len(x)
         if not own:
             check_driven_pins(scenes, x, time)
         check_depths(scenes, x, time, start=own)
-        forces = forces_of(force, scenes, batched)
+        forces = force_of_each_scene(force, scenes, batched)
         state = cls(scenes, x.ndim == 4, x.shape, x.dtype, time, options, forces, quiet)
         state.core.load(x, v)
         return state
 
     @classmethod
-    def own(
+    def from_scenes(
         cls,
         scenes: list[Scene],
         batched: bool,
@@ -376,7 +381,7 @@ class State:
         quiet: Collection[str] = (),
     ) -> State:
         """Return the scenes' own states at a time [s], unchecked."""
-        x, v = own_arrays(scenes, batched)
+        x, v = initial_arrays(scenes, batched)
         check_depths(scenes, x, t, start=True)
         state = cls(scenes, batched, x.shape, x.dtype, t, options, forces, quiet)
         state.core.load(x, v)
@@ -384,28 +389,28 @@ class State:
 
     def set_scene(self, scene: Scene | Sequence[Scene]) -> None:
         """Replace the scenes, and keep the state. An error leaves everything as it was."""
-        scenes = scenes_of(scene) * (len(self.scenes) if isinstance(scene, Scene) else 1)
-        plans, limits = self._compiled(scenes)
-        x, _ = self.arrays()
+        scenes = list_scenes(scene) * (len(self.scenes) if isinstance(scene, Scene) else 1)
+        plans, limits = self._compile_plans(scenes)
+        x, _ = self.positions_and_velocities()
         check_depths(scenes, x, self.core.time, start=True)
         with Interrupts():  # the core and its record change together
             self.core.set_scene(plans, limits)
-            self._adopt(scenes, plans, limits)
+            self._adopt_plans(scenes, plans, limits)
             self.scene_of_caller = scene
 
-    def _compiled(self, scenes: list[Scene]) -> tuple[list[Any], list[float]]:
+    def _compile_plans(self, scenes: list[Scene]) -> tuple[list[Any], list[float]]:
         """Return plans for the core, or scenes for the adapter, and the guaranteed steps [s]."""
         plans: list[Any] = scenes
         if self.options.backend != "gpu":
-            plans = [kept_plan(scene, self.options) for scene in scenes]
+            plans = [cached_plan(scene, self.options) for scene in scenes]
         if self.forced:
             plans = [
-                with_force(plan, force, scenes[0].cloth.shape)
+                plan_with_force(plan, force, scenes[0].cloth.shape)
                 for plan, force in zip(plans, self.forces, strict=True)
             ]
         return plans, [stable_dt(scene, self.integrator) for scene in scenes]
 
-    def _adopt(self, scenes: list[Scene], plans: list[Any], limits: list[float]) -> None:
+    def _adopt_plans(self, scenes: list[Scene], plans: list[Any], limits: list[float]) -> None:
         self.scenes = scenes
         self.max_stable_dt = limits
         on_gpu = self.options.backend == "gpu"
@@ -428,34 +433,34 @@ class State:
         self, x: FloatArray, v: FloatArray, t: float | None, steps: Any, dt: Any, out: Any
     ) -> tuple[FloatArray, FloatArray]:
         """Do a call of `step`, with float arrays of the shape and type of this state."""
-        self.judge.begin_call()
+        self.judge.forget_warnings()
         if t is not None or self._moves:
-            t = start_time(t, self.scenes)
+            t = check_start_time(t, self.scenes)
         time = t or 0.0
-        steps, dt = self._checked(steps, dt, time)
-        results = out_arrays(out, self.shape, self.dtype)
+        steps, dt = self._check_steps(steps, dt, time)
+        results = check_or_make_out_arrays(out, self.shape, self.dtype)
         if self._driven:
             check_driven_pins(self.scenes, x, time)
         if self._may_lose_order:
             self.warn_of_order()
         if not (x.flags.c_contiguous and v.flags.c_contiguous):
-            x, v = self._arrays(x, v)
+            x, v = self._check_arrays(x, v)
         events = self.core.step(time, x, v, steps, dt, self.threads, *results)
         if events is False:
-            x, v = self._arrays(x, v)
+            x, v = self._check_arrays(x, v)
             check_depths(self.scenes, x, time)
         if events:
-            self._go_on(events, steps, dt)
+            self._report_and_continue(events, steps, dt)
             self.core.store(*results)
         return results
 
-    def accelerate(self, x: FloatArray, v: FloatArray, t: Any, out: Any) -> FloatArray:
+    def compute_acceleration(self, x: FloatArray, v: FloatArray, t: Any, out: Any) -> FloatArray:
         """Do a call of `acceleration`, with float arrays of the shape and type of this state."""
         core = self.core
         assert isinstance(core, _core.Simulation)  # no call asks an adapter for accelerations
-        time = start_time(t, self.scenes)
+        time = check_start_time(t, self.scenes)
         result: FloatArray = np.empty(self.shape) if out is None else out
-        out_array("out", result, self.shape, np.dtype(np.float64))
+        check_out_array("out", result, self.shape, np.dtype(np.float64))
         if self._driven:
             check_driven_pins(self.scenes, x, time)
         # Driven pins have the velocity of their motion, and `out` may lie over a part of `x` or
@@ -463,34 +468,34 @@ class State:
         contiguous = x.flags.c_contiguous and v.flags.c_contiguous
         direct = out is None and contiguous and not self._driven
         if not (direct and core.accelerations(time, x, v, result, self.threads)):
-            self.core.load(*self._arrays(x, v), time)
+            self.core.load(*self._check_arrays(x, v), time)
             core.accelerations(result, self.threads)
         return result
 
-    def arrays(self) -> tuple[FloatArray, FloatArray]:
+    def positions_and_velocities(self) -> tuple[FloatArray, FloatArray]:
         """Return the present positions [m] and velocities [m/s] in double."""
         x = np.empty(self.shape)
         v = np.empty(self.shape)
         self.core.store(x, v)
         return x, v
 
-    def _arrays(self, x: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _check_arrays(self, x: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the arrays, contiguous.
 
         Raise a ValueError for numbers that are not finite, or too large for the precision.
         """
-        return state_arrays(x, v, self.scenes, self.batched, self.options.precision)
+        return check_state_arrays(x, v, self.scenes, self.batched, self.options.precision)
 
     def advance(self, steps: Any, dt: Any) -> None:
         """Advance all members; see `Stepper.advance`."""
-        steps, dt = self._checked(steps, dt, self.core.time)
+        steps, dt = self._check_steps(steps, dt, self.core.time)
         events = self.core.advance(steps, dt, self.threads)
         if events:
-            self._go_on(events, steps, dt)
+            self._report_and_continue(events, steps, dt)
 
-    def check_step(self, dt: float) -> None:
+    def warn_of_time_step(self, dt: float) -> None:
         """Give a `StabilityWarning` if a time step is too long, before steps are recorded."""
-        self._checked(1, dt, self.core.time)
+        self._check_steps(1, dt, self.core.time)
 
     def record(
         self,
@@ -508,14 +513,14 @@ class State:
         steps_before = run.steps
         events = self.core.record(run, x, v, steps, frames, self.threads)
         if events:
-            self.judge.report(events, run.dt, steps_before)
+            self.judge.report_events(events, run.dt, steps_before)
 
-    def _checked(self, steps: Any, dt: Any, t: float) -> tuple[int, float]:
+    def _check_steps(self, steps: Any, dt: Any, t: float) -> tuple[int, float]:
         """Return steps and dt as plain numbers; give a `StabilityWarning` if dt is too long. `t`:
         time of the state [s].
         """
         if self._has_layers and dt != self._dt_of_depths:
-            self._set_stable_depths(dt)
+            self._set_stable_layer_depths(dt)
         # Nearly every call has this form, which takes a tenth of the time of the checks.
         if (
             type(steps) is int
@@ -538,18 +543,19 @@ class State:
                 f"dt must be above the rounding of the time t = {t:g} s, {abs(t) * _ROUNDING:.3g} "
                 f"s, got {dt!r}: start at a t nearer to 0"
             )
-        self.judge.time_step(dt)
+        self.judge.judge_time_step(dt)
         return steps, dt
 
-    def _set_stable_depths(self, dt: Any) -> None:
+    def _set_stable_layer_depths(self, dt: Any) -> None:
         """Tell the core from which depths in layers on it warns of a time step."""
-        if check.real(dt) is None or not dt > 0:
+        if check.real_or_none(dt) is None or not dt > 0:
             return
         for k, scene in enumerate(self.scenes):
-            self.core.set_stable_depths(k, stable_depths(scene, self.integrator, float(dt)))
+            depths = stable_layer_depths(scene, self.integrator, float(dt))
+            self.core.set_stable_layer_depths(k, depths)
         self._dt_of_depths = dt
 
-    def _go_on(
+    def _report_and_continue(
         self, events: Sequence[_core.Event] | None, steps: int, dt: float, steps_before: int = 0
     ) -> None:
         """Report the events of a call, and take the steps that it left where energy has grown.
@@ -558,7 +564,7 @@ class State:
         """
         count = 0
         while events:
-            self.judge.report(events, dt, steps_before + count)
+            self.judge.report_events(events, dt, steps_before + count)
             ends = [event.step for event in events if event.kind == "grown"]
             if not ends:
                 return
@@ -573,14 +579,14 @@ class State:
     def replace_state(self, x: Any = None, v: Any = None, t: Any = None) -> None:
         """See `Stepper.set_state`."""
         time = None if t is None else check.number("t", t)
-        own_x, own_v = self.arrays()
+        own_x, own_v = self.positions_and_velocities()
         put_driven_pins(
             self.scenes, own_x, own_v, self.core.time if time is None else time, self.core.frozen
         )
         # The core's own values are of float64, which holds the whole state of "single" too.
         x = own_x if x is None else x
         v = own_v if v is None else v
-        new_x, new_v = state_arrays(x, v, self.scenes, self.batched, self.options.precision)
+        new_x, new_v = check_state_arrays(x, v, self.scenes, self.batched, self.options.precision)
         if new_x.shape != self.shape:
             raise ValueError(f"x and v must have shape {self.shape}, got {new_x.shape}")
         check_pins(self.scenes, new_x, new_v, own_x, own_v)
@@ -592,7 +598,7 @@ class State:
     ) -> None:
         """Advance while spheres travel straight to their targets [m]; there they rest."""
         begin = self.core.time
-        steps, dt = self._checked(steps, dt, begin)
+        steps, dt = self._check_steps(steps, dt, begin)
         starts = {k: [scene.spheres[k].center_at(begin) for scene in self.scenes] for k in targets}
         speeds = {}
         motions = {}
@@ -624,12 +630,13 @@ class State:
                     scenes = [
                         scene.replace(
                             spheres=[
-                                s._at_rest(x) if n == k else s for n, s in enumerate(scene.spheres)
+                                s._copy_at_rest(x) if n == k else s
+                                for n, s in enumerate(scene.spheres)
                             ]
                         )
                         for scene, x in zip(scenes, ends)
                     ]
-                self._record(scenes)
+                self._keep_scenes(scenes)
 
     def _advance_in_pieces(self, steps: int, dt: float, interrupts: Interrupts) -> None:
         """Advance while Ctrl-C is held back, which takes effect between two pieces."""
@@ -639,11 +646,11 @@ class State:
             count = min(piece, steps - total)
             begin = time.monotonic()
             if events := self.core.advance(count, dt, self.threads):
-                self._go_on(events, count, dt, total)
+                self._report_and_continue(events, count, dt, total)
             total += count
             if time.monotonic() - begin < _LONGEST_PIECE / 2:
                 piece *= 2
-            interrupts.deliver()
+            interrupts.deliver_signal()
 
     def set_force(self, force: FloatArray) -> None:
         """Set the force on each point [N], float64, of the shape of the state."""
@@ -651,9 +658,9 @@ class State:
         scenes = [scene.replace(force=field) for scene, field in zip(self.scenes, members)]
         with Interrupts():  # the core and its record change together
             self.core.set_force(force)
-            self._record(scenes)
+            self._keep_scenes(scenes)
 
-    def _record(self, scenes: list[Scene]) -> None:
+    def _keep_scenes(self, scenes: list[Scene]) -> None:
         """Take over scenes that the core has already."""
         self.scenes[:] = scenes
         single = isinstance(self.scene_of_caller, Scene) and not self.batched

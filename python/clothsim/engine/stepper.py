@@ -9,14 +9,14 @@ from typing import NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from ..base import check, frozen
-from ..base.text import counted
+from ..base import check, make_read_only
+from ..base.text import format_count
 from ..model.scene import Scene, cloth_text, spheres_text
 from ..typing import Backend, Force, Integrator, Kernel, Precision
-from .force import forces_of
+from .force import force_of_each_scene
 from .options import Options
-from .snapshot import Snapshot, take
-from .state import FloatArray, State, check_driven_pins, scenes_of, sphere_targets
+from .snapshot import Snapshot, make_snapshot
+from .state import FloatArray, State, check_driven_pins, check_sphere_targets, list_scenes
 
 
 class Stepper:
@@ -74,7 +74,7 @@ class Stepper:
         force: Force | list[Force] | None = None,
     ) -> None:
         self._options = Options(integrator, precision, threads, kernel, backend)
-        self._state = State.checked(scene, x, v, t, self._options, force)
+        self._state = State.from_arguments(scene, x, v, t, self._options, force)
         self._state.scene_of_caller = scene
         self._state.warn_of_order()
 
@@ -128,7 +128,7 @@ class Stepper:
             self._state.advance(steps, dt)
             return
         steps = check.integer("steps", steps, minimum=1)
-        self._state.advance_spheres(steps, dt, sphere_targets(centers, self._state.scenes))
+        self._state.advance_spheres(steps, dt, check_sphere_targets(centers, self._state.scenes))
 
     def freeze(self, member: int) -> None:
         """Exclude a member of the batch from all further steps; it keeps its present state.
@@ -196,13 +196,14 @@ class Stepper:
         >>> stepper.set_scene(scene.replace(cloth=scene.cloth.replace(stiffness=20_000.0)))
         """
         old = self._state
-        scenes = scenes_of(scene)
+        scenes = list_scenes(scene)
         shape = old.scenes[0].cloth.shape
         members = None if isinstance(self.scene, Scene) else len(old.scenes)
         if members != (None if isinstance(scene, Scene) else len(scenes)):
             requirement = "a Scene" if members is None else f"a sequence of {members} scenes"
             raise ValueError(
-                f"scene must be {requirement}, as the stepper was made of, got {check.shown(scene)}"
+                f"scene must be {requirement}, as the stepper was made of, "
+                f"got {check.value_text(scene)}"
             )
         if scenes[0].cloth.shape != shape:
             raise ValueError(
@@ -245,7 +246,7 @@ class Stepper:
         >>> cs.Stepper(cs.scenes.paper_swing()).snapshot()
         <Snapshot of 32 x 32 mass points at t = 0 s (rk4, double)>
         """
-        return take(self._state, self.scene, self._options)
+        return make_snapshot(self._state, self.scene, self._options)
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         raise TypeError(
@@ -275,15 +276,15 @@ class Stepper:
                 if isinstance(snapshot, (str, os.PathLike))
                 else ""
             )
-            raise TypeError(f"snapshot must be a Snapshot, got {check.shown(snapshot)}{hint}")
+            raise TypeError(f"snapshot must be a Snapshot, got {check.value_text(snapshot)}{hint}")
         scene = snapshot.scene
         stepper = cls.__new__(cls)
         stepper._options = snapshot.options
         shape = snapshot.shape
-        scenes = scenes_of(scene)
+        scenes = list_scenes(scene)
         if isinstance(scene, Scene) and len(shape) == 4:
             scenes = scenes * shape[0]
-        forces = forces_of(force, scenes, not isinstance(scene, Scene))
+        forces = force_of_each_scene(force, scenes, not isinstance(scene, Scene))
         if snapshot.forced and not forces:
             raise ValueError(
                 "force must be given: the stepper had one, and no snapshot keeps functions"
@@ -307,14 +308,14 @@ class Stepper:
         """Positions [m], a read-only copy; `set_state` changes them."""
         x = np.empty(self._state.shape, self._state.dtype)
         self._state.core.store(x, None)
-        return frozen(x)
+        return make_read_only(x)
 
     @property
     def v(self) -> FloatArray:
         """Velocities [m/s], a read-only copy."""
         v = np.empty(self._state.shape, self._state.dtype)
         self._state.core.store(None, v)
-        return frozen(v)
+        return make_read_only(v)
 
     @property
     def t(self) -> float:
@@ -368,6 +369,6 @@ class Stepper:
             cloths = f"a batch of {state.shape[0]}, each {cloth_text(scene)}"
         computation = (
             f"{state.integrator} in {self._options.precision}, kernel {state.kernel}, "
-            f"{counted(state.threads, 'thread')}, {state.instruction_set}"
+            f"{format_count(state.threads, 'thread')}, {state.instruction_set}"
         )
         return f"<Stepper of {cloths}; t = {self.time:.6g} s; {computation}>"

@@ -16,12 +16,19 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import check
-from ..methods.integrators import integrator_name
+from ..methods.integrators import check_integrator_name
 from ..model.scene import Scene
 from ..typing import Backend, Force, Integrator, Kernel, Precision
-from .force import forces_of
-from .options import Options, core_plan, make_room
-from .state import FloatArray, State, check_driven_pins, scenes_of, start_time, state_arrays
+from .force import force_of_each_scene
+from .options import Options, compile_plan, make_room_in_cache
+from .state import (
+    FloatArray,
+    State,
+    check_driven_pins,
+    check_start_time,
+    check_state_arrays,
+    list_scenes,
+)
 
 # Steps of larger states take so long that a new state does not count, and spares would hold memory.
 _MOST_BYTES = 1 << 22
@@ -32,7 +39,7 @@ _THREADS = (int, type(None))
 _DTYPES = (np.dtype(np.float64), np.dtype(np.float32))
 
 
-def _take_state(
+def _take_or_make_state(
     scene: Any,
     x: Any,
     v: Any,
@@ -55,7 +62,7 @@ def _take_state(
         and x.dtype in _DTYPES
         and x.shape == v.shape
     ):
-        x, v = state_arrays(x, v, scenes_of(scene), not isinstance(scene, Scene))
+        x, v = check_state_arrays(x, v, list_scenes(scene), not isinstance(scene, Scene))
     spares: list[State] = []
     # No scene keeps a function.
     if (
@@ -74,7 +81,7 @@ def _take_state(
             key = (x.shape, x.dtype, integrator, precision, threads, kernel, identities)
             try:
                 if key not in kinds:
-                    make_room(kinds, _MOST_KINDS)
+                    make_room_in_cache(kinds, _MOST_KINDS)
                     kinds[key] = []
                 spares = kinds[key]
                 while True:
@@ -92,13 +99,13 @@ def _take_state(
                 # and an option that is no name is a TypeError.
                 pass
     options = Options(integrator, precision, threads, kernel, backend)
-    integrator_name(options.integrator, fixed=True)
-    scenes = scenes_of(scene)
+    check_integrator_name(options.integrator, fixed=True)
+    scenes = list_scenes(scene)
     batched = not isinstance(scene, Scene)
-    x, v = state_arrays(x, v, scenes, batched, precision)
+    x, v = check_state_arrays(x, v, scenes, batched, precision)
     members = len(x) if x.ndim == 4 and not batched else 1
     scenes = scenes * members
-    forces = forces_of(force, scenes, batched)
+    forces = force_of_each_scene(force, scenes, batched)
     state = State(scenes, x.ndim == 4, x.shape, x.dtype, 0.0, options, forces)
     if batched:
         state.scene_references = [weakref.ref(member) for member in scenes]
@@ -201,7 +208,7 @@ def step(
     >>> float(abs(x - scene.initial_position).max()) < 1e-10
     True
     """
-    state, spares, x, v = _take_state(
+    state, spares, x, v = _take_or_make_state(
         scene, x, v, integrator, precision, threads, kernel, backend, force
     )
     results = state.step(x, v, t, steps, dt, out)
@@ -250,8 +257,10 @@ def acceleration(
     >>> round(float(a[0, 1, 0]), 12)
     -5.0
     """
-    state, spares, x, v = _take_state(scene, x, v, "rk4", precision, threads, kernel, force=force)
-    result = state.accelerate(x, v, t, out)
+    state, spares, x, v = _take_or_make_state(
+        scene, x, v, "rk4", precision, threads, kernel, force=force
+    )
+    result = state.compute_acceleration(x, v, t, out)
     if len(spares) < _MOST_SPARES:
         state.scenes.clear()
         spares.append(state)
@@ -300,8 +309,8 @@ def reference_step(
     True
     """
     check.instance("scene", scene, Scene)
-    t = start_time(t, [scene])
-    x, v = state_arrays(x, v, [scene], False)
+    t = check_start_time(t, [scene])
+    x, v = check_state_arrays(x, v, [scene], False)
     if x.ndim != 3:
         raise ValueError(f"x must be one state of shape {(*scene.cloth.shape, 3)}, got {x.shape}")
     as_printed = check.boolean("as_printed", as_printed)
@@ -312,7 +321,7 @@ def reference_step(
         )
     check_driven_pins([scene], x, t)
     return _core.reference_step(
-        core_plan(scene, Options()),
+        compile_plan(scene, Options()),
         x.astype(np.float64),
         v.astype(np.float64),
         check.number("dt", dt, minimum=0, exclusive=True),

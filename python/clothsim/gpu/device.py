@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 
 ADAPTER_VARIABLE = "CLOTHSIM_GPU_ADAPTER"
 # `keep` takes float64 through integers of its size.
@@ -25,10 +25,10 @@ _LIMITS = ("max-buffer-size", "max-storage-buffer-binding-size")
 
 
 @cache
-def load_wgpu() -> Any:
+def import_wgpu() -> Any:
     """Return the module wgpu, or raise an ImportError that names the extra."""
-    wgpu = needed("wgpu", "backend 'gpu'", "gpu")
-    extras = needed("wgpu.backends.wgpu_native", "backend 'gpu'", "gpu").extras
+    wgpu = import_from_extra("wgpu", "backend 'gpu'", "gpu")
+    extras = import_from_extra("wgpu.backends.wgpu_native", "backend 'gpu'", "gpu").extras
     # OpenGL, and Mesa's layer that asks a display for its adapter, write to stderr if there is no
     # display.
     if "XDG_RUNTIME_DIR" not in os.environ:
@@ -83,7 +83,7 @@ def adapters() -> list[Adapter]:
     """
     handles = [
         handle
-        for handle in load_wgpu().gpu.enumerate_adapters_sync()
+        for handle in import_wgpu().gpu.enumerate_adapters_sync()
         if handle.info["backend_type"] in _BACKENDS
     ]
     handles.sort(key=lambda handle: _ORDER.index(handle.info["adapter_type"]))
@@ -126,12 +126,12 @@ class Device:
     """An opened adapter."""
 
     def __init__(self, adapter: Adapter, float64: bool = True) -> None:
-        self.wgpu = load_wgpu()
+        self.wgpu = import_wgpu()
         self.adapter = adapter
         self._process = os.getpid()
         self.float64 = adapter.float64 and float64
         limits = adapter.handle.limits
-        with translated(adapter):
+        with translate_errors(adapter):
             self.handle = adapter.handle.request_device_sync(
                 required_features=list(FLOAT64) if self.float64 else [],
                 required_limits={name: limits[name] for name in _LIMITS},
@@ -155,7 +155,7 @@ class Device:
 _opened: dict[str, Device] = {}
 
 
-def opened() -> Device:
+def open_device() -> Device:
     """Return the device of the chosen adapter, shared by all states of this process."""
     for device in _opened.values():
         device.check_process()
@@ -191,9 +191,9 @@ def using(adapter: Adapter) -> Iterator[None]:
 
 
 @contextmanager
-def translated(adapter: Adapter) -> Iterator[None]:
+def translate_errors(adapter: Adapter) -> Iterator[None]:
     """Translate errors of wgpu into errors of clothsim."""
-    wgpu = load_wgpu()
+    wgpu = import_wgpu()
     try:
         yield
     except wgpu.GPUError as error:

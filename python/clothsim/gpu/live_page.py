@@ -25,14 +25,14 @@ import numpy as np
 from .. import _core
 from ..base import check
 from ..base.files import write_bytes
-from ..base.progress import in_notebook
-from ..engine.options import Options, core_plan
+from ..base.progress import is_in_notebook
+from ..engine.options import Options, compile_plan
 from ..errors import ContactError, UnstableError
-from ..methods.region import border_of_region
+from ..methods.region import angles_and_radii_of_border
 from ..model.mesh import GROUP
+from ..model.obstacle import LAYER, RESPONSES, Sphere, lengths_of_offsets
 from ..model.scene import Scene, core_sphere
-from ..model.scene_files import text_of
-from ..model.sphere import LAYER, RESPONSES, Sphere, lengths_of_offsets
+from ..model.scene_files import toml_text
 from ..run.result import Run
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
@@ -46,10 +46,10 @@ from .shader import (
     Features,
     SphereFeatures,
     check_scenes,
-    rest_lengths,
-    source,
+    rest_length_of_kinds,
+    step_wgsl,
 )
-from .simulation import middles, planes_of, split
+from .simulation import mean_positions, planes_of_state, split_planes
 
 UNLIMITED_DT = 1e-3  # s, the time step of a scene that nothing limits
 STORED = 2.0  # s of the run that a browser without WebGPU plays
@@ -77,12 +77,12 @@ CHANGED = (
 )
 
 
-def live_page(
+def write_live_page(
     scene: Scene, path: str | Path, dt: float | None = None, title: str | None = None
 ) -> Path:
     """Write the page of `Scene.to_live_html`."""
     path = check_file_path("path", path)
-    return write_bytes(path, _page(scene, dt, title).encode())
+    return write_bytes(path, _page_text(scene, dt, title).encode())
 
 
 @check.check_names
@@ -112,8 +112,8 @@ def view(scene: Scene) -> Path | Frame:
     --------
     >>> page = cs.view(cs.scenes.paper_static())  # doctest: +SKIP
     """
-    page = _page(check.instance("scene", scene, Scene))
-    if in_notebook():
+    page = _page_text(check.instance("scene", scene, Scene))
+    if is_in_notebook():
         return Frame(page, "<live page, to be shown in a notebook>", HEIGHT)
     path = write_bytes(Path(mkdtemp(prefix="clothsim-"), "live.html"), page.encode())
     if not webbrowser.open(path.as_uri()):
@@ -121,7 +121,7 @@ def view(scene: Scene) -> Path | Frame:
     return path
 
 
-def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> str:
+def _page_text(scene: Scene, dt: float | None = None, title: str | None = None) -> str:
     rows, columns = scene.cloth.shape
     title = (
         f"Cloth of {rows} x {columns} points, live"
@@ -132,7 +132,7 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
     usual = stable_dt / 2 if math.isfinite(stable_dt) else UNLIMITED_DT
     dt = check.number("dt", usual if dt is None else dt, minimum=0, exclusive=True)
     check_scenes([scene])
-    data = _data(scene, dt)
+    data = _page_data(scene, dt)
     names = (
         f"<option{' selected' if k == data['method'] else ''}>{name}</option>"
         for k, name in enumerate(data.pop("names"))
@@ -140,12 +140,12 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
     live = fill_web_file(
         "live.html",
         methods="".join(names),
-        state=_packed(_state(scene).astype("<f8").tobytes()),
-        toml=_packed(_toml(scene).encode()),
+        state=_compressed_text(_planes_of_initial_state(scene).astype("<f8").tobytes()),
+        toml=_compressed_text(_toml_template(scene).encode()),
         data=json_for_script(data),
     )
     code = "\n".join(map(read_web_file, ("solver.js", "live.js")))
-    stored = _stored(scene, usual)
+    stored = _short_run(scene, usual)
     return page_text(
         title,
         page_body(title, {title: stored}, more=live),
@@ -153,7 +153,7 @@ def _page(scene: Scene, dt: float | None = None, title: str | None = None) -> st
     )
 
 
-def _stored(scene: Scene, dt: float) -> Run:
+def _short_run(scene: Scene, dt: float) -> Run:
     """Return a short run of the scene, or its first step where the run does not come to its end."""
     points = math.prod(scene.cloth.shape)
     duration = min(STORED, STORED_STEPS / points * dt)
@@ -166,7 +166,7 @@ def _stored(scene: Scene, dt: float) -> Run:
             return simulate(scene, dt, dt)
 
 
-def _toml(scene: Scene) -> str:
+def _toml_template(scene: Scene) -> str:
     """Return the scene's file, with "@name" in place of the values that the page's controls change.
 
     The page leaves the line of a value out that the scene has none of.
@@ -180,30 +180,30 @@ def _toml(scene: Scene) -> str:
         values |= {name: f"@spheres.{k}.{name}" for name in own}
         if values.get("motion", {}).get("centers"):
             values["motion"]["centers"] = f"@spheres.{k}.centers"
-    return text_of(data)
+    return toml_text(data)
 
 
-def _packed(content: bytes) -> str:
+def _compressed_text(content: bytes) -> str:
     return b64encode(zlib.compress(content, 9)).decode("ascii")
 
 
-def _state(scene: Scene) -> np.ndarray:
+def _planes_of_initial_state(scene: Scene) -> np.ndarray:
     """Return the planes of the initial state, shape (1, 6, points)."""
     x = scene.initial_position
     v = np.where(scene.cloth.pinned[..., None], 0.0, scene.initial_velocity)
-    return planes_of(x, v, [scene])
+    return planes_of_state(x, v, [scene])
 
 
-def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
+def _collision_methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
     """Return names of the page's collision methods, the WGSL and the responses of each, and the
     index of the scene's own.
     """
-    features = Features.of(scene)
-    layered = _in_layers(scene)
+    features = Features.of_scene(scene)
+    layered = _scene_with_layers(scene)
 
-    def method(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
+    def method_data(spheres: Sequence[SphereFeatures]) -> dict[str, Any]:
         return {
-            "wgsl": replace(features, spheres=tuple(spheres)).contacts(),
+            "wgsl": replace(features, spheres=tuple(spheres)).contacts_wgsl(),
             "responses": [sphere.response for sphere in spheres],
             "printed": [sphere.as_printed for sphere in spheres],
         }
@@ -215,7 +215,7 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
             continue
         names.append(name)
         methods.append(
-            method(
+            method_data(
                 [
                     SphereFeatures(
                         response, as_printed and "as_printed" in obstacle.__match_args__, rough=True
@@ -224,20 +224,20 @@ def _methods(scene: Scene) -> tuple[list[str], list[dict[str, Any]], int]:
                 ]
             )
         )
-    own = method([s._replace(rough=True) for s in features.spheres])
+    own = method_data([s._replace(rough=True) for s in features.spheres])
     if own not in methods:  # spheres of different methods
         names.append("as in the scene")
         methods.append(own)
     return names, methods, methods.index(own)
 
 
-def _data(scene: Scene, dt: float) -> dict[str, Any]:
+def _page_data(scene: Scene, dt: float) -> dict[str, Any]:
     """Return everything that solver.js and live.js know of the scene."""
     cloth = scene.cloth
     eps = float(np.finfo(np.float32).eps)
-    names, methods, own = _methods(scene)
-    features = replace(Features.of(scene), moving=True, spheres=())
-    lengths = rest_lengths(scene)
+    names, methods, own = _collision_methods(scene)
+    features = replace(Features.of_scene(scene), moving=True, spheres=())
+    lengths = rest_length_of_kinds(scene)
     masses = cloth.mass_per_point.ravel()
     lightest = float(masses.min())
     stiffest = max(cloth.family_stiffness.values())
@@ -250,7 +250,7 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         },
         "group": GROUP[0],
         "dt": dt,
-        "exits": border_of_region("rk4")[1].tolist(),
+        "exits": angles_and_radii_of_border("rk4")[1].tolist(),
         "mass": (masses[:1] if cloth.uniform_mass else masses).tolist(),
         "stiffness": dict(cloth.family_stiffness),
         "damping": dict(cloth.family_damping),
@@ -271,10 +271,10 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         ],
         "pins": np.flatnonzero(cloth.pinned).tolist(),
         "longest": 2 * math.hypot(*cloth.spacing),
-        "extent": core_plan(scene, Options()).runaway_speed(1.0, 0.0),
+        "extent": compile_plan(scene, Options()).runaway_speed(1.0, 0.0),
         "spheres": [
-            {**_sphere(sphere, scene), **layer}
-            for sphere, layer in zip(scene.spheres, _layers(scene), strict=True)
+            {**_sphere_data(sphere, scene), **layer}
+            for sphere, layer in zip(scene.spheres, _layer_data(scene), strict=True)
         ],
         "restitutions": {response: Sphere(response=response).restitution for response in RESPONSES},
         "firstSpring": FIRST_SPRING,
@@ -282,21 +282,21 @@ def _data(scene: Scene, dt: float) -> dict[str, Any]:
         "contactSize": CONTACT_SIZE,
         "epsilon": eps,
         "largestFloat": float(np.finfo(np.float32).max),
-        "constants": features.constants(),
-        "wgsl": source(features, "single", False).removesuffix(features.contacts()),
+        "constants": features.override_constants(),
+        "wgsl": step_wgsl(features, "single", False).removesuffix(features.contacts_wgsl()),
         "methods": methods,
         "names": names,
         "method": own,
     }
 
 
-def _in_layers(scene: Scene) -> Scene | None:
+def _scene_with_layers(scene: Scene) -> Scene | None:
     """Return the scene with obstacles of response "penalty" alone and all their parameters; None
     where the cloth gives them no stiffness.
     """
     obstacles = []
     for sphere in scene.spheres:
-        obstacle = sphere._as_layer()
+        obstacle = sphere._copy_with_layer()
         try:
             obstacles.append(obstacle.replace(**obstacle.layer(scene.cloth)))
         except ValueError:
@@ -304,7 +304,7 @@ def _in_layers(scene: Scene) -> Scene | None:
     return scene.replace(spheres=obstacles)
 
 
-def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
+def _sphere_data(sphere: Any, scene: Scene) -> dict[str, Any]:
     core = core_sphere(sphere, scene)
     side = lengths_of_offsets(scene.cloth).get(sphere.offset, 0.0)  # 0: the offset is a number
     return {
@@ -319,19 +319,19 @@ def _sphere(sphere: Any, scene: Scene) -> dict[str, Any]:
         "offset": 0.0 if side else sphere.offset_length(scene.cloth),
         "named": sphere.offset,
         "centers": sphere.motion.to_dict().get("centers") if sphere.motion else None,
-        "motion": sphere.motion.for_pages if sphere.motion else None,
+        "motion": sphere.motion.pieces_for_pages if sphere.motion else None,
     }
 
 
-def _layers(scene: Scene) -> list[dict[str, Any]]:
+def _layer_data(scene: Scene) -> list[dict[str, Any]]:
     """Return for each obstacle the parameters of its layer, those that the scene gives, and the
     normal at the surface point from which the core in single measures the initial state.
     """
-    layered = _in_layers(scene)
+    layered = _scene_with_layers(scene)
     if layered is None:
         return [{} for _ in scene.spheres]
-    places = middles(split(_state(scene), single=True))
-    normals = core_plan(layered, Options()).normals_towards(places[0], np.zeros(3), 0.0)
+    places = mean_positions(split_planes(_planes_of_initial_state(scene), single=True))
+    normals = compile_plan(layered, Options()).normals_towards(places[0], np.zeros(3), 0.0)
     return [
         {
             **{name: getattr(layer, name) for name in LAYER},

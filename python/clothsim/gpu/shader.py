@@ -29,7 +29,7 @@ CONTACT_SIZE = 28
 FINDINGS = ("bad", "pinned_inside", "passed", "first_contact")
 
 
-def springs(neighbours: Sequence[tuple[int, int, str, int]] = _core.neighbours) -> str:
+def springs_wgsl(neighbours: Sequence[tuple[int, int, str, int]] = _core.neighbours) -> str:
     """Return the WGSL of the override constants of the families and of a mass point's spring
     forces, from cpp/model/stencil.hpp.
 
@@ -88,7 +88,7 @@ class Features:
     spheres: tuple[SphereFeatures, ...]
 
     @classmethod
-    def of(cls, scene: Scene) -> Features:
+    def of_scene(cls, scene: Scene) -> Features:
         cloth = scene.cloth
         return cls(
             families=cloth.springs,
@@ -103,13 +103,13 @@ class Features:
             ),
         )
 
-    def constants(self) -> dict[str, float]:
+    def override_constants(self) -> dict[str, float]:
         """Return values of the shader's override constants."""
         switches = {family: float(family in self.families) for family in FAMILIES}
         names = ("spring_damping", "drag", "mass_per_point", "pinned", "moving")
         return switches | {name: float(getattr(self, name)) for name in names}
 
-    def contacts(self) -> str:
+    def contacts_wgsl(self) -> str:
         """Return the WGSL of the forces of penalty obstacles and of the responses after a step,
         both in the order of the obstacles.
         """
@@ -155,7 +155,7 @@ _EXPONENT = {
 }
 
 
-def keep(word: str, name: str = "keep", zero: str = "constants.zero") -> str:
+def keep_function_wgsl(word: str, name: str = "keep", zero: str = "constants.zero") -> str:
     """Return the WGSL of a function that returns its argument of type `word`, and hides that from
     the compiler.
 
@@ -165,7 +165,7 @@ def keep(word: str, name: str = "keep", zero: str = "constants.zero") -> str:
     return f"fn {name}(a: {word}) -> {word} {{ let z = {zero}; return {_KEEP[word]}; }}"
 
 
-def source(features: Features, precision: str, float64: bool) -> str:
+def step_wgsl(features: Features, precision: str, float64: bool) -> str:
     """Return the whole WGSL of a step: `real` is the type of its arithmetic, `wide` that of a
     response.
     """
@@ -183,7 +183,7 @@ def source(features: Features, precision: str, float64: bool) -> str:
         multiple = ", ".join(f"{prefix}product(a, b.{k})" for k in "xyz")
         x, y, z = (f"{prefix}product(a.{k}, b.{k})" for k in "xyz")
         lines += [
-            keep(word, f"{prefix}keep"),
+            keep_function_wgsl(word, f"{prefix}keep"),
             f"fn {prefix}product(a: {word}, b: {word}) -> {word} {{ return {prefix}keep(a * b); }}",
             f"fn {prefix}multiple(a: {word}, b: {vector}) -> {vector} "
             f"{{ return {vector}({multiple}); }}",
@@ -205,7 +205,7 @@ def source(features: Features, precision: str, float64: bool) -> str:
         for name, value in {"group_size": _core.group_size, **shared}.items()
     ]
     names = ["layout", "contact", "wide" if float64 else "narrow", "penalty", "step", "check"]
-    return "\n".join([*lines, springs(), *map(shader_text, names), features.contacts()])
+    return "\n".join([*lines, springs_wgsl(), *map(shader_text, names), features.contacts_wgsl()])
 
 
 class Pipelines:
@@ -221,13 +221,13 @@ class Pipelines:
         ]
         self.layout = handle.create_bind_group_layout(entries=entries)
         layout = handle.create_pipeline_layout(bind_group_layouts=[self.layout])
-        module = handle.create_shader_module(code=source(features, precision, device.float64))
+        module = handle.create_shader_module(code=step_wgsl(features, precision, device.float64))
 
         def pipeline(entry_point: str, constants: dict[str, float]) -> Any:
             compute = {"module": module, "entry_point": entry_point, "constants": constants}
             return handle.create_compute_pipeline(layout=layout, compute=compute)
 
-        constants = features.constants()
+        constants = features.override_constants()
         self.stages = [pipeline("advance", {**constants, "stage": k}) for k in (1, 2, 3, 4)]
         self.check = pipeline("check", constants)
 
@@ -239,7 +239,7 @@ def check_scenes(scenes: Sequence[Scene]) -> None:
     """Raise a ValueError if the shader lacks a feature of a scene, or if the features of the scenes
     differ.
     """
-    first = Features.of(scenes[0])
+    first = Features.of_scene(scenes[0])
     for member, scene in enumerate(scenes):
         for pin in scene.cloth.driven:
             raise ValueError(
@@ -256,7 +256,7 @@ def check_scenes(scenes: Sequence[Scene]) -> None:
                     f"{force.name} must be left out with backend 'gpu', whose shader has no such "
                     "force; backend='cpu' has it"
                 )
-        own = Features.of(scene)
+        own = Features.of_scene(scene)
         for name, got in vars(own).items():
             expected = getattr(first, name)
             if got != expected:
@@ -267,7 +267,7 @@ def check_scenes(scenes: Sequence[Scene]) -> None:
                 )
 
 
-def rest_lengths(scene: Scene) -> list[float]:
+def rest_length_of_kinds(scene: Scene) -> list[float]:
     """Return rest lengths of the kinds of springs [m]."""
     height, width = scene.cloth.spacing
     along = [(columns * width, rows * height) for _, rows, columns in _core.spring_kinds]
@@ -282,7 +282,9 @@ def scene_parameters(scene: Scene, speed_limit: float, dtype: npt.DTypeLike) -> 
     # 1/mass is folded into the coefficients where it is uniform, as in the core.
     scale = 1 / float(cloth.mass_per_point[0, 0]) if cloth.uniform_mass else 1.0
     numbers = [*scene.gravity, cloth.drag * scale, min(speed_limit, float(np.finfo(dtype).max))]
-    for (family, *_), rest_length in zip(_core.spring_kinds, rest_lengths(scene), strict=True):
+    for (family, *_), rest_length in zip(
+        _core.spring_kinds, rest_length_of_kinds(scene), strict=True
+    ):
         stiffness, damping = (
             values.get(family, 0.0) for values in (cloth.family_stiffness, cloth.family_damping)
         )

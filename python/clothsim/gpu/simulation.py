@@ -18,14 +18,14 @@ import numpy as np
 from .. import _core
 from ..base.interrupts import Interrupts
 from ..engine import backend
-from ..engine.options import Options, kept_plan
+from ..engine.options import Options, cached_plan
 from ..measure import penetration
-from ..methods.bound import stable_depths
+from ..methods.bound import stable_layer_depths
 from ..model.mesh import GROUP
 from ..model.scene import Scene
 from ..run.reasons import Reason
 from . import device as devices
-from .device import Device, translated
+from .device import Device, translate_errors
 from .shader import (
     CONTACT_SIZE,
     FINDINGS,
@@ -65,7 +65,7 @@ class Simulation:
     """One cloth, or a batch of cloths of one shape, advanced together on the chosen adapter."""
 
     def __init__(self, scenes: Sequence[Scene], time: float, precision: str) -> None:
-        self.device = devices.opened()
+        self.device = devices.open_device()
         self.adapter = self.device.adapter
         self.instruction_set = str(self.adapter)
         self.current = True  # no environment chooses other kernels
@@ -85,15 +85,15 @@ class Simulation:
         self.contacts = [0] * len(scenes)  # responses to mass points so far
         self.evaluations = [0] * len(scenes)  # not counted: a step of rk4 takes four
         self._origins = np.zeros((len(scenes), 3))
-        self._normals = list(map(normals_of, scenes))
+        self._normals = list(map(measuring_normals, scenes))
         self._extremes = [dict(NOT_WATCHED) for _ in scenes]
         self._busy = threading.Lock()
         self._steps_unchecked = 1
-        # The state in host memory, as `split` gives it; up to date for frozen members.
+        # The state in host memory, as `split_planes` gives it; up to date for frozen members.
         self._parts: list[np.ndarray] = []
         self._downloaded = False  # the present state
         self._adapter_state: AdapterState | None = None
-        with self._exclusive():
+        with self._exclusive_access():
             self._make_adapter_state(scenes)
 
     def _make_adapter_state(self, scenes: Sequence[Scene]) -> None:
@@ -112,39 +112,43 @@ class Simulation:
     def _choose_normals(self, scenes: Sequence[Scene], parts: Sequence[np.ndarray]) -> None:
         """Choose the surface points from which gaps are measured, as the core does."""
         if not self._single:
-            self._normals = list(map(normals_of, scenes))
+            self._normals = list(map(measuring_normals, scenes))
             return
         self._normals = [
             np.reshape(
-                kept_plan(scene, Options()).normals_towards(middle, origin, self._clock.at(0)),
+                cached_plan(scene, Options()).normals_towards(middle, origin, self._clock.at(0)),
                 (-1, 3),
             )
-            for scene, middle, origin in zip(scenes, middles(parts), self._origins, strict=True)
+            for scene, middle, origin in zip(
+                scenes, mean_positions(parts), self._origins, strict=True
+            )
         ]
 
     def load(self, x: np.ndarray | None, v: np.ndarray | None, time: float | None = None) -> None:
         """Set positions and velocities, shape ([B,] rows, columns, 3), and the time; None leaves a
         value as it is.
         """
-        with self._exclusive():
+        with self._exclusive_access():
             if x is None or v is None:
-                own = vectors(joined(self._state(), self._origins), self._shape)
+                own = positions_and_velocities(
+                    join_planes(self._downloaded_state(), self._origins), self._shape
+                )
                 x = own[0] if x is None else x
                 v = own[1] if v is None else v
-            planes = planes_of(x, v, self._scenes)
+            planes = planes_of_state(x, v, self._scenes)
             origins = self._origins
             if time is not None:
                 self._clock = Clock(time)
             if self._single:
-                self._origins = far_origins(planes[:, :3])
+                self._origins = origins_of_far_positions(planes[:, :3])
                 planes[:, :3] -= self._origins[:, :, None]
-            parts = split(planes, self._single)
+            parts = split_planes(planes, self._single)
             normals = self._normals
             self._choose_normals(self._scenes, parts)
             changed = (origins != self._origins).any()
             if changed or any((a != b).any() for a, b in zip(normals, self._normals)):
                 self._make_adapter_state(self._scenes)
-            self._take(parts)
+            self._set_state(parts)
 
     def step(
         self,
@@ -166,9 +170,9 @@ class Simulation:
 
     def set_scene(self, scenes: Sequence[Scene], stable_dt: Sequence[float]) -> None:
         """Replace the scenes and stable time steps [s]; the state stays, and pinned points stop."""
-        with self._exclusive():
+        with self._exclusive_access():
             check_scenes(scenes)
-            parts = self._state()
+            parts = self._downloaded_state()
             self._choose_normals(scenes, parts)
             self._make_adapter_state(scenes)
             for part in parts:
@@ -177,25 +181,27 @@ class Simulation:
             self._stable_dt = list(stable_dt)
             self.contacts = [0] * len(scenes)
             self._extremes = [dict(NOT_WATCHED) for _ in scenes]
-            self._take(parts)
+            self._set_state(parts)
 
-    def _take(self, parts: list[np.ndarray]) -> None:
+    def _set_state(self, parts: list[np.ndarray]) -> None:
         self._parts = parts
         self._downloaded = True
         if self._adapter_state:
-            self._adapter_state.upload(parts)
+            self._adapter_state.upload_state(parts)
 
-    def _state(self) -> list[np.ndarray]:
+    def _downloaded_state(self) -> list[np.ndarray]:
         if self._adapter_state and not self._downloaded:
-            self._adapter_state.download(self._parts)
+            self._adapter_state.download_state(self._parts)
         self._downloaded = True
         return self._parts
 
     def store(self, x: np.ndarray | None, v: np.ndarray | None) -> None:
         """Write positions and velocities into arrays of the shape that `load` takes, or None."""
-        with self._exclusive():
-            planes = joined(self._state(), self._origins)
-            for array, values in zip((x, v), vectors(planes, self._shape), strict=True):
+        with self._exclusive_access():
+            planes = join_planes(self._downloaded_state(), self._origins)
+            for array, values in zip(
+                (x, v), positions_and_velocities(planes, self._shape), strict=True
+            ):
                 if array is not None:
                     array[...] = values.reshape(array.shape)
 
@@ -203,10 +209,10 @@ class Simulation:
         """Return the clock and the whole state, with the fields of the core's; there are no
         impulses and no sums of contacts.
         """
-        with self._exclusive():
+        with self._exclusive_access():
             fields: dict[str, Any] = {}
-            for name, part in zip(("", "_low"), self._state()):
-                fields["positions" + name], fields["velocities" + name] = vectors(
+            for name, part in zip(("", "_low"), self._downloaded_state()):
+                fields["positions" + name], fields["velocities" + name] = positions_and_velocities(
                     part.astype(np.float64), self._shape
                 )
             clock = self._clock
@@ -224,10 +230,10 @@ class Simulation:
 
     def restore(self, fields: dict[str, Any]) -> None:
         """Return to the state of `snapshot`."""
-        with self._exclusive():
+        with self._exclusive_access():
             names = ("", "_low") if self._single else ("",)
             parts = [
-                planes_of(fields["positions" + n], fields["velocities" + n], self._scenes)
+                planes_of_state(fields["positions" + n], fields["velocities" + n], self._scenes)
                 for n in names
             ]
             self.frozen = [bool(frozen) for frozen in fields["frozen"]]
@@ -241,7 +247,9 @@ class Simulation:
                 int(fields["clock_steps"]),
                 float(fields["clock_step"]),
             )
-            self._take([part.astype(np.float32 if self._single else np.float64) for part in parts])
+            self._set_state(
+                [part.astype(np.float32 if self._single else np.float64) for part in parts]
+            )
 
     @property
     def time(self) -> float:
@@ -266,13 +274,13 @@ class Simulation:
 
     def set_frozen(self, i: int, frozen: bool) -> None:
         """Exclude a member from further steps, or include it again."""
-        with self._exclusive():
-            parts = self._state()
+        with self._exclusive_access():
+            parts = self._downloaded_state()
             self.frozen[i] = frozen
             self._make_adapter_state(self._scenes)
-            self._take(parts)
+            self._set_state(parts)
 
-    def set_stable_depths(self, i: int, depths: list[float]) -> None:
+    def set_stable_layer_depths(self, i: int, depths: list[float]) -> None:
         """Do nothing: `sample` computes from which depths on a time step may be too long."""
 
     def set_watch(self, every: int, interval: float) -> None:
@@ -280,31 +288,33 @@ class Simulation:
 
     def sample(self) -> None:
         """Look at the present state, if no step has."""
-        with self._exclusive():
-            self._look()
+        with self._exclusive_access():
+            self._measure_depths()
 
-    def _look(self, steps: int = 0) -> list[_core.Event]:
+    def _measure_depths(self, steps: int = 0) -> list[_core.Event]:
         """Measure how deep the cloth is in the obstacles; what a user should be told of it, after
         `steps` steps of a call.
         """
         events: dict[str, _core.Event] = {}
-        x, _ = vectors(joined(self._state(), self._origins), self._shape)
+        x, _ = positions_and_velocities(
+            join_planes(self._downloaded_state(), self._origins), self._shape
+        )
         for member, (scene, extremes) in enumerate(zip(self._scenes, self._extremes, strict=True)):
             if self.frozen[member]:
                 continue
-            plan = kept_plan(scene, Options())
+            plan = cached_plan(scene, Options())
             time = self._clock.at(0)
             penetrations = [penetration(x[member], s, time) for s in scene.spheres]
             for name in ("points", "triangles"):
                 depth = max((float(depths[name]) for depths in penetrations), default=0.0)
                 extremes[name] = max(extremes[name], depth)
-            if not self._has_penalty(scene):
+            if not self._has_penalty_obstacle(scene):
                 continue
             state: dict[str, Any] = {"member": member, "step": steps, "time": time}
             below = max(extremes["points"], extremes["triangles"])
             if below > _core.heuristics["negligible_depth"]:
                 events.setdefault("below", _core.Event(kind="below", value=below, **state))
-            limits = stable_depths(scene, "rk4", self._clock.dt) if self._clock.dt else []
+            limits = stable_layer_depths(scene, "rk4", self._clock.dt) if self._clock.dt else []
             depths = _core.contact_depths(plan, np.ascontiguousarray(x[member]), time)
             for k, (limit, (depth, _)) in enumerate(zip(limits, depths)):
                 if depth > limit:
@@ -313,7 +323,7 @@ class Simulation:
         return list(events.values())
 
     @staticmethod
-    def _has_penalty(scene: Scene) -> bool:
+    def _has_penalty_obstacle(scene: Scene) -> bool:
         return any(sphere.response == "penalty" for sphere in scene.spheres)
 
     @property
@@ -343,7 +353,7 @@ class Simulation:
 
     def advance(self, steps: int, dt: float, threads: int) -> list[_core.Event]:
         """Take steps and return what a user should know of them, that of a failed step last."""
-        with self._exclusive(), Interrupts() as interrupts:
+        with self._exclusive_access(), Interrupts() as interrupts:
             self._downloaded = False
             if dt != self._clock.dt:
                 self._clock = Clock(self._clock.at(0), 0, dt)
@@ -352,19 +362,19 @@ class Simulation:
             self._step_set = dt
             self._events: list[_core.Event] = []
             try:
-                failures = self._advance(steps, interrupts)
-                if any(map(self._has_penalty, self._scenes)):
-                    self._events += self._look(steps)
+                failures = self._advance_in_pieces(steps, interrupts)
+                if any(map(self._has_penalty_obstacle, self._scenes)):
+                    self._events += self._measure_depths(steps)
                 return self._events + failures
             except Exception:
                 if self._adapter_state:
-                    self._adapter_state.take_back()
+                    self._adapter_state.undo_steps()
                 raise
 
     @property
     def plans(self) -> list[_core.Plan]:
         """The core's form of the scenes, by which it interpolates frames."""
-        return [kept_plan(scene, Options()) for scene in self._scenes]
+        return [cached_plan(scene, Options()) for scene in self._scenes]
 
     def record(
         self,
@@ -378,13 +388,13 @@ class Simulation:
         """Take steps and fill frames, as the core's simulation does."""
         return run.record(self, x, v, steps, frames)
 
-    def _advance(self, steps: int, interrupts: Interrupts) -> list[_core.Event]:
+    def _advance_in_pieces(self, steps: int, interrupts: Interrupts) -> list[_core.Event]:
         total = 0
         most = MOST_STEPS_UNCHECKED
         while total < steps:
             count = min(self._steps_unchecked, steps - total, most)
             start = time.monotonic()
-            if bad := self._try(count):
+            if bad := self._try_steps(count):
                 if count == 1:
                     kind = "unstable" if bad["obstacle"] < 0 else "passed"
                     time_of_step = self._clock.at(1)
@@ -402,19 +412,19 @@ class Simulation:
             seconds = max(time.monotonic() - start, 1e-9)
             quick = int(SECONDS_BETWEEN_CHECKS * count / seconds)
             self._steps_unchecked = min(max(1, quick), MOST_STEPS_UNCHECKED)
-            interrupts.deliver()
+            interrupts.deliver_signal()
         return []
 
-    def _try(self, steps: int) -> dict[str, Any] | None:
-        """Take `steps` steps. If a state is bad, undo them and return what `AdapterState.run`
-        found.
+    def _try_steps(self, steps: int) -> dict[str, Any] | None:
+        """Take `steps` steps. If a state is bad, undo them and return what
+        `AdapterState.take_steps` found.
         """
         if self._adapter_state:
-            if bad := self._adapter_state.run([self._clock.at(k) for k in range(steps + 1)]):
+            if bad := self._adapter_state.take_steps([self._clock.at(k) for k in range(steps + 1)]):
                 if steps == 1 and bad["obstacle"] >= 0:
-                    bad |= self._deepest(bad["member"])
+                    bad |= self._deepest_point_and_obstacle(bad["member"])
                     self._downloaded = False
-                self._adapter_state.take_back()
+                self._adapter_state.undo_steps()
                 return bad
             self._adapter_state.uncommitted = False
             counts = self._adapter_state.contacts, self._adapter_state.first
@@ -426,25 +436,29 @@ class Simulation:
         self._clock = self._clock._replace(steps=self._clock.steps + steps)
         return None
 
-    def _deepest(self, member: int) -> dict[str, int]:
+    def _deepest_point_and_obstacle(self, member: int) -> dict[str, int]:
         """Return the point of a member that is furthest through a layer after a step, and the
         obstacle.
         """
         scene = self._scenes[member]
-        x, _ = vectors(joined(self._state(), self._origins), (len(self._scenes), -1, 3))
+        x, _ = positions_and_velocities(
+            join_planes(self._downloaded_state(), self._origins), (len(self._scenes), -1, 3)
+        )
         depths = _core.contact_depths(
-            kept_plan(scene, Options()), np.ascontiguousarray(x[member]), self._clock.at(1)
+            cached_plan(scene, Options()), np.ascontiguousarray(x[member]), self._clock.at(1)
         )
 
-        def through(k: int) -> tuple[bool, float]:
+        def thickness_passed_and_depth(k: int) -> tuple[bool, float]:
             depth = depths[k][0]
             return depth > 2 * scene.spheres[k].layer(scene.cloth)["thickness"], depth
 
-        obstacle = max((k for k, (depth, _) in enumerate(depths) if depth > 0), key=through)
+        obstacle = max(
+            (k for k, (depth, _) in enumerate(depths) if depth > 0), key=thickness_passed_and_depth
+        )
         return {"obstacle": obstacle, "point": depths[obstacle][1]}
 
     @contextmanager
-    def _exclusive(self) -> Any:
+    def _exclusive_access(self) -> Any:
         """Admit one caller at a time, and translate errors of wgpu."""
         self.device.check_process()
         if not self._busy.acquire(blocking=False):
@@ -453,7 +467,7 @@ class Simulation:
                 "of its own"
             )
         try:
-            with translated(self.adapter):
+            with translate_errors(self.adapter):
                 yield
         finally:
             self._busy.release()
@@ -488,8 +502,8 @@ class AdapterState:
         self.scenes = [scenes[0]] if shared else list(scenes)
         self.origins = origins[: len(self.scenes)]
         self.normals = normals
-        self.plans = [kept_plan(scene, Options()) for scene in self.scenes]
-        self.features = Features.of(scenes[0])
+        self.plans = [cached_plan(scene, Options()) for scene in self.scenes]
+        self.features = Features.of_scene(scenes[0])
         self.pipelines = pipelines(device, self.features, precision)
         rows, columns = scenes[0].cloth.shape
         self.points = rows * columns
@@ -550,12 +564,12 @@ class AdapterState:
             layout=self.pipelines.layout, entries=entries
         )
 
-    def upload(self, parts: Sequence[np.ndarray]) -> None:
-        """Upload these members' part of the batch's state, in the form of `split`."""
+    def upload_state(self, parts: Sequence[np.ndarray]) -> None:
+        """Upload these members' part of the batch's state, in the form of `split_planes`."""
         for buffer, planes in zip(self.saved_buffers, parts, strict=True):
-            self._write(buffer, planes[self.members])
+            self._write_buffer(buffer, planes[self.members])
 
-    def download(self, parts: Sequence[np.ndarray]) -> None:
+    def download_state(self, parts: Sequence[np.ndarray]) -> None:
         """Write these members' state into the batch's; the others keep their values."""
         for part, buffer in zip(parts, self.saved_buffers, strict=True):
             values = np.frombuffer(self.device.handle.queue.read_buffer(buffer), self.real)
@@ -563,13 +577,13 @@ class AdapterState:
                 -1, 6, self.points
             )
 
-    def _write(self, buffer: Any, values: np.ndarray) -> None:
+    def _write_buffer(self, buffer: Any, values: np.ndarray) -> None:
         self.device.handle.queue.write_buffer(buffer, 0, np.ascontiguousarray(values))
 
     def set_step(self, dt: float, stable_dt: Sequence[float]) -> None:
         """Set the time step `dt` [s]; `stable_dt` has the stable time step of each member."""
         numbers = np.array([dt / 2, dt, dt * dt / 6, dt / 6]).astype(self.real)
-        self._write(
+        self._write_buffer(
             self.constants, np.frombuffer(numbers.tobytes() + self._integers.tobytes(), np.uint8)
         )
         limits = [
@@ -577,7 +591,7 @@ class AdapterState:
             for plan, member in zip(self.plans, self.members)
         ]
         pairs = zip(self.scenes, limits, strict=True)
-        self._write(
+        self._write_buffer(
             self.parameters,
             np.concatenate([scene_parameters(scene, limit, self.real) for scene, limit in pairs]),
         )
@@ -602,10 +616,10 @@ class AdapterState:
             row[..., 3:6] = values[..., :3] - row[..., 0:3]
             row[..., 6:] = values[..., 3:-3]
             row[:, penalty] = values[:, penalty].astype(self.real)
-        self._write(self.contact_table, table)
+        self._write_buffer(self.contact_table, table)
 
-    def run(self, times: Sequence[float]) -> dict[str, Any] | None:
-        """Save a checkpoint and take the steps between `times`. `take_back` undoes them.
+    def take_steps(self, times: Sequence[float]) -> dict[str, Any] | None:
+        """Save a checkpoint and take the steps between `times`. `undo_steps` undoes them.
 
         Return member of the batch and mass point of the first bad state, and the obstacle through
         whose layer it has gone, or -1; or None.
@@ -614,7 +628,7 @@ class AdapterState:
             self._write_contacts(times)
         handle = self.device.handle
         steps = len(times) - 1
-        self._write(self.results, self._results)
+        self._write_buffer(self.results, self._results)
         encoder = handle.create_command_encoder()
         for buffer, copy in zip(self.saved_buffers, self.checkpoint, strict=True):
             encoder.copy_buffer_to_buffer(buffer, 0, copy, 0, buffer.size)
@@ -663,8 +677,8 @@ class AdapterState:
                 }
         return None
 
-    def take_back(self) -> None:
-        """Return to the checkpoint of `run`, if its steps have not been accepted."""
+    def undo_steps(self) -> None:
+        """Return to the checkpoint of `take_steps`, if its steps have not been accepted."""
         if self.uncommitted:
             encoder = self.device.handle.create_command_encoder()
             for buffer, copy in zip(self.saved_buffers, self.checkpoint, strict=True):
@@ -673,7 +687,7 @@ class AdapterState:
         self.uncommitted = False
 
 
-def planes_of(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarray:
+def planes_of_state(x: np.ndarray, v: np.ndarray, scenes: Sequence[Scene]) -> np.ndarray:
     """Return positions [m] and velocities [m/s], shape ([B,] rows, columns, 3), as float64 planes
     (members, 6, points).
 
@@ -692,7 +706,7 @@ def stop_pinned_points(planes: np.ndarray, scenes: Sequence[Scene]) -> None:
         planes[member, 3:, scene.cloth.pinned.ravel()] = 0
 
 
-def far_origins(positions: np.ndarray) -> np.ndarray:
+def origins_of_far_positions(positions: np.ndarray) -> np.ndarray:
     """Return origins, shape (members, 3), of positions in single, shape (members, 3, points) [m].
 
     An origin is 0, except for a cloth that is far away for its size.
@@ -706,7 +720,7 @@ def far_origins(positions: np.ndarray) -> np.ndarray:
     return np.where(far[:, None], middle, 0.0)
 
 
-def split(planes: np.ndarray, single: bool) -> list[np.ndarray]:
+def split_planes(planes: np.ndarray, single: bool) -> list[np.ndarray]:
     """Split float64 planes into parts to upload: the state, and in single also its compensation."""
     if not single:
         return [planes]
@@ -714,12 +728,12 @@ def split(planes: np.ndarray, single: bool) -> list[np.ndarray]:
     return [high, (planes - high).astype(np.float32)]
 
 
-def normals_of(scene: Scene) -> np.ndarray:
+def measuring_normals(scene: Scene) -> np.ndarray:
     """Return normals of the obstacles of a scene, shape (obstacles, 3)."""
     return np.reshape([sphere.normal for sphere in scene.core_spheres], (-1, 3))
 
 
-def middles(parts: Sequence[np.ndarray]) -> np.ndarray:
+def mean_positions(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Return mean positions of the parts of states in single, shape (members, 3), summed point by
     point as in the core.
     """
@@ -727,7 +741,7 @@ def middles(parts: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray(np.cumsum(x, axis=2)[..., -1] / x.shape[2])
 
 
-def joined(parts: Sequence[np.ndarray], origins: np.ndarray) -> np.ndarray:
+def join_planes(parts: Sequence[np.ndarray], origins: np.ndarray) -> np.ndarray:
     """Return the parts as float64 planes in the scene's coordinates, shape (members, 6, points)."""
     planes = parts[0].astype(np.float64)
     for part in parts[1:]:
@@ -738,6 +752,6 @@ def joined(parts: Sequence[np.ndarray], origins: np.ndarray) -> np.ndarray:
     return planes
 
 
-def vectors(planes: np.ndarray, shape: tuple[int, ...]) -> list[np.ndarray]:
+def positions_and_velocities(planes: np.ndarray, shape: tuple[int, ...]) -> list[np.ndarray]:
     """Return planes (members, 6, points) as positions and velocities of `shape`."""
     return [half.swapaxes(1, 2).reshape(shape) for half in (planes[:, :3], planes[:, 3:])]

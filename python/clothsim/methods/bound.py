@@ -13,10 +13,10 @@ from .. import _core
 from ..model.cloth import FAMILIES, Cloth
 from ..model.scene import Scene
 from .integrators import METHODS
-from .region import box_limit
+from .region import stable_dt_of_box
 
 # A sweep asks for thousands of cloths of few kinds, and every call of `step` asks again.
-_limit = lru_cache(maxsize=4096)(box_limit)
+_limit = lru_cache(maxsize=4096)(stable_dt_of_box)
 
 
 def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
@@ -29,7 +29,7 @@ def stable_dt(scene: Scene, integrator: str = "rk4") -> float:
     return _limit(integrator, math.sqrt(stiffness), damping)
 
 
-def damping_ratio(scene: Scene) -> float:
+def stable_dt_ratio_without_damping(scene: Scene) -> float:
     """Return the stable step of rk4 without the damping of springs and drag over that with it."""
     cloth = scene.cloth.core
     drag = [force for force in scene.core_forces if force.name == "drag"]
@@ -51,11 +51,11 @@ def least_rtol_of_rkc2(scene: Scene) -> float:
     """
     if any(obstacle.response != "penalty" for obstacle in scene.spheres):
         return math.inf
-    ratio = damping_ratio(scene)
+    ratio = stable_dt_ratio_without_damping(scene)
     return next((rtol for least, rtol in _DAMPED if ratio >= least), math.inf)
 
 
-def usable_dt(scene: Scene, integrator: str) -> float:
+def stable_dt_or_error(scene: Scene, integrator: str) -> float:
     """Return `stable_dt`, or raise a ValueError for a method that has no stable time step for this
     scene.
     """
@@ -69,17 +69,17 @@ def usable_dt(scene: Scene, integrator: str) -> float:
     return limit
 
 
-def limit_in_layer(scene: Scene, integrator: str, k: int, depth: float) -> float:
+def stable_dt_in_layer(scene: Scene, integrator: str, k: int, depth: float) -> float:
     """Return the stable time step with mass points so deep [m] in the layer of an obstacle [s].
 
     Bounds at depth d: stiffness 6 k (d/h)^2, damping c F0 + 2 mu F0 / v_s, F0 = k d^3 / h^2, over
     the mass of the lightest free point, beside those of the springs.
     """
-    thickness, bounds = _layer_bounds(scene, k)
-    return _limit_at(integrator, bounds, depth / thickness)
+    thickness, bounds = _thickness_and_bounds(scene, k)
+    return _stable_dt_at_part(integrator, bounds, depth / thickness)
 
 
-def stable_depths(scene: Scene, integrator: str, dt: float) -> list[float]:
+def stable_layer_depths(scene: Scene, integrator: str, dt: float) -> list[float]:
     """Return, for each obstacle, the depth in its layer up to which a time step is stable [m].
 
     It is infinite for responses after the step, and where the step is too long without contact.
@@ -88,8 +88,8 @@ def stable_depths(scene: Scene, integrator: str, dt: float) -> list[float]:
     if dt <= stable_dt(scene, integrator):
         for k, obstacle in enumerate(scene.spheres):
             if obstacle.response == "penalty":
-                thickness, bounds = _layer_bounds(scene, k)
-                depths[k] = thickness * _stable_part(integrator, bounds, dt)
+                thickness, bounds = _thickness_and_bounds(scene, k)
+                depths[k] = thickness * _stable_part_of_thickness(integrator, bounds, dt)
     return depths
 
 
@@ -102,7 +102,7 @@ class _LayerBounds(NamedTuple):
     cube: float  # of the damping, times (d/h)^3 [1/s]
 
 
-def _layer_bounds(scene: Scene, k: int) -> tuple[float, _LayerBounds]:
+def _thickness_and_bounds(scene: Scene, k: int) -> tuple[float, _LayerBounds]:
     """Return the thickness of the layer of an obstacle [m], and the bounds in it."""
     obstacle = scene.spheres[k]
     cloth = scene.cloth
@@ -121,25 +121,27 @@ def _layer_bounds(scene: Scene, k: int) -> tuple[float, _LayerBounds]:
     return thickness, bounds
 
 
-def _limit_at(integrator: str, bounds: _LayerBounds, part: float) -> float:
+def _stable_dt_at_part(integrator: str, bounds: _LayerBounds, part: float) -> float:
     """Return the stable time step at `part` of the thickness of a layer [s]."""
     stiffness = bounds.stiffness + bounds.square * part**2
-    return box_limit(integrator, math.sqrt(stiffness), bounds.damping + bounds.cube * part**3)
+    return stable_dt_of_box(
+        integrator, math.sqrt(stiffness), bounds.damping + bounds.cube * part**3
+    )
 
 
 _BISECTIONS = 12  # of a depth, to 5e-4 of the thickness
 
 
 @lru_cache(maxsize=4096)
-def _stable_part(integrator: str, bounds: _LayerBounds, dt: float) -> float:
+def _stable_part_of_thickness(integrator: str, bounds: _LayerBounds, dt: float) -> float:
     """Return the part of the thickness of a layer up to which a time step is stable."""
     low = 0.0
     high = 2.0
-    if _limit_at(integrator, bounds, high) >= dt:
+    if _stable_dt_at_part(integrator, bounds, high) >= dt:
         return math.inf
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
-        if _limit_at(integrator, bounds, middle) >= dt:
+        if _stable_dt_at_part(integrator, bounds, middle) >= dt:
             low = middle
         else:
             high = middle
@@ -179,14 +181,14 @@ class LimitingTerm:
         names += ["the drag of points"] * ("points" in self.families)
         name = " and ".join(names)
         other = "stiffness" if self.kind == "damping" else "damping"
-        text = f"{name}, {self._listed(self.values)}, limits it"
+        text = f"{name}, {self._format_numbers(self.values)}, limits it"
         return (
-            f"{text}; below {self._listed(self.below)} the {other} would"
+            f"{text}; below {self._format_numbers(self.below)} the {other} would"
             if any(self.below)
             else text
         )
 
-    def _listed(self, numbers: tuple[float, ...]) -> str:
+    def _format_numbers(self, numbers: tuple[float, ...]) -> str:
         different = dict.fromkeys(f"{number:.3g}" for number in numbers)
         return f"{' and '.join(different)} {'N/m' if self.kind == 'stiffness' else 'N s/m'}"
 
@@ -201,11 +203,13 @@ def limiting_term(scene: Scene, integrator: str) -> LimitingTerm:
         for force in scene.core_forces
         if force.name != "drag"
     )
-    return _term_of(cloth, forces, integrator)
+    return _limiting_term_of(cloth, forces, integrator)
 
 
 @lru_cache(maxsize=64)
-def _term_of(cloth: Cloth, forces: tuple[tuple[str, float], ...], integrator: str) -> LimitingTerm:
+def _limiting_term_of(
+    cloth: Cloth, forces: tuple[tuple[str, float], ...], integrator: str
+) -> LimitingTerm:
     """Return the term of a cloth and of forces with their bounds of damping rates [1/s]."""
     rates = dict(forces)
 
@@ -217,9 +221,9 @@ def _term_of(cloth: Cloth, forces: tuple[tuple[str, float], ...], integrator: st
     k = cloth.family_stiffness
     c = cloth.family_damping
     omega, delta = bounds()
-    limit = box_limit(integrator, omega, delta)
-    limit_undamped = box_limit(integrator, omega, 0.0)
-    limit_damping = box_limit(integrator, 0.0, delta)
+    limit = stable_dt_of_box(integrator, omega, delta)
+    limit_undamped = stable_dt_of_box(integrator, omega, 0.0)
+    limit_damping = stable_dt_of_box(integrator, 0.0, delta)
     if limit == 0 or not math.isfinite(limit):
         return LimitingTerm(
             kind="method" if limit == 0 else "nothing",

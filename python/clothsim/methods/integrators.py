@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import _core
 from ..base import check
-from ..base.text import aligned
+from ..base.text import align_table
 from ..errors import OrderWarning, warn_caller
 
 if TYPE_CHECKING:
@@ -80,16 +80,16 @@ class Integrator:
         """Largest stable omega * dt of the undamped oscillator, to nine digits; 0 if every step
         amplifies it.
         """
-        from .region import axis_limit
+        from .region import limit_on_axis
 
-        return axis_limit(self.name, damping=False)
+        return limit_on_axis(self.name, damping=False)
 
     @property
     def real_limit(self) -> float:
         """Largest stable delta * dt of pure damping, to nine digits."""
-        from .region import axis_limit
+        from .region import limit_on_axis
 
-        return axis_limit(self.name, damping=True)
+        return limit_on_axis(self.name, damping=True)
 
     def order_of(self, scene: Scene) -> int:
         """Return the order with which the error of this scene falls: `order_damped` if it is
@@ -104,7 +104,7 @@ class Integrator:
         return self.order_damped if scene.damped else self.order
 
     @property
-    def _traits(self) -> tuple[str, str]:
+    def _stages_and_kind_text(self) -> tuple[str, str]:
         """Stages and kind as text."""
         if not self.fixed:
             return f"{self.stages} or more", "explicit, adaptive alone, stabilised"
@@ -131,7 +131,7 @@ _PROPERTIES = {
 }
 
 
-def _terms(tableau: list[list[float]], order: int, stages: int) -> tuple[float, ...]:
+def _stability_polynomial(tableau: list[list[float]], order: int, stages: int) -> tuple[float, ...]:
     """Return the stability polynomial. Up to the order it is that of exp(z); the further terms are
     b A^(k-1) 1.
 
@@ -149,7 +149,7 @@ def _terms(tableau: list[list[float]], order: int, stages: int) -> tuple[float, 
     return tuple(terms)
 
 
-def _integrator(name: str, facts: dict[str, Any]) -> Integrator:
+def _make_integrator(name: str, facts: dict[str, Any]) -> Integrator:
     """Return a method that the core has described."""
     drifts, kicks = facts.get("splitting", ((), ()))
     tableau = facts.get("tableau")
@@ -163,7 +163,7 @@ def _integrator(name: str, facts: dict[str, Any]) -> Integrator:
             key: facts[key]
             for key in ("family", "adaptive", "stages", "stages_damped", "in_kernels")
         },
-        terms=_terms(tableau, facts["order"], facts["stages"]) if tableau else (),
+        terms=_stability_polynomial(tableau, facts["order"], facts["stages"]) if tableau else (),
         splitting=(list(drifts), [*kicks, 0.0]),
         weights_damped=tuple(facts.get("damped", ())),
     )
@@ -175,13 +175,15 @@ class _Integrators(dict[str, Integrator]):
     def __repr__(self) -> str:
         rows: list[tuple[str, ...]] = [("name", "order", "stages", "omega dt", "delta dt", "kind")]
         for method in self.values():
-            stages, kind = method._traits
+            stages, kind = method._stages_and_kind_text
             limits = (f"{limit:.3f}" for limit in (method.imaginary_limit, method.real_limit))
             rows.append((method.name, str(method.order), stages, *limits, kind))
-        return aligned(rows, left=range(6))
+        return align_table(rows, left=range(6))
 
 
-METHODS = _Integrators({name: _integrator(name, facts) for name, facts in _core.methods().items()})
+METHODS = _Integrators(
+    {name: _make_integrator(name, facts) for name, facts in _core.methods().items()}
+)
 """Each method by name, in the order in which the methods are documented."""
 
 
@@ -210,7 +212,7 @@ def integrators() -> Mapping[str, Integrator]:
     return _Integrators(METHODS)
 
 
-def integrator_name(
+def check_integrator_name(
     name: Any, *more: str, argument: str = "integrator", fixed: bool = False
 ) -> str:
     """Return `name` if it is the name of a method, or one of `more`, such as "auto".

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats
-from .integrators import METHODS, integrator_name
+from .integrators import METHODS, check_integrator_name
 
 _ANGLES = 257
 _RADIUS_STEP = 0.05
@@ -46,7 +46,7 @@ def amplification_matrix(
     """
     omega, delta = np.broadcast_arrays(np.asarray(omega_dt, float), np.asarray(delta_dt, float))
     square = omega * omega
-    method = METHODS[integrator_name(integrator, fixed=True)]
+    method = METHODS[check_integrator_name(integrator, fixed=True)]
     if method.family == "splitting":
         unit = np.ones_like(square)
         x = np.stack([unit, 0 * unit], -1)
@@ -94,7 +94,7 @@ def splitting_step(
     return x, w, stages
 
 
-def stable(
+def is_stable_mode(
     integrator: str, omega_dt: npt.ArrayLike, delta_dt: npt.ArrayLike
 ) -> npt.NDArray[np.bool_]:
     """Return whether a step does not amplify the mode, per entry."""
@@ -110,7 +110,7 @@ def stable(
 
 
 @cache
-def border_of_region(integrator: str) -> tuple[Floats, Floats]:
+def angles_and_radii_of_border(integrator: str) -> tuple[Floats, Floats]:
     """Return angles of rays from the omega axis to the delta axis, and the radius where each ray
     leaves the region.
     """
@@ -131,21 +131,21 @@ def _exit_radii(integrator: str, angle: Floats) -> Floats:
     bad = np.zeros((1, 1), bool)
     while not bad.any(axis=1).all():
         radii = np.arange(_RADIUS_STEP, farthest, _RADIUS_STEP)
-        bad = ~stable(integrator, radii * omega[:, None], radii * delta[:, None])
+        bad = ~is_stable_mode(integrator, radii * omega[:, None], radii * delta[:, None])
         farthest *= 2
     first = bad.argmax(axis=1)
     high = radii[first]
     low = np.where(first > 0, radii[first - 1], 0.0)
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
-        good = stable(integrator, middle * omega, middle * delta)
+        good = is_stable_mode(integrator, middle * omega, middle * delta)
         low = np.where(good, middle, low)
         high = np.where(good, high, middle)
     return np.where(low < _NOWHERE, 0.0, low)
 
 
 @cache
-def axis_limit(integrator: str, damping: bool) -> float:
+def limit_on_axis(integrator: str, damping: bool) -> float:
     """Return where the stable region ends on the delta axis (`damping`) or on the omega axis, less
     what counts as rounding.
     """
@@ -155,21 +155,21 @@ def axis_limit(integrator: str, damping: bool) -> float:
 
 
 @cache
-def notched(integrator: str) -> bool:
+def has_notch(integrator: str) -> bool:
     """Return whether slow modes with little damping can limit the step more than fast modes.
 
     This holds for dopri5: its region ends at 1 on the omega axis, and at 3 right beside the axis.
     """
-    _, radius = border_of_region(integrator)
+    _, radius = angles_and_radii_of_border(integrator)
     return bool(np.isfinite(radius[0]) and radius[0] < 0.5 * radius.max())
 
 
-def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> Floats:
+def stable_dt_of_modes(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> Floats:
     """Return the largest stable time step of each mode [s]; infinite for one at rest.
 
     `omega` and `delta` are angular frequency and damping of the modes [1/s], >= 0, of one shape.
     """
-    angle, radius = border_of_region(integrator)
+    angle, radius = angles_and_radii_of_border(integrator)
     omega = np.asarray(omega, float)
     delta = np.asarray(delta, float)
     ray = np.atleast_1d(np.arctan2(delta, omega))
@@ -188,7 +188,7 @@ def mode_limit(integrator: str, omega: npt.ArrayLike, delta: npt.ArrayLike) -> F
     return np.asarray(np.divide(exits, size, out=np.full(size.shape, np.inf), where=size > 0))
 
 
-def box_limit(integrator: str, omega: float, delta: float) -> float:
+def stable_dt_of_box(integrator: str, omega: float, delta: float) -> float:
     """Return the largest time step that is stable for every mode with at most this omega and this
     delta [s].
 
@@ -197,8 +197,8 @@ def box_limit(integrator: str, omega: float, delta: float) -> float:
     region at its narrowest.
     """
     if omega == 0 or delta == 0:
-        return float(mode_limit(integrator, omega, delta))
-    angle, radius = border_of_region(integrator)
+        return float(stable_dt_of_modes(integrator, omega, delta))
+    angle, radius = angles_and_radii_of_border(integrator)
     box = np.full(len(angle), np.hypot(omega, delta))  # as far as the corner, then the far side
     low = angle < np.arctan2(delta, omega)
     box[low] = omega / np.cos(angle[low])

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check, frozen
+from ..base import check, make_read_only
 from ..typing import Family, Numbers, Pins, Shape
-from .mesh import checked_shape
-from .motion import Motion, checked_motion, motion_from_dict
+from .mesh import check_shape
+from .motion import Motion, check_motion, motion_from_dict
 from .record import Record
 
 PinField = tuple[tuple[int, int], ...] | Mapping[tuple[int, int], Motion | None]
@@ -143,34 +143,37 @@ class Cloth(Record):
         springs: Iterable[Family] = ("structural", "shear", "bend"),
         pins: Pins = ((0, 0), (-1, 0)),
     ) -> None:
-        shape = checked_shape(shape, least=2)
-        springs = _springs(springs)
-        sides = enumerate(check.items("size", size, 2, "numbers > 0"))
-        self._set(
+        shape = check_shape(shape, least=2)
+        springs = _check_springs(springs)
+        sides = enumerate(check.list_of_items("size", size, 2, "numbers > 0"))
+        self._set_attributes(
             shape=shape,
             size=tuple(
                 check.number(f"size[{k}]", side, minimum=0, exclusive=True) for k, side in sides
             ),
-            mass=_mass(mass, shape),
-            stiffness=_per_family("stiffness", stiffness, springs),
-            damping=_per_family("damping", damping, springs),
+            mass=_check_mass(mass, shape),
+            stiffness=_check_per_family("stiffness", stiffness, springs),
+            damping=_check_per_family("damping", damping, springs),
             drag=check.number("drag", drag, minimum=0),
             springs=springs,
-            pins=_checked_pins(pins, shape),
+            pins=_check_pins(pins, shape),
         )
 
     def replace(self, **changes: Any) -> Cloth:
         if not changes.keys() <= _FORCES:
             return super().replace(**changes)
-        return self._copy(
+        return self._copy_with_values(
             ("core",),
-            **{name: _per_family(name, value, self.springs) for name, value in changes.items()},
+            **{
+                name: _check_per_family(name, value, self.springs)
+                for name, value in changes.items()
+            },
         )
 
     def to_dict(self) -> dict[str, Any]:
         if not isinstance(self.pins, Mapping):
             return super().to_dict()
-        return {**self.replace(pins=()).to_dict(), "pins": _groups_of(self.pins)}
+        return {**self.replace(pins=()).to_dict(), "pins": _pins_to_groups(self.pins)}
 
     @property
     def rows(self) -> int:
@@ -216,14 +219,14 @@ class Cloth(Record):
     def mass_per_point(self) -> npt.NDArray[np.float64]:
         if isinstance(self.mass, np.ndarray):
             return self.mass
-        return frozen(np.full(self.shape, self.mass / (self.rows * self.columns)))
+        return make_read_only(np.full(self.shape, self.mass / (self.rows * self.columns)))
 
     @cached_property
     def pinned(self) -> npt.NDArray[np.bool_]:
         mask = np.zeros(self.shape, dtype=np.bool_)
         for pin in self.pins:
             mask[pin] = True
-        return frozen(mask)
+        return make_read_only(mask)
 
     @cached_property
     def driven(self) -> dict[tuple[int, int], Motion]:
@@ -241,7 +244,7 @@ class Cloth(Record):
         positions = np.zeros((*self.shape, 3))
         positions[..., 0] = np.arange(self.columns) * self.size[1] / max(self.columns - 1, 1)
         positions[..., 2] = (np.arange(self.rows) * self.size[0] / max(self.rows - 1, 1))[:, None]
-        return frozen(positions)
+        return make_read_only(positions)
 
     @cached_property
     def core(self) -> _core.Cloth:
@@ -276,12 +279,14 @@ class Cloth(Record):
             check.choice("family", family, FAMILIES)
         families = self.springs if family is None else (family,)
         return sum(
-            math.prod(self._cells(*ends))
+            math.prod(self._spring_counts_by_direction(*ends))
             for name, *ends in _ENDS
             if name in families and name in self.springs
         )
 
-    def _cells(self, first: tuple[int, int], second: tuple[int, int]) -> tuple[int, int]:
+    def _spring_counts_by_direction(
+        self, first: tuple[int, int], second: tuple[int, int]
+    ) -> tuple[int, int]:
         """Return how many springs with these ends fit along the rows and along the columns."""
         rows, columns = (
             max(n - max(a, b), 0) for n, a, b in zip(self.shape, first, second, strict=True)
@@ -314,7 +319,7 @@ class Cloth(Record):
         for family, first, second in _ENDS:
             if family not in self.springs:
                 continue
-            rows, columns = self._cells(first, second)
+            rows, columns = self._spring_counts_by_direction(first, second)
             length = math.hypot(
                 *(h * (b - a) for h, a, b in zip(self.spacing, first, second, strict=True))
             )
@@ -330,19 +335,19 @@ class Cloth(Record):
         return table
 
 
-def _mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]:
-    if check.real(value) is not None:
+def _check_mass(value: Any, shape: tuple[int, int]) -> float | npt.NDArray[np.float64]:
+    if check.real_or_none(value) is not None:
         return check.number("mass", value, minimum=0, exclusive=True)
     accepted = "finite numbers > 0 (or one number, the total mass)"
     masses = check.array("mass", value, shape, accepted)
     check.check_all("mass", masses, masses > 0, f"an array of shape {shape} of {accepted}")
-    return frozen(masses)
+    return make_read_only(masses)
 
 
-def _springs(value: Any) -> tuple[Family, ...]:
+def _check_springs(value: Any) -> tuple[Family, ...]:
     if isinstance(value, (str, bytes, Mapping)) or not np.iterable(value):
         raise TypeError(
-            f"springs must be a sequence of names from {FAMILIES}, got {check.shown(value)}"
+            f"springs must be a sequence of names from {FAMILIES}, got {check.value_text(value)}"
         )
     names = [check.choice(f"springs[{k}]", name, FAMILIES) for k, name in enumerate(value)]
     if len(set(names)) < len(names):
@@ -350,16 +355,16 @@ def _springs(value: Any) -> tuple[Family, ...]:
     return tuple(family for family in FAMILIES if family in names)
 
 
-def _per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mapping[str, float]:
+def _check_per_family(name: str, value: Any, springs: Sequence[str]) -> float | Mapping[str, float]:
     if isinstance(value, float) or not isinstance(value, Mapping):
         return check.number(name, value, minimum=0)
-    numbers = check.keys(name, value, springs, required=springs)
+    numbers = check.mapping(name, value, springs, required=springs)
     return MappingProxyType(
         {f: check.number(f"{name}[{f!r}]", numbers[f], minimum=0) for f in springs}
     )
 
 
-def _groups_of(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, Any]]:
+def _pins_to_groups(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, Any]]:
     """Return pins with motions as plain data: the points of each motion."""
     groups: dict[Motion | None, list[list[int]]] = {}
     for pair, motion in pins.items():
@@ -370,29 +375,29 @@ def _groups_of(pins: Mapping[tuple[int, int], Motion | None]) -> list[dict[str, 
     ]
 
 
-def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
+def _check_pins(value: Any, shape: tuple[int, int]) -> PinField:
     """Return the argument `pins` of a cloth, checked."""
     accepted = (
         "pins must be (row, column) pairs, a mapping of such pairs to motions, or a "
         f"boolean array of shape {shape}"
     )
     if isinstance(value, Mapping):
-        return _driven_pins(value, shape)
+        return _check_driven_pins(value, shape)
     if (
         isinstance(value, (list, tuple))
         and value
         and all(isinstance(group, Mapping) for group in value)
     ):
-        return _driven_pins(_from_groups(value), shape)  # as in to_dict
+        return _check_driven_pins(_pins_from_groups(value), shape)  # as in to_dict
     if isinstance(value, (str, bytes)) or not np.iterable(value):
-        raise TypeError(f"{accepted}, got {check.shown(value)}")
+        raise TypeError(f"{accepted}, got {check.value_text(value)}")
     if isinstance(value, np.ndarray) and value.dtype == np.bool_:
         if value.shape != shape:
             raise ValueError(f"{accepted}, got a boolean array of shape {value.shape}")
         return tuple((int(r), int(c)) for r, c in np.argwhere(value))
     pins = []
     for k, pair in enumerate(value):
-        r, c = check.items(f"pins[{k}]", pair, 2, "integers (row, column)")
+        r, c = check.list_of_items(f"pins[{k}]", pair, 2, "integers (row, column)")
         r, c = (
             check.integer(f"pins[{k}][{axis}]", p, minimum=-n, maximum=n - 1)
             for axis, (p, n) in enumerate(zip((r, c), shape, strict=True))
@@ -401,12 +406,10 @@ def _checked_pins(value: Any, shape: tuple[int, int]) -> PinField:
     return tuple(pins)
 
 
-def _driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
+def _check_driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
     """Return the pins of a mapping; without any motion the pairs alone."""
-    pairs = _checked_pins(list(value), shape)
-    motions = [
-        checked_motion(f"pins[{pair}]", motion) for pair, motion in zip(pairs, value.values())
-    ]
+    pairs = _check_pins(list(value), shape)
+    motions = [check_motion(f"pins[{pair}]", motion) for pair, motion in zip(pairs, value.values())]
     points = [(r % shape[0], c % shape[1]) for r, c in pairs]
     if len(set(points)) < len(points):
         twice = next(point for point in points if points.count(point) > 1)
@@ -416,13 +419,15 @@ def _driven_pins(value: Mapping[Any, Any], shape: tuple[int, int]) -> PinField:
     return MappingProxyType(dict(zip(pairs, motions)))
 
 
-def _from_groups(groups: Sequence[Mapping[str, Any]]) -> dict[tuple[int, int], Motion | None]:
+def _pins_from_groups(groups: Sequence[Mapping[str, Any]]) -> dict[tuple[int, int], Motion | None]:
     pins: dict[tuple[int, int], Motion | None] = {}
     for k, group in enumerate(groups):
-        entries = check.keys(f"pins[{k}]", group, ("points", "motion"), required=("points",))
+        entries = check.mapping(f"pins[{k}]", group, ("points", "motion"), required=("points",))
         motion = entries.get("motion")
         motion = motion_from_dict(motion) if isinstance(motion, Mapping) else motion
         for pair in entries["points"]:
-            row, column = check.items(f"pins[{k}] points", pair, 2, "integers (row, column)")
+            row, column = check.list_of_items(
+                f"pins[{k}] points", pair, 2, "integers (row, column)"
+            )
             pins[row, column] = motion
     return pins

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..base import Floats, check
-from ..base.text import counted
+from ..base.text import format_count
 from .cloth import FAMILIES, Cloth
 from .motion import MOTIONS
+from .obstacle import Plane, Sphere
 from .scene import Scene
-from .sphere import Plane, Sphere
 from .wind import Wind
 
 NUMERICS = ("dt", "rtol", "atol", "integrator", "precision", "kernel")
@@ -66,23 +66,23 @@ _UNITS = {
 _COMPONENTS = {"x": 0, "y": 1, "z": 2}
 
 
-def _arguments(cls: type) -> tuple[str, ...]:
+def _argument_names(cls: type) -> tuple[str, ...]:
     return tuple(f.name for f in dataclasses.fields(cls))
 
 
-_CLOTH = _arguments(Cloth)
+_CLOTH = _argument_names(Cloth)
 _SPHERE_ALONE = ("radius", "offset", "as_printed")  # what no plane has
-_SPHERE = _arguments(Sphere)
-_PLANE = _arguments(Plane)
-_SCENE = tuple(name for name in _arguments(Scene) if name not in ("cloth", "spheres"))
-_MOTION = tuple(dict.fromkeys(name for cls in MOTIONS.values() for name in _arguments(cls)))
+_SPHERE = _argument_names(Sphere)
+_PLANE = _argument_names(Plane)
+_SCENE = tuple(name for name in _argument_names(Scene) if name not in ("cloth", "spheres"))
+_MOTION = tuple(dict.fromkeys(name for cls in MOTIONS.values() for name in _argument_names(cls)))
 _FAMILY_PARTS = tuple(
     f"{name}_{family}" for name in ("stiffness", "damping") for family in FAMILIES
 )
 _SPHERE_PARTS = (*_SPHERE, *(f"center_{c}" for c in _COMPONENTS), *_MOTION)
 _PLANE_PARTS = (*_PLANE, *(f"{n}_{c}" for n in ("point", "normal") for c in _COMPONENTS), *_MOTION)
 
-_WIND = _arguments(Wind)
+_WIND = _argument_names(Wind)
 _WIND_PARTS = (*_WIND, *(f"velocity_{c}" for c in _COMPONENTS), *_MOTION)
 
 NAMES = (
@@ -105,7 +105,7 @@ _OBSTACLE_NAME = re.compile(r"(sphere|plane)(\d*)_(\w+)")
 _PIN_NAME = re.compile(r"pin(\d+)_([xyz])")
 
 
-def check_name(name: Any) -> str:
+def check_sweep_name(name: Any) -> str:
     """Return `name` if it can be swept, else raise an error that suggests the nearest name."""
     text = name if isinstance(name, str) else ""
     field = name
@@ -115,7 +115,7 @@ def check_name(name: Any) -> str:
         field = f"pin0_{pin[2]}"
     if isinstance(field, str) and field in NAMES:
         return str(name)
-    hint = check.nearest(field, NAMES)
+    hint = check.nearest_name_hint(field, NAMES)
     raise ValueError(
         f"over must have names that can be swept, got {name!r}{hint}; clothsim.sweepable() "
         "lists them"
@@ -138,10 +138,10 @@ def sweepable() -> dict[str, str]:
     >>> names["stiffness_shear"], names["gravity_y"], names["integrator"]
     ('N/m', 'm/s^2', '')
     """
-    return {name: units(name) for name in NAMES}
+    return {name: unit_of_name(name) for name in NAMES}
 
 
-def units(name: str) -> str:
+def unit_of_name(name: str) -> str:
     """Return the unit of a swept name; "" where its values have none."""
     if _PIN_NAME.fullmatch(name):
         return "m"
@@ -169,7 +169,7 @@ def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
     changes = {name: values.pop(name) for name in _SCENE if name in values}
     gravity = {c: values.pop(f"gravity_{c}") for c in _COMPONENTS if f"gravity_{c}" in values}
     if gravity:
-        changes["gravity"] = _with_components(changes.get("gravity", scene.gravity), gravity)
+        changes["gravity"] = _vector_with_components(changes.get("gravity", scene.gravity), gravity)
     pins = {name: values.pop(name) for name in [*values] if _PIN_NAME.fullmatch(name)}
     air = {name: values.pop(name) for name in [*values] if name.startswith("wind_")}
     if air:
@@ -177,36 +177,38 @@ def change_scene(scene: Scene, values: Mapping[str, Any]) -> Scene:
     if values:
         changes["spheres"] = _change_spheres(scene.spheres, values)
     if parts:
-        cloth |= _with_families(scene.cloth.replace(**cloth), parts)
+        cloth |= _family_values_with_parts(scene.cloth.replace(**cloth), parts)
     if cloth:
         changes["cloth"] = scene.cloth.replace(**cloth)
     scene = scene.replace(**changes)
-    return scene.replace(position=_with_pins(scene, pins)) if pins else scene
+    return scene.replace(position=_position_with_pins(scene, pins)) if pins else scene
 
 
-def _with_pins(scene: Scene, values: Mapping[str, float]) -> Floats:
+def _position_with_pins(scene: Scene, values: Mapping[str, float]) -> Floats:
     position = scene.initial_position.copy()
     pins = [*scene.cloth.pins]
     for name, value in values.items():
-        # The name has passed check_name.
+        # The name has passed check_sweep_name.
         index, component = _PIN_NAME.fullmatch(name).groups()  # type: ignore[union-attr]
         if int(index) >= len(pins):
             raise ValueError(
                 f"{name} needs a pin with the index {index}; the cloth has "
-                f"{counted(len(pins), 'pin')}"
+                f"{format_count(len(pins), 'pin')}"
             )
         position[pins[int(index)]][_COMPONENTS[component]] = check.number(name, value)
     return position
 
 
-def _with_components(vector: Any, components: Mapping[str, Any]) -> tuple[float, ...]:
+def _vector_with_components(vector: Any, components: Mapping[str, Any]) -> tuple[float, ...]:
     result = list(vector)
     for component, value in components.items():
         result[_COMPONENTS[component]] = value
     return tuple(result)
 
 
-def _with_families(cloth: Cloth, parts: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+def _family_values_with_parts(
+    cloth: Cloth, parts: Mapping[str, Any]
+) -> dict[str, dict[str, float]]:
     changed: dict[str, dict[str, float]] = {}
     for name, value in parts.items():
         argument, _, family = name.rpartition("_")
@@ -224,10 +226,12 @@ def _change_wind(wind: Wind | None, values: Mapping[str, Any]) -> Wind:
     velocity = {c: parts.pop(f"velocity_{c}") for c in _COMPONENTS if f"velocity_{c}" in parts}
     arguments = {name: parts.pop(name) for name in _WIND if name in parts}
     if velocity:
-        arguments["velocity"] = _with_components(arguments.get("velocity", wind.velocity), velocity)
+        arguments["velocity"] = _vector_with_components(
+            arguments.get("velocity", wind.velocity), velocity
+        )
     wind = wind.replace(**arguments)
     for part, value in parts.items():
-        if wind.motion is None or part not in _arguments(type(wind.motion)):
+        if wind.motion is None or part not in _argument_names(type(wind.motion)):
             raise ValueError(f"wind_{part} needs a wind whose motion has it, got {wind.motion!r}")
         wind = wind.replace(motion=wind.motion.replace(**{part: value}))
     return wind
@@ -238,7 +242,7 @@ def _change_spheres(
 ) -> list[Sphere | Plane]:
     parts = {}
     for name in values:
-        # The name has passed check_name.
+        # The name has passed check_sweep_name.
         kind, number, part = _OBSTACLE_NAME.fullmatch(name).groups()  # type: ignore[union-attr]
         index = int(number) if number else None
         parts[name] = kind, index, part
@@ -248,10 +252,10 @@ def _change_spheres(
         own = {
             name: part
             for name, (kind, index, part) in parts.items()
-            if index in (None, k) and _has(sphere, kind, part)
+            if index in (None, k) and _has_part(sphere, kind, part)
         }
         # Whole arguments are replaced first and together; a part is then a part of the new whole.
-        arguments = _arguments(type(sphere))
+        arguments = _argument_names(type(sphere))
         sphere = sphere.replace(
             **{part: values[name] for name, part in own.items() if part in arguments}
         )
@@ -261,7 +265,7 @@ def _change_spheres(
     return result
 
 
-def _has(obstacle: Sphere | Plane, kind: str, part: str) -> bool:
+def _has_part(obstacle: Sphere | Plane, kind: str, part: str) -> bool:
     """Return whether a name of this kind and part means the sphere or plane."""
     return obstacle._kind == kind or (kind == "sphere" and part not in _SPHERE_ALONE)
 
@@ -272,9 +276,11 @@ def _check_obstacle(
     """Refuse a name that means nothing in these `spheres`."""
     if (index or 0) >= len(spheres):
         needed = f"a {kind}" if index is None else f"a {kind} with the index {index}"
-        raise ValueError(f"{name} needs {needed}; the scene has {counted(len(spheres), 'sphere')}")
+        raise ValueError(
+            f"{name} needs {needed}; the scene has {format_count(len(spheres), 'sphere')}"
+        )
     places = range(len(spheres)) if index is None else [index]
-    if not any(_has(spheres[k], kind, part) for k in places):
+    if not any(_has_part(spheres[k], kind, part) for k in places):
         other = "plane" if kind == "sphere" else "sphere"
         raise ValueError(f"{name} needs a {kind}, and spheres[{places[-1]}] is a {other}")
 
@@ -285,9 +291,9 @@ def _change_part(sphere: Sphere | Plane, name: str, part: str, value: Any) -> Sp
         return sphere.replace(**{sphere._place_name: value})
     if vector_name in ("center", "point", "normal"):
         argument = sphere._place_name if vector_name == "center" else vector_name
-        vector = _with_components(getattr(sphere, argument), {component: value})
+        vector = _vector_with_components(getattr(sphere, argument), {component: value})
         return sphere.replace(**{argument: vector})
-    if sphere.motion is None or part not in _arguments(type(sphere.motion)):
+    if sphere.motion is None or part not in _argument_names(type(sphere.motion)):
         raise ValueError(
             f"{name} needs a {sphere._kind} whose motion has it, got {sphere.motion!r}"
         )

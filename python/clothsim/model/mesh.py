@@ -13,11 +13,11 @@ from ..base import check
 GROUP = (_core.group_size, _core.group_size, 1)
 
 
-def checked_shape(value: Any, least: int = 1) -> tuple[int, int]:
+def check_shape(value: Any, least: int = 1) -> tuple[int, int]:
     """Return `value` as (rows, columns) of a grid with at least `least` mass points, which the core
     numbers in 32 bits.
     """
-    numbers = check.items("shape", value, 2, "integers (rows, columns)")
+    numbers = check.list_of_items("shape", value, 2, "integers (rows, columns)")
     rows, columns = (check.integer(f"shape[{k}]", n, minimum=1) for k, n in enumerate(numbers))
     if not least <= rows * columns < 2**31:
         raise ValueError(
@@ -58,10 +58,11 @@ def thread_grid(
     >>> grid[17, 3]["index"], grid[17, 3]["group_y"], grid[17, 3]["thread_y"]
     (np.int64(547), np.int32(1), np.int32(1))
     """
-    rows, columns = checked_shape(shape)
-    if tuple(check.items("group", group, 3, "integers")) != GROUP:
+    rows, columns = check_shape(shape)
+    if tuple(check.list_of_items("group", group, 3, "integers")) != GROUP:
         raise ValueError(
-            f"group must be {GROUP}, the one the kernels are built for, got {check.shown(group)}"
+            f"group must be {GROUP}, the one the kernels are built for, "
+            f"got {check.value_text(group)}"
         )
     return _core.thread_ids(rows, columns)
 
@@ -88,7 +89,7 @@ def triangles(shape: tuple[int, int]) -> npt.NDArray[np.int64]:
     >>> cs.triangles((2, 2)).tolist()
     [[0, 2, 1], [1, 2, 3]]
     """
-    rows, columns = checked_shape(shape)
+    rows, columns = check_shape(shape)
     index = np.arange(rows * columns).reshape(rows, columns)
     a = index[:-1, :-1]
     b = index[:-1, 1:]

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check, frozen
+from ..base import check, make_read_only
 from ..errors import warn_caller
 from ..typing import Numbers
 from .record import Record
@@ -77,10 +77,10 @@ class BaseMotion(Record):
         times = (pieces["begin"][:, None] + parts * pieces["length"][:, None]).ravel()
         if self._period:
             times = (times - phase) * self._period
-        return float(np.linalg.norm(self._velocity(times), axis=-1).max())
+        return float(np.linalg.norm(self._velocities_at(times), axis=-1).max())
 
     @property
-    def for_pages(self) -> dict[str, Any]:
+    def pieces_for_pages(self) -> dict[str, Any]:
         """The pieces as plain data."""
         pieces = [
             {name: piece[name].tolist() for name in PIECE.fields}  # type: ignore[union-attr]
@@ -108,7 +108,7 @@ class BaseMotion(Record):
         >>> cs.Linear(velocity=(0, 1, 0)).center_at(0.5, (0, 0, 0))
         array([0. , 0.5, 0. ])
         """
-        return self._center(_times(t), np.array(check.vector("center0", center0)))
+        return self._centers_at(_check_times(t), np.array(check.vector("center0", center0)))
 
     def velocity_at(self, t: npt.ArrayLike) -> Vectors:
         """Return the velocity of the sphere [m/s], the derivative of `center_at`; where it jumps,
@@ -124,9 +124,9 @@ class BaseMotion(Record):
         >>> cs.Linear(velocity=(0, 1, 0)).velocity_at(0.5)
         array([0., 1., 0.])
         """
-        return self._velocity(_times(t))
+        return self._velocities_at(_check_times(t))
 
-    def _stops(self, begin: float, end: float) -> list[float]:
+    def _ends_of_pieces(self, begin: float, end: float) -> list[float]:
         """Return the times between `begin` and `end` at which a piece ends."""
         begins = self.pieces["begin"].tolist()
         period = self._period
@@ -143,26 +143,26 @@ class BaseMotion(Record):
             times = [(n + b - phase) * period for n in range(first, last + 1) for b in begins]
         return [t for t in times if begin < t < end]
 
-    def _center(self, t: Vectors, center0: Vectors) -> Vectors:
-        return self._states(t)[..., :3] + (center0 if self.relative else 0.0)
+    def _centers_at(self, t: Vectors, center0: Vectors) -> Vectors:
+        return self._offsets_and_velocities_at(t)[..., :3] + (center0 if self.relative else 0.0)
 
-    def _velocity(self, t: Vectors) -> Vectors:
-        return self._states(t)[..., 3:].copy()
+    def _velocities_at(self, t: Vectors) -> Vectors:
+        return self._offsets_and_velocities_at(t)[..., 3:].copy()
 
-    def _states(self, t: Vectors) -> Vectors:
+    def _offsets_and_velocities_at(self, t: Vectors) -> Vectors:
         return self.core.states(t.ravel()).reshape(*t.shape, 6)
 
     def to_dict(self) -> dict[str, Any]:
         return {"kind": self.kind, **super().to_dict()}
 
     @classmethod
-    def _arguments(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
-        arguments = super()._arguments(data, "kind", *more)
+    def _check_argument_names(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
+        arguments = super()._check_argument_names(data, "kind", *more)
         check.choice(f"{cls.__name__} kind", arguments.pop("kind"), (cls.kind,))
         return arguments
 
 
-def _times(t: npt.ArrayLike) -> Vectors:
+def _check_times(t: npt.ArrayLike) -> Vectors:
     return check.array("t", t, kind="a finite number or an array of finite numbers")
 
 
@@ -187,11 +187,11 @@ class Linear(BaseMotion):
 
     @check.check_names
     def __init__(self, velocity: Numbers) -> None:
-        self._set(velocity=check.vector("velocity", velocity))
+        self._set_attributes(velocity=check.vector("velocity", velocity))
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:
-        return _pieces([0.0], [1.0], (np.zeros((1, 3)), [self.velocity]))
+        return _make_pieces([0.0], [1.0], (np.zeros((1, 3)), [self.velocity]))
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -254,22 +254,24 @@ class Reciprocate(BaseMotion):
     ) -> None:
         if not any(vector := check.vector("direction", direction)):
             raise ValueError(f"direction must not be the zero vector, got {direction!r}")
-        self._set(
+        self._set_attributes(
             direction=vector,
             distance=check.number("distance", distance, minimum=0, exclusive=True),
             period=check.number("period", period, minimum=0, exclusive=True),
             deceleration=check.number("deceleration", deceleration, minimum=0),
-            phase=_phase(phase),
+            phase=_check_phase(phase),
         )
-        self._set(_period=self.period, _phase=self.phase)
+        self._set_attributes(_period=self.period, _phase=self.phase)
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:
         way = self.distance * np.array(self.direction) / math.hypot(*self.direction)
         ways = np.stack([way, -way])
         if self.deceleration:
-            return _pieces([0.0, 0.5], 0.5, [-0.5 * ways], amplitude=ways, decay=self.deceleration)
-        return _pieces([0.0, 0.5], 0.5, [-0.5 * ways, ways])
+            return _make_pieces(
+                [0.0, 0.5], 0.5, [-0.5 * ways], amplitude=ways, decay=self.deceleration
+            )
+        return _make_pieces([0.0, 0.5], 0.5, [-0.5 * ways, ways])
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -304,17 +306,17 @@ class Sinusoid(BaseMotion):
 
     @check.check_names
     def __init__(self, amplitude: Numbers, frequency: float, phase: float = 0.0) -> None:
-        self._set(
+        self._set_attributes(
             amplitude=check.vector("amplitude", amplitude),
             frequency=check.number("frequency", frequency, minimum=0, exclusive=True),
-            phase=_phase(phase),
+            phase=_check_phase(phase),
         )
-        self._set(_period=1.0 / self.frequency, _phase=self.phase)
+        self._set_attributes(_period=1.0 / self.frequency, _phase=self.phase)
 
     @cached_property
     def pieces(self) -> npt.NDArray[Any]:
         # A piece is half a period: the velocity is monotone on it.
-        return _pieces(
+        return _make_pieces(
             [0.0, 0.5], 0.5, [], amplitude=np.outer((1, -1), self.amplitude), angle=math.pi
         )
 
@@ -378,7 +380,7 @@ class Keyframes(BaseMotion):
         offsets: npt.ArrayLike | None = None,
         smooth: bool | Literal["rest"] = False,
     ) -> None:
-        count = len(check.items("times", times, None, "finite numbers", 2))
+        count = len(check.list_of_items("times", times, None, "finite numbers", 2))
         times = check.array("times", times, (count,))
         check.check_all("times", times, np.diff(times, prepend=-np.inf) > 0, "strictly increasing")
         places = {"centers": centers, "offsets": offsets}
@@ -397,8 +399,8 @@ class Keyframes(BaseMotion):
             check.choice("smooth", smooth, ("rest",))
         else:
             smooth = check.boolean("smooth", smooth, "True, False or 'rest'")
-        self._set(times=frozen(times), smooth=smooth, relative=name == "offsets")
-        self._set(**{**dict.fromkeys(places), name: frozen(table)})
+        self._set_attributes(times=make_read_only(times), smooth=smooth, relative=name == "offsets")
+        self._set_attributes(**{**dict.fromkeys(places), name: make_read_only(table)})
         if self.smooth is True:
             self._warn_of_overshoot(table)
 
@@ -441,7 +443,7 @@ class Keyframes(BaseMotion):
             np.concatenate(parts)
             for parts in zip((places[:1], *rest), curve, (places[-1:], *rest), strict=True)
         ]
-        return _pieces([times[0] - 1.0, *times], [1.0, *lengths[:, 0], 1.0], curves)
+        return _make_pieces([times[0] - 1.0, *times], [1.0, *lengths[:, 0], 1.0], curves)
 
 
 def _spline_velocities(h: Vectors, d: Vectors) -> Vectors:
@@ -462,7 +464,7 @@ def _spline_velocities(h: Vectors, d: Vectors) -> Vectors:
     return v
 
 
-def _pieces(
+def _make_pieces(
     begin: Numbers,
     length: Any,
     polynomial: Any,
@@ -482,10 +484,10 @@ def _pieces(
         pieces[name] = values
     for k, coefficients in enumerate(polynomial):
         pieces["polynomial"][:, k] = coefficients
-    return frozen(pieces)
+    return make_read_only(pieces)
 
 
-def _phase(value: float) -> float:
+def _check_phase(value: float) -> float:
     if (phase := check.number("phase", value, minimum=0)) >= 1.0:
         raise ValueError(f"phase must be a finite number >= 0 and < 1, got {value!r}")
     return phase
@@ -497,12 +499,12 @@ MOTIONS: dict[str, type[BaseMotion]] = {
 }
 
 
-def checked_motion(name: str, value: Any) -> Motion | None:
+def check_motion(name: str, value: Any) -> Motion | None:
     """Return `value` if it is a motion or None."""
     if value is not None and not isinstance(value, (Linear, Reciprocate, Sinusoid, Keyframes)):
         raise TypeError(
             f"{name} must be Linear, Reciprocate, Sinusoid, Keyframes or None, got "
-            f"{check.shown(value)}"
+            f"{check.value_text(value)}"
         )
     return value
 
@@ -510,6 +512,6 @@ def checked_motion(name: str, value: Any) -> Motion | None:
 def motion_from_dict(data: Mapping[str, Any]) -> Motion:
     """Return the motion of `data`: a "kind" of `MOTIONS`, and the arguments of that class."""
     if not isinstance(data, Mapping):
-        raise TypeError(f"motion must be a mapping with a 'kind', got {check.shown(data)}")
+        raise TypeError(f"motion must be a mapping with a 'kind', got {check.value_text(data)}")
     kind = check.choice("motion kind", data.get("kind", ""), MOTIONS)
     return MOTIONS[kind].from_dict(data)  # type: ignore[return-value]

@@ -13,8 +13,8 @@ from ..base import check
 from ..typing import Family, Numbers, Offset, Response, Shape
 from .cloth import Cloth
 from .motion import Reciprocate
+from .obstacle import RESPONSES, Sphere
 from .scene import Scene
-from .sphere import RESPONSES, Sphere
 
 PAPER_DT = 5e-6
 """Time step of Table 2 of Kim et al. [s]."""
@@ -46,7 +46,7 @@ def paper_static(
     >>> cs.scenes.paper_static("reflect", bend=True).cloth.spring_count()
     5826
     """
-    sphere = _sphere((0.5, -0.5, 0.5), None, response, offset, as_printed)
+    sphere = _paper_sphere((0.5, -0.5, 0.5), None, response, offset, as_printed)
     return paper_swing(bend).replace(spheres=sphere)
 
 
@@ -82,11 +82,11 @@ def paper_moving(
     [[-0.5, -0.5, 0.5], [0.5, -0.5, 0.5]]
     """
     motion = Reciprocate((1.0, 0.0, 0.0), 1.0, period, deceleration, phase)
-    sphere = _sphere((0.0, -0.5, 0.5), motion, response, offset, as_printed)
+    sphere = _paper_sphere((0.0, -0.5, 0.5), motion, response, offset, as_printed)
     return paper_swing(bend).replace(spheres=sphere)
 
 
-def _sphere(
+def _paper_sphere(
     center: Numbers,
     motion: Reciprocate | None,
     response: Response,

@@ -15,7 +15,7 @@ from ..base import check
 Self = TypeVar("Self", bound="Record")
 
 
-def _key(value: Any) -> Any:
+def _hashable_form(value: Any) -> Any:
     """Return a hashable form of a value, equal for equal values."""
     if isinstance(value, np.ndarray):
         return value.shape, (value + 0.0).tobytes()  # -0.0 is 0.0
@@ -24,7 +24,7 @@ def _key(value: Any) -> Any:
     return value
 
 
-def _short(value: Any) -> str:
+def _short_repr(value: Any) -> str:
     if isinstance(value, np.ndarray) and value.size > 24:
         return f"<array of shape {value.shape}>"
     if isinstance(value, tuple) and len(value) > (
@@ -38,13 +38,13 @@ def _short(value: Any) -> str:
     return repr(value)
 
 
-def _plain(value: Any) -> Any:
+def _plain_data(value: Any) -> Any:
     if isinstance(value, Record):
         return value.to_dict()
     if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
+        return {key: _plain_data(entry) for key, entry in value.items()}
     if isinstance(value, tuple):
-        return [_plain(entry) for entry in value]
+        return [_plain_data(entry) for entry in value]
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
@@ -54,30 +54,37 @@ class Record:
     """
 
     def __eq__(self, other: object) -> bool:
-        return self._keys() == other._keys() if isinstance(other, type(self)) else NotImplemented
+        return (
+            self._hashable_arguments() == other._hashable_arguments()
+            if isinstance(other, type(self))
+            else NotImplemented
+        )
 
     def __hash__(self) -> int:
-        return hash(self._keys())
+        return hash(self._hashable_arguments())
 
-    def _keys(self) -> tuple[Any, ...]:
-        return tuple(_key(value) for value in self._values().values())
+    def _hashable_arguments(self) -> tuple[Any, ...]:
+        return tuple(_hashable_form(value) for value in self._arguments_by_name().values())
 
-    def _values(self) -> dict[str, Any]:
+    def _arguments_by_name(self) -> dict[str, Any]:
         """Return the arguments by name."""
         names = self.__match_args__  # type: ignore[attr-defined]
         return {name: getattr(self, name) for name in names}
 
     def __reduce__(self) -> tuple[Any, ...]:
         values = {
-            n: dict(v) if isinstance(v, MappingProxyType) else v for n, v in self._values().items()
+            n: dict(v) if isinstance(v, MappingProxyType) else v
+            for n, v in self._arguments_by_name().items()
         }
         return partial(type(self), **values), ()
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{name}={_short(value)}" for name, value in self._values().items())
+        values = ", ".join(
+            f"{name}={_short_repr(value)}" for name, value in self._arguments_by_name().items()
+        )
         return f"{type(self).__name__}({values})"
 
-    def _set(self, **values: Any) -> None:
+    def _set_attributes(self, **values: Any) -> None:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -94,9 +101,9 @@ class Record:
         >>> cs.Sphere(radius=0.25).replace(radius=0.5).radius
         0.5
         """
-        return type(self)(**{**self._values(), **changes})
+        return type(self)(**{**self._arguments_by_name(), **changes})
 
-    def _copy(self: Self, forget: Collection[str], **values: Any) -> Self:
+    def _copy_with_values(self: Self, forget: Collection[str], **values: Any) -> Self:
         """Return a copy with other values, already checked, that shares what this record has
         cached, except `forget`.
         """
@@ -115,7 +122,11 @@ class Record:
         >>> cs.Cloth(shape=(4, 5)).to_dict()["shape"]
         [4, 5]
         """
-        return {name: _plain(value) for name, value in self._values().items() if value is not None}
+        return {
+            name: _plain_data(value)
+            for name, value in self._arguments_by_name().items()
+            if value is not None
+        }
 
     @classmethod
     def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
@@ -133,13 +144,13 @@ class Record:
         >>> cs.Cloth.from_dict(cloth.to_dict()) == cloth
         True
         """
-        return cls(**cls._arguments(data))
+        return cls(**cls._check_argument_names(data))
 
     @classmethod
-    def _arguments(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
+    def _check_argument_names(cls, data: Mapping[str, Any], *more: str) -> dict[str, Any]:
         """Return `data` as a dict, its keys checked; `more` are keys beside the arguments."""
         arguments = inspect.signature(cls).parameters
         required = [
             name for name, argument in arguments.items() if argument.default is argument.empty
         ]
-        return check.keys(cls.__name__, data, [*more, *arguments], [*more, *required])
+        return check.mapping(cls.__name__, data, [*more, *arguments], [*more, *required])

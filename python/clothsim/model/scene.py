@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import _core
-from ..base import check, frozen
-from ..base.services import service
-from ..base.text import counted
+from ..base import check, make_read_only
+from ..base.services import find_service
+from ..base.text import format_count
 from ..typing import Integrator, Kernel, Numbers, Precision
 from .cloth import Cloth
 from .motion import Keyframes, Motion
+from .obstacle import Plane, Sphere
 from .record import Record
-from .sphere import Plane, Sphere
 from .wind import Wind
 
 SCHEMA = 2
@@ -45,7 +45,7 @@ class DrivenPins:
 
     def places_at(self, t: float) -> npt.NDArray[np.float64]:
         """Return the places at the time `t` [m], shape (pins, 3)."""
-        return np.broadcast_to(self.motion._center(np.array(t), self.starts), self.starts.shape)
+        return np.broadcast_to(self.motion._centers_at(np.array(t), self.starts), self.starts.shape)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -110,11 +110,15 @@ class Scene(Record):
         force: npt.ArrayLike | None = None,
         wind: Wind | None = None,
     ) -> None:
-        self._set(wind=None if wind is None else check.instance("wind", wind, Wind))
+        self._set_attributes(wind=None if wind is None else check.instance("wind", wind, Wind))
         shape = (*check.instance("cloth", cloth, Cloth).shape, 3)
-        self._set(cloth=cloth, spheres=_spheres(spheres), gravity=check.vector("gravity", gravity))
+        self._set_attributes(
+            cloth=cloth, spheres=_check_spheres(spheres), gravity=check.vector("gravity", gravity)
+        )
         for name, value in (("position", position), ("velocity", velocity), ("force", force)):
-            self._set(**{name: None if value is None else frozen(check.array(name, value, shape))})
+            self._set_attributes(
+                **{name: None if value is None else make_read_only(check.array(name, value, shape))}
+            )
         if (velocities := self.velocity) is not None:
             for r, c in np.argwhere(cloth.pinned & velocities.any(axis=-1)).tolist():
                 motion = cloth.driven.get((r, c))
@@ -153,7 +157,7 @@ class Scene(Record):
                     forget.append("core_forces")
                 if self.has_layers:
                     forget.append("core_spheres")  # their layers follow from the cloth
-                return self._copy(forget, cloth=cloth)
+                return self._copy_with_values(forget, cloth=cloth)
         return super().replace(**changes)
 
     @property
@@ -174,7 +178,7 @@ class Scene(Record):
         )
         for pin, motion in self.cloth.driven.items():
             velocity[pin] = motion.velocity_at(0.0)
-        return frozen(velocity)
+        return make_read_only(velocity)
 
     @cached_property
     def driven_pins(self) -> list[DrivenPins]:
@@ -269,11 +273,11 @@ class Scene(Record):
         the damping of structural and bend springs, 100 N s/m, limits it
         below 0.647 N s/m the stiffness would
         """
-        return service("explain")(self, precision, kernel, threads, integrator)
+        return find_service("explain")(self, precision, kernel, threads, integrator)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Return lines, and a picture of the initial state, for a notebook."""
-        bundle: dict[str, Any] = service("scene_bundle")(self)
+        bundle: dict[str, Any] = find_service("scene_bundle")(self)
         return bundle
 
     @check.check_names
@@ -305,7 +309,7 @@ class Scene(Record):
         ...     path.name, path.stat().st_size < 400_000
         ('live.html', True)
         """
-        page: Path = service("live_page")(self, path, dt, title)
+        page: Path = find_service("write_live_page")(self, path, dt, title)
         return page
 
     def to_dict(self) -> dict[str, Any]:
@@ -313,7 +317,7 @@ class Scene(Record):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scene:
-        arguments = cls._arguments(data, "schema")
+        arguments = cls._check_argument_names(data, "schema")
         schema = check.integer("schema", arguments.pop("schema"))
         if schema != SCHEMA:
             raise ValueError(f"schema must be {SCHEMA}, the version read here, got {schema}")
@@ -322,7 +326,7 @@ class Scene(Record):
             arguments["wind"] = Wind.from_dict(arguments["wind"])
         spheres = arguments.get("spheres", ())
         if not isinstance(spheres, (list, tuple)):
-            raise TypeError(f"spheres must be a list of mappings, got {check.shown(spheres)}")
+            raise TypeError(f"spheres must be a list of mappings, got {check.value_text(spheres)}")
         arguments["spheres"] = tuple(
             (Plane if {"normal", "point"} & set(values) else Sphere).from_dict(values)
             for values in spheres
@@ -335,9 +339,9 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
     offset = 0.0
     layer: dict[str, float] = {}
     if scene is None:
-        normal = sphere._reference_normal((0.0, 0.0, 0.0), None)
+        normal = sphere._measuring_normal((0.0, 0.0, 0.0), None)
     else:
-        normal = sphere._reference_normal(scene.gravity, scene.initial_position)
+        normal = sphere._measuring_normal(scene.gravity, scene.initial_position)
         offset = sphere.offset_length(scene.cloth)
         if sphere.response == "penalty":
             speed = sphere.motion.largest_speed if sphere.motion else 0.0
@@ -356,7 +360,7 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
     )
 
 
-def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
+def turning_times(scene: Scene, begin: float, end: float) -> list[float]:
     """Return times between `begin` and `end` at which motions of pins, spheres and wind turn, or
     pass a time of their table [s].
 
@@ -365,7 +369,7 @@ def stops_of(scene: Scene, begin: float, end: float) -> list[float]:
     motions = {pins.motion for pins in scene.driven_pins}
     things = (*scene.spheres, scene.wind)
     motions |= {thing.motion for thing in things if thing and thing.motion}
-    return sorted({t for motion in motions for t in motion._stops(begin, end)})
+    return sorted({t for motion in motions for t in motion._ends_of_pieces(begin, end)})
 
 
 def cloth_text(scene: Scene) -> str:
@@ -379,7 +383,7 @@ def spheres_text(scene: Scene) -> str:
     if not spheres:
         return "no sphere"
     numbers = Counter(sphere._kind for sphere in spheres)
-    text = " and ".join(counted(numbers[kind], kind) for kind in sorted(numbers, reverse=True))
+    text = " and ".join(format_count(numbers[kind], kind) for kind in sorted(numbers, reverse=True))
     responses = Counter(
         f"{'moving, ' if s.motion else ''}response "
         f"{s.response}{' as printed' if s.as_printed else ''}"
@@ -389,14 +393,16 @@ def spheres_text(scene: Scene) -> str:
     return f"{text} ({'; '.join(parts)})"
 
 
-def _spheres(value: Any) -> tuple[Sphere | Plane, ...]:
+def _check_spheres(value: Any) -> tuple[Sphere | Plane, ...]:
     accepted = "a Sphere, a Plane or a sequence of them"
     if isinstance(value, (Sphere, Plane)):
         return (value,)
     if not np.iterable(value) or isinstance(value, (Set, Mapping)):  # the order of spheres counts
-        raise TypeError(f"spheres must be {accepted}, got {check.shown(value)}")
+        raise TypeError(f"spheres must be {accepted}, got {check.value_text(value)}")
     spheres = tuple(value)
     for k, sphere in enumerate(spheres):
         if not isinstance(sphere, (Sphere, Plane)):
-            raise TypeError(f"spheres must be {accepted}, got {check.shown(sphere)} at index {k}")
+            raise TypeError(
+                f"spheres must be {accepted}, got {check.value_text(sphere)} at index {k}"
+            )
     return spheres

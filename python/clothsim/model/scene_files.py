@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ..base import check, files
-from ..base.extras import needed
-from .fields import units
+from ..base.extras import import_from_extra
+from .fields import unit_of_name
 from .scene import Scene
 
 _END = "file"  # the last table; its only entry shows that the file has not been cut
@@ -66,7 +66,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     True
     """
     path = check.path("path", path)
-    toml = needed("tomllib" if sys.version_info >= (3, 11) else "tomli", "a scene file")
+    toml = import_from_extra("tomllib" if sys.version_info >= (3, 11) else "tomli", "a scene file")
     content = path.read_bytes()
     try:
         data = toml.loads(content.decode("utf-8-sig"))
@@ -105,15 +105,15 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     mass = 512.0  # kg in all, or per mass point
     """
     check.instance("scene", scene, Scene)
-    return files.write_bytes(check.path("path", path), text_of(scene.to_dict()).encode())
+    return files.write_bytes(check.path("path", path), toml_text(scene.to_dict()).encode())
 
 
-def text_of(data: Mapping[str, Any]) -> str:
+def toml_text(data: Mapping[str, Any]) -> str:
     """Return the TOML text of `Scene.to_dict`."""
-    return "\n".join(_table({**data, _END: {"complete": True}}, "")) + "\n"
+    return "\n".join(_toml_lines({**data, _END: {"complete": True}}, "")) + "\n"
 
 
-def _table(data: Mapping[str, Any], path: str) -> list[str]:
+def _toml_lines(data: Mapping[str, Any], path: str) -> list[str]:
     """Return the lines of a table: its values, then the tables in it.
 
     TOML reads a value after a table's heading as that table's, hence the order.
@@ -124,19 +124,19 @@ def _table(data: Mapping[str, Any], path: str) -> list[str]:
         inner_path = f"{path}.{key}" if path else key
         # The short mappings of spring families are on the lines of their keys.
         if isinstance(value, Mapping) and inner_path not in ("cloth.stiffness", "cloth.damping"):
-            below += ["", f"[{inner_path}]", *_table(value, inner_path)]
+            below += ["", f"[{inner_path}]", *_toml_lines(value, inner_path)]
         elif isinstance(value, list) and value and isinstance(value[0], Mapping):
             for entry in value:
-                below += ["", f"[[{inner_path}]]", *_table(entry, inner_path)]
+                below += ["", f"[[{inner_path}]]", *_toml_lines(entry, inner_path)]
         else:
-            comment = _COMMENTS.get(key, units(key))
+            comment = _COMMENTS.get(key, unit_of_name(key))
             lines.append(
-                f"{key} = {_value(value)}" + (f"  # {comment}" if comment.strip("1") else "")
+                f"{key} = {_toml_value(value)}" + (f"  # {comment}" if comment.strip("1") else "")
             )
     return lines + below
 
 
-def _value(value: Any) -> str:
+def _toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -144,5 +144,7 @@ def _value(value: Any) -> str:
     if isinstance(value, (int, float)):
         return repr(value)
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_value(entry)}" for key, entry in value.items()) + " }"
-    return "[" + ", ".join(map(_value, value)) + "]"
+        return (
+            "{ " + ", ".join(f"{key} = {_toml_value(entry)}" for key, entry in value.items()) + " }"
+        )
+    return "[" + ", ".join(map(_toml_value, value)) + "]"

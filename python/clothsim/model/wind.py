@@ -10,7 +10,7 @@ from typing import Any
 from .. import _core
 from ..base import check
 from ..typing import Numbers
-from .motion import Motion, checked_motion, motion_from_dict
+from .motion import Motion, check_motion, motion_from_dict
 from .record import Record
 
 
@@ -73,12 +73,12 @@ class Wind(Record):
         tangential: float = 0.05,
         motion: Motion | None = None,
     ) -> None:
-        self._set(
+        self._set_attributes(
             velocity=check.vector("velocity", velocity),
             density=check.number("density", density, minimum=0),
             normal=check.number("normal", normal, minimum=0),
             tangential=check.number("tangential", tangential, minimum=0),
-            motion=checked_motion("motion", motion),
+            motion=check_motion("motion", motion),
         )
 
     @cached_property
@@ -90,7 +90,7 @@ class Wind(Record):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Wind:
-        arguments = cls._arguments(data)
+        arguments = cls._check_argument_names(data)
         if "motion" in arguments:
             arguments["motion"] = motion_from_dict(arguments["motion"])
         return cls(**arguments)

@@ -83,7 +83,7 @@ def reproduce(
     }
     for number in numbers:
         total = lab.simulated_seconds(str(number), settings)
-        with ProgressBar.of_time(progress, total, f"experiment {number}") as bar:
+        with ProgressBar.for_simulated_time(progress, total, f"experiment {number}") as bar:
             entries[str(number)] = _run_experiment(
                 str(number), settings, threads, folder, bar.advance
             )

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..base.services import service
-from ..base.text import counted
+from ..base.services import find_service
+from ..base.text import format_count
 from .result import Run
 from .trajectory import NEGLIGIBLE
 
@@ -18,7 +18,7 @@ class Difference(dict[str, Any]):
     """The distance of two runs, as `difference` returns it: a mapping that draws itself."""
 
     def __repr__(self) -> str:
-        frames = counted(len(self["t"]), "time")
+        frames = format_count(len(self["t"]), "time")
         return (
             f"<Difference at {frames} to {self['t'][-1]:g} s, at the end rms "
             f"{self['rms'][-1]:.2g} m, largest {self['max'][-1]:.2g} m>"
@@ -38,7 +38,7 @@ class Difference(dict[str, Any]):
         >>> cs.difference(a, b).plot().get_ylabel()
         'distance of the mass points [m]'
         """
-        return service("draw_difference")(self, ax)
+        return find_service("draw_difference")(self, ax)
 
 
 @check.check_names

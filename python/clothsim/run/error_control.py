@@ -26,9 +26,9 @@ import numpy as np
 from .. import _core
 from ..base import Floats
 from ..errors import ContactError, UnstableError
-from ..methods.bound import usable_dt
+from ..methods.bound import stable_dt_or_error
 from ..methods.integrators import METHODS
-from ..model.scene import Scene, stops_of
+from ..model.scene import Scene, turning_times
 from .reasons import Reason
 from .trajectory import Frames, Job, Recording, Trajectory, Watch
 
@@ -131,7 +131,7 @@ def run_to_error(job: Job, request: float, watch: Watch, auto: bool = False) -> 
     `auto`: the method is not the caller's, and Verlet is tried first where it may cost less.
     """
     # This refuses too many kinks before the first run.
-    stops_of(job.scene, job.start, job.start + job.duration)
+    turning_times(job.scene, job.start, job.start + job.duration)
     runs: list[Trajectory] = []
     if job.options.integrator in _POWER_OF_STEPS and job.options.precision == "double":
         search = search_by_refinement(job, request, runs)
@@ -216,7 +216,7 @@ def _run_at_tolerance(job: Job, tolerance: float) -> Attempt:
 
 def _longest_dt(job: Job, integrator: str) -> float:
     """Return the longest fixed step [s]: the guaranteed stable one, half of it with spheres."""
-    stable = usable_dt(job.scene, integrator)
+    stable = stable_dt_or_error(job.scene, integrator)
     return min(stable / 2 if job.scene.spheres else stable, job.duration / 4)
 
 

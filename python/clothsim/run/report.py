@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from .. import _core
-from ..engine.options import kept_plan
+from ..engine.options import cached_plan
+from ..model.obstacle import name_of_kind
 from ..model.scene import Scene
-from ..model.sphere import kind_name
 from .error_control import ControlledRun, Estimate
 from .reasons import Reason
 from .trajectory import Trajectory
@@ -93,7 +93,7 @@ def make_report(
 
 def _energies_at_ends(run: Trajectory) -> dict[str, Any]:
     """Return the energies at the start and at the end; NaN and a reason if they are not finite."""
-    plan = kept_plan(run.scene, run.options)
+    plan = cached_plan(run.scene, run.options)
     energies: dict[str, Any] = {}
     for moment, k in (("start", 0), ("end", -1)):
         parts = _core.energy(plan, run.x[k], run.v[k], run.t[k])
@@ -114,7 +114,7 @@ def _energy_gain(scene: Scene, watched: Mapping[str, Any]) -> dict[str, Any]:
     elif scene.cloth.driven:
         reason = Reason.DRIVEN
     elif watched["responded"]:
-        reason = Reason.RESPONDED.format(kind=kind_name(scene.spheres))
+        reason = Reason.RESPONDED.format(kind=name_of_kind(scene.spheres))
     else:
         reason = Reason.NO_STEP
     return {"gained": gain, "reason": reason}

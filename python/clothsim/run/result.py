@@ -15,14 +15,14 @@ import numpy.typing as npt
 
 from ..base import Floats, check
 from ..base import files as _files
-from ..base.extras import needed
-from ..base.services import service
-from ..base.text import counted, joules, quantity
+from ..base.extras import import_from_extra
+from ..base.services import find_service
+from ..base.text import format_count, format_joules, format_quantity
 from ..engine import snapshot
 from ..engine.snapshot import Snapshot
 from ..measure import energy, largest_stretch, penetration
+from ..model.obstacle import Plane, Sphere
 from ..model.scene import Scene, cloth_text, spheres_text
-from ..model.sphere import Plane, Sphere
 from ..typing import Force
 from .reasons import Reason
 from .report import join_reports
@@ -137,7 +137,9 @@ class Run:
         The arrays are views, and the report stays that of the whole run.
         """
         if not isinstance(frames, slice):
-            raise TypeError(f"frames must be a slice, as in run[10:20], got {check.shown(frames)}")
+            raise TypeError(
+                f"frames must be a slice, as in run[10:20], got {check.value_text(frames)}"
+            )
         chosen = range(len(self))[frames]
         if not chosen or chosen.step < 0:
             raise ValueError(
@@ -300,7 +302,8 @@ class Run:
             last = len(spheres) - 1
             if last < 0:
                 raise ValueError(
-                    f"sphere must be None for a scene without spheres, got {check.shown(sphere)}"
+                    f"sphere must be None for a scene without spheres, "
+                    f"got {check.value_text(sphere)}"
                 )
             spheres = (spheres[check.integer("sphere", sphere, minimum=0, maximum=last)],)
         return greatest_depths(spheres, self.x, self.t)
@@ -341,7 +344,7 @@ class Run:
         _check_arrays(self)
         texts = {"scene": json.dumps(self.scene.to_dict()), "report": json.dumps(self.report)}
         if self.snapshot is not None and self.continuation is not None:
-            texts |= snapshot.to_arrays(self.snapshot)
+            texts |= snapshot.snapshot_to_arrays(self.snapshot)
             texts["continuation"] = json.dumps(asdict(self.continuation))
         return _files.write_npz(path, {"t": self.t, "x": self.x, "v": self.v, **texts})
 
@@ -354,7 +357,7 @@ class Run:
         >>> dict(run.to_xarray().sizes)
         {'time': 6, 'row': 1, 'column': 2, 'component': 3}
         """
-        xr = needed("xarray", "to_xarray")
+        xr = import_from_extra("xarray", "to_xarray")
         dimensions = ("time", "row", "column", "component")
         dataset: xarray.Dataset = xr.Dataset(
             {
@@ -402,7 +405,7 @@ class Run:
         >>> run.picture(t=0.01, width=200)
         <Picture of 200 x 129 pixels>
         """
-        return service("picture_of_run")(self, frame, t, path, **style)
+        return find_service("picture_of_run")(self, frame, t, path, **style)
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw energy, largest stretch, penetration and contacts over the stored frames.
@@ -426,7 +429,7 @@ class Run:
         >>> [axes.get_ylabel() for axes in run.plot().axes]
         ['energy [J]', 'largest stretch [%]', 'penetration [mm]', 'points in contact']
         """
-        return service("draw_run")(self, path)
+        return find_service("draw_run")(self, path)
 
     def animate(
         self,
@@ -465,7 +468,7 @@ class Run:
         ...     run.animate(folder + "/swing.gif", fps=25, width=64).name
         'swing.gif'
         """
-        film: Path = service("animate")(self, path, fps, speed, progress, **style)
+        film: Path = find_service("animate")(self, path, fps, speed, progress, **style)
         return film
 
     @check.check_names
@@ -493,7 +496,7 @@ class Run:
         ...     path.name, path.stat().st_size < 500_000
         ('run.html', True)
         """
-        page: Path = service("comparison_of")(self, title).to_html(path)
+        page: Path = find_service("comparison_of")(self, title).to_html(path)
         return page
 
     @check.check_names
@@ -510,11 +513,11 @@ class Run:
         >>> run = cs.simulate(cs.scenes.paper_swing(), 0.1, dt=1e-3, fps=50)
         >>> frame = run.show(height=500)  # the last line of a notebook's cell
         """
-        return service("comparison_of")(self).show(height)
+        return find_service("comparison_of")(self).show(height)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
         """Return the lines of `print` and a picture of the last frame, for a notebook."""
-        bundle: dict[str, Any] = service("run_bundle")(self)
+        bundle: dict[str, Any] = find_service("run_bundle")(self)
         return bundle
 
     @check.check_names
@@ -569,7 +572,7 @@ class Run:
         ...     [file.name for file in run.export(folder + "/cloth.pc2")]
         ['cloth.pc2', 'cloth.obj']
         """
-        files: list[Path] = service("export")(self, path, fps, z_up)
+        files: list[Path] = find_service("export")(self, path, fps, z_up)
         return files
 
 
@@ -591,7 +594,7 @@ def load_run(path: str | os.PathLike[str]) -> Run:
     True
     """
     data = _files.read_npz(path, "run", ("t", "x", "v", "scene", "report"))
-    with _files.reading(path, "run"):
+    with _files.explain_unreadable_file(path, "run"):
         scene = Scene.from_dict(json.loads(str(data["scene"])))
         report = json.loads(str(data["report"]))
         final_state = continuation = None
@@ -599,7 +602,7 @@ def load_run(path: str | os.PathLike[str]) -> Run:
             settings = json.loads(str(data["continuation"]))
             frames = Frames(**{**settings["frames"], "times": tuple(settings["frames"]["times"])})
             continuation = Continuation(**{**settings, "frames": frames})
-            final_state = snapshot.from_arrays(data)
+            final_state = snapshot.snapshot_from_arrays(data)
         run = Run(
             scene=scene,
             t=data["t"],
@@ -647,18 +650,18 @@ def _summary_lines(run: Run) -> list[str]:
     stopped = f", stopped early ({report['stopped']})" if report.get("stopped") else ""
     lines = [
         f"Run of {cloth_text(scene)}, {spheres_text(scene)}",
-        f"{counted(len(t), 'frame')} from t = {t[0]:.6g} to {t[-1]:.6g} s{stopped}",
+        f"{format_count(len(t), 'frame')} from t = {t[0]:.6g} to {t[-1]:.6g} s{stopped}",
     ]
     if "energy" not in report:
         return lines
     about = "about " if run.continuation is not None and run.continuation.dt is None else ""
     return [
         *lines,
-        f"{counted(report['steps'], 'step')} of {about}{quantity(report['dt'], 's')} by "
-        f"{report['integrator']} in {report['precision']}",
+        f"{format_count(report['steps'], 'step')} of {about}{format_quantity(report['dt'], 's')} "
+        f"by {report['integrator']} in {report['precision']}",
         _energy_line(scene, report),
         _penetration_line(scene, report["penetration"]),
-        f"{report['wall_time']:.3g} s of computing on {counted(report['threads'], 'thread')}, "
+        f"{report['wall_time']:.3g} s of computing on {format_count(report['threads'], 'thread')}, "
         f"{report['steps_per_second']:,.0f} steps/s",
         _error_line(report),
     ]
@@ -675,7 +678,7 @@ def _energy_line(scene: Scene, report: Mapping[str, Any]) -> str:
     }
     works = {cause: work for cause, work in works.items() if math.isfinite(work) and work != 0}
     rest = end - start - sum(works.values())
-    texts = joules([start, end, rest, *works.values()])
+    texts = format_joules([start, end, rest, *works.values()])
     text = f"energy {texts[0]} at the start, {texts[1]} at the end"
     if report["reason"] != Reason.NO_REST_ASKED:
         return text  # The run is of `settle`, which follows no motion.
@@ -715,7 +718,7 @@ def _penetration_line(scene: Scene, depths: Any) -> str:
     if not scene.spheres:
         return "penetration: no sphere"
     parts = [
-        f"{name} {quantity(depths[name], 'm')}"
+        f"{name} {format_quantity(depths[name], 'm')}"
         for name in ("points", "triangles")
         if not math.isnan(depths[name])
     ]

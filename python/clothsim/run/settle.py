@@ -18,13 +18,13 @@ import numpy as np
 
 from ..base import Floats, check
 from ..base.progress import ProgressBar
-from ..engine.force import ForceAtTime, checked_force, forces_of
+from ..engine.force import ForceAtTime, check_force, force_of_each_scene
 from ..engine.judge import TIME_STEP
 from ..engine.options import Options
-from ..engine.state import State, scenes_of
+from ..engine.state import State, list_scenes
 from ..engine.stepping import acceleration
 from ..errors import ContactError, UnstableError
-from ..methods.bound import limit_in_layer, stable_dt
+from ..methods.bound import stable_dt, stable_dt_in_layer
 from ..model.scene import Scene
 from ..typing import Force
 from .reasons import Reason
@@ -133,8 +133,8 @@ def settle(
     >>> lowest = run.x[-1, ..., 1].min()  # the sag [m]
     """
     if not isinstance(scene, Scene):
-        scenes = scenes_of(scene)
-        forces = forces_of(force, scenes, True) or [None] * len(scenes)
+        scenes = list_scenes(scene)
+        forces = force_of_each_scene(force, scenes, True) or [None] * len(scenes)
         return [
             settle(
                 member,
@@ -150,7 +150,7 @@ def settle(
     tolerance = check.number("tolerance", tolerance, minimum=1e-12)
     t = check.number("t", t)
     most = check.integer("max_evaluations", max_evaluations, minimum=1)
-    force = checked_force(force)
+    force = check_force(force)
     force_at_t = None if force is None else ForceAtTime(force, t)
     options = Options(_INTEGRATOR, threads=threads)
     relaxation = _Relaxation(scene_at_rest(scene, t), tolerance, most, t, options, force_at_t)
@@ -168,7 +168,7 @@ def scene_at_rest(scene: Scene, t: float) -> Scene:
     if wind and wind.motion:
         velocity = np.array(wind.velocity) + wind.motion.velocity_at(t)
         wind = wind.replace(velocity=velocity, motion=None)
-    spheres = [sphere._at_rest(sphere.center_at(t)) for sphere in scene.spheres]
+    spheres = [sphere._copy_at_rest(sphere.center_at(t)) for sphere in scene.spheres]
     scene_at_t = scene.replace(spheres=spheres, wind=wind)
     if not scene.cloth.driven:
         return scene_at_t
@@ -197,7 +197,7 @@ class _Relaxation:
         self._options = options
         self._force = force
         # The friction of a layer is 0 at rest, and would only slow the way there.
-        layers = [sphere._as_layer(friction=0.0) for sphere in scene.spheres]
+        layers = [sphere._copy_with_layer(friction=0.0) for sphere in scene.spheres]
         self._plain = scene.replace(spheres=layers)
         self._mass = scene.cloth.mass_per_point[..., None]
         self._free = ~scene.cloth.pinned
@@ -208,7 +208,7 @@ class _Relaxation:
         limits = [stable_dt(damped_scene, _INTEGRATOR)]
         for k, layer in enumerate(layers):
             depth = layer.layer(damped_scene.cloth)["thickness"] / 2
-            limits.append(limit_in_layer(damped_scene, _INTEGRATOR, k, depth))
+            limits.append(stable_dt_in_layer(damped_scene, _INTEGRATOR, k, depth))
         stable = _STEP * min(limits)
         self._dt = stable if math.isfinite(stable) else 0.1 / self._slow
         self._state = self._make_state(damped_scene, self._start)
@@ -242,7 +242,7 @@ class _Relaxation:
     def _make_state(self, scene: Scene, x: Floats) -> State:
         options = Options(integrator=_INTEGRATOR, threads=self._options.threads)
         v = np.zeros_like(x)
-        return State.checked(scene, x, v, 0.0, options, self._force, quiet=TIME_STEP)
+        return State.from_arguments(scene, x, v, 0.0, options, self._force, quiet=TIME_STEP)
 
     def _measure_residual(self, x: Floats) -> float:
         """Measure the largest unbalanced force, over the scale of forces.
@@ -255,7 +255,7 @@ class _Relaxation:
             probe.advance(1, dt)
         except (UnstableError, ContactError):
             return math.inf  # The next step of the relaxation says why.
-        _, v = probe.arrays()
+        _, v = probe.positions_and_velocities()
         force = self._mass * v / dt
         return float(np.linalg.norm(force, axis=-1)[self._free].max(initial=0.0)) / self._scale
 
@@ -283,7 +283,7 @@ class _Relaxation:
             estimates += 1
             if bar is not None:
                 bar.update(count)
-            x, _ = self._state.arrays()
+            x, _ = self._state.positions_and_velocities()
             if self._has_left_its_place(x):
                 return Reason.MOVES_AWAY
             state = x, acceleration(self._plain, x, np.zeros_like(x), force=self._force)
@@ -338,7 +338,7 @@ class _Relaxation:
         v = np.zeros_like(x)
         t = [self._t, self._t + max(self._best_steps, 1) * self._dt]
         rest = self._plain.replace(position=self._best, velocity=None)
-        state = State.own([rest], False, self._t, self._options)
+        state = State.from_scenes([rest], False, self._t, self._options)
         state.core.set_watch(1, 0.0)
         state.core.sample()
         run = Trajectory(

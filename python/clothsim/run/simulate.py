@@ -13,13 +13,13 @@ import numpy.typing as npt
 from ..base import check
 from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
-from ..engine.force import checked_force, forces_of
+from ..engine.force import check_force, force_of_each_scene
 from ..engine.options import Options
-from ..engine.snapshot import take
-from ..engine.state import own_arrays, scenes_of, state_arrays
+from ..engine.snapshot import make_snapshot
+from ..engine.state import check_state_arrays, initial_arrays, list_scenes
 from ..errors import ContactError, RunInterrupted, ToleranceWarning, UnstableError, warn_caller
 from ..methods.bound import least_rtol_of_rkc2
-from ..methods.integrators import integrator_name, warn_of_order
+from ..methods.integrators import check_integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Force, Integrator, Kernel, Precision
 from .error_control import estimate_error_of_run, longer_side, run_to_error
@@ -157,9 +157,9 @@ def simulate(
     ((26, 1, 2, 3), 'dop853', True)
     """
     batched = not isinstance(scene, Scene)
-    scenes = scenes_of(scene)
+    scenes = list_scenes(scene)
     if batched and (dt is None or callback is not None or estimate_error or backend == "gpu"):
-        forces = forces_of(force, scenes, batched) or [None] * len(scenes)
+        forces = force_of_each_scene(force, scenes, batched) or [None] * len(scenes)
         return _simulate_one_by_one(
             scenes,
             forces,
@@ -187,7 +187,7 @@ def simulate(
     frames = Frames.from_arguments(every, times, fps, t, duration)
     if integrator is None:
         integrator = "rk4" if dt is not None or backend == "gpu" else "auto"
-    integrator = integrator_name(integrator, "auto", fixed=dt is not None)
+    integrator = check_integrator_name(integrator, "auto", fixed=dt is not None)
     method = "rk4" if integrator == "auto" else integrator
     options = Options(method, precision, threads, kernel, backend)
     if options.backend == "gpu" and (request is not None or integrator == "auto"):
@@ -201,17 +201,17 @@ def simulate(
         if integrator == "auto":
             raise ValueError("integrator must be a name with dt, got 'auto': it chooses the step")
         dt = check.number("dt", dt, minimum=0, exclusive=True)
-        check.step_count(duration, dt)
+        check.check_step_count(duration, dt)
     if estimate_error is not None:
         check.boolean("estimate_error", estimate_error)
     _check_callback(callback)
-    forces_of(force, scenes, batched)
+    force_of_each_scene(force, scenes, batched)
     if integrator == "auto":
         relative = _DEFAULT_RTOL if request is None else request / longer_side(scenes[0])
         chosen = "rkc2" if relative >= least_rtol_of_rkc2(scenes[0]) else "dop853"
         options = replace(options, integrator=chosen, precision="double")
     if options.precision == "single":
-        state_arrays(*own_arrays(scenes, batched), scenes, batched, "single")
+        check_state_arrays(*initial_arrays(scenes, batched), scenes, batched, "single")
     job = Job(scenes, batched, duration, options, t, frames, force, dt)
     tolerance = _DEFAULT_RTOL * longer_side(scenes[0]) if request is None else request
 
@@ -284,7 +284,7 @@ def _run_of_trajectory(trajectory: Trajectory, reason_of_end: str = "", **accura
     state = trajectory.state
     final = None
     if trajectory.saved is not None or not state.batched:
-        final = take(state, trajectory.scene, trajectory.options, trajectory.saved)
+        final = make_snapshot(state, trajectory.scene, trajectory.options, trajectory.saved)
     return Run(
         trajectory.scene,
         np.array(trajectory.t),
@@ -316,7 +316,7 @@ def _compute_under_watch(
     compute: Callable[[Watch], Runs], job: Job, callback: Any, progress: bool
 ) -> Runs:
     """Return what `compute` does, or the runs up to an early end, at least their first frames."""
-    bar = ProgressBar.of_time(progress, job.duration)
+    bar = ProgressBar.for_simulated_time(progress, job.duration)
     watch = Watch(callback, bar.bar)
 
     def runs_so_far(reason: str) -> Any:
@@ -367,12 +367,12 @@ def resume_run(
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     _check_end_time(past.start, past.seconds + duration)
     if past.dt is not None:
-        check.step_count(duration, past.dt)
+        check.check_step_count(duration, past.dt)
     frames = past.frames
     if not (every is None and times is None and fps is None):
         frames = Frames.from_arguments(every, times, fps, past.start + past.seconds, duration)
     _check_callback(callback)
-    checked_force(force)
+    check_force(force)
     if past.forced and force is None:
         raise ValueError("force must be given: this run had one, and functions are not kept")
     job = Job(
@@ -408,7 +408,7 @@ def _check_end_time(t: float, duration: float) -> None:
 
 def _check_callback(callback: Any) -> None:
     if callback is not None and not callable(callback):
-        raise TypeError(f"callback must be callable, got {check.shown(callback)}")
+        raise TypeError(f"callback must be callable, got {check.value_text(callback)}")
 
 
 def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, float | None]:
@@ -416,7 +416,7 @@ def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, flo
     if dt is not None:
         raise ValueError(
             "dt must be None with rtol or atol, or with integrator 'auto': they choose it; "
-            f"got {check.shown(dt)}"
+            f"got {check.value_text(dt)}"
         )
     rtol = None if rtol is None else check.number("rtol", rtol, minimum=0)
     atol = None if atol is None else check.number("atol", atol, minimum=0)

@@ -19,15 +19,15 @@ import numpy as np
 
 from .. import _core
 from ..base import Floats, check
-from ..engine.force import forces_of
+from ..engine.force import force_of_each_scene
 from ..engine.judge import TIME_STEP
 from ..engine.options import Options
-from ..engine.snapshot import Snapshot, of_members
+from ..engine.snapshot import Snapshot, fields_of_members
 from ..engine.state import State
 from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..methods.integrators import METHODS
-from ..model.scene import Scene, stops_of
+from ..model.scene import Scene, turning_times
 from ..typing import Force
 
 Callback = Callable[[float, Floats, Floats], Any]
@@ -275,7 +275,7 @@ class Watch:
         if stop is not None and not isinstance(stop, (bool, np.bool_)):
             raise TypeError(
                 "callback must return True to stop the run, or False or None to go on, got "
-                f"{check.shown(stop)}"
+                f"{check.value_text(stop)}"
             )
         if stop:
             raise StopRun
@@ -306,10 +306,12 @@ class Recording:
     def __init__(self, job: Job, watch: Watch, quiet: frozenset[str] = frozenset()) -> None:
         self.job = job
         self._watch = watch
-        forces = forces_of(job.force, job.scenes, job.batched)
+        forces = force_of_each_scene(job.force, job.scenes, job.batched)
         if job.own_step or job.dt is None:
             quiet |= TIME_STEP
-        self.state = State.own(job.scenes, job.batched, job.start, job.options, forces, quiet)
+        self.state = State.from_scenes(
+            job.scenes, job.batched, job.start, job.options, forces, quiet
+        )
         self._earlier = Continuation(job.start)
         if job.resumed:
             snapshot, self._earlier = job.resumed
@@ -337,7 +339,7 @@ class Recording:
 
     def run_to_end(self) -> Recording:
         if self.job.dt is not None:
-            self.state.check_step(self.job.dt)
+            self.state.warn_of_time_step(self.job.dt)
         while self.live and not self._path.complete:
             # Nobody waits for a run without a bar and a pause.
             waits = self._watch.bar is not None or self._pause
@@ -354,7 +356,7 @@ class Recording:
         end = moments[-1]
         every = min(_MOST_STEPS_BETWEEN_SAMPLES, job.duration / dt // _SAMPLES)
         self.state.core.set_watch(int(max(1, every)), 0.0)
-        kinks = {t for scene in job.scenes for t in stops_of(scene, begin.time, end.time)}
+        kinks = {t for scene in job.scenes for t in turning_times(scene, begin.time, end.time)}
         if not (kinks and job.own_step):
             length = end.seconds - begin.seconds
             count = math.floor(length / dt + NEGLIGIBLE)
@@ -410,7 +412,7 @@ class Recording:
             tolerance_x=self._unit,
             tolerance_v=self._unit * rate,
             near=near,
-            stops=sorted({*stops_of(job.scene, moments[0].time, end), end}),
+            stops=sorted({*turning_times(job.scene, moments[0].time, end), end}),
             grid=list(job.grid),
             controller=controller,
             moments=moments,
@@ -478,7 +480,7 @@ class Recording:
 
         That of a member that failed ends with its last good state.
         """
-        x, v = self.state.arrays()
+        x, v = self.state.positions_and_velocities()
         if not self.state.batched:
             x = x[None]
             v = v[None]
@@ -526,7 +528,11 @@ class Recording:
         watched = state.core.watched
         counted = state.core.evaluations
         keeps = state.batched and not job.own_step
-        saved = of_members(state.core.snapshot(), state.scenes) if keeps else [None] * len(watched)
+        saved = (
+            fields_of_members(state.core.snapshot(), state.scenes)
+            if keeps
+            else [None] * len(watched)
+        )
         method = METHODS[job.options.integrator]
         runs = {}
         for k, (x, v) in present.items():

@@ -39,11 +39,11 @@ import numpy.typing as npt
 
 from .. import _core
 from ..base import Floats, check
-from ..engine.options import Options, kept_plan
-from ..engine.state import scenes_of, start_time
+from ..engine.options import Options, cached_plan
+from ..engine.state import check_start_time, list_scenes
 from ..methods.bound import stable_dt
-from ..methods.integrators import METHODS, integrator_name
-from ..methods.region import mode_limit, notched, splitting_step
+from ..methods.integrators import METHODS, check_integrator_name
+from ..methods.region import has_notch, splitting_step, stable_dt_of_modes
 from ..model.scene import Scene
 from ..typing import Integrator
 
@@ -138,20 +138,20 @@ def max_stable_dt(
     '1.73e-03'
     """
     if not isinstance(scene, Scene):
-        scenes = scenes_of(scene)
+        scenes = list_scenes(scene)
         batch_shape = (len(scenes), *scenes[0].cloth.shape, 3)
         xs = repeat(None) if x is None else check.array("x", x, batch_shape)
         vs = repeat(None) if v is None else check.array("v", v, batch_shape)
         members = zip(scenes, xs, vs)
         return np.array([max_stable_dt(member, integrator, x, v, t) for member, x, v in members])
-    integrator = integrator_name(integrator, fixed=True)
+    integrator = check_integrator_name(integrator, fixed=True)
     if x is None:
         if v is not None:
             raise ValueError("v must be None without x, got velocities alone")
         if t is not None:
-            raise ValueError(f"t must be None without x, got {check.shown(t)}")
+            raise ValueError(f"t must be None without x, got {check.value_text(t)}")
         return stable_dt(scene, integrator)
-    time = start_time(t, [scene] if scene.has_layers or scene.wind else [])
+    time = check_start_time(t, [scene] if scene.has_layers or scene.wind else [])
     shape = (*scene.cloth.shape, 3)
     x = check.array("x", x, shape)
     v = np.zeros(shape) if v is None else check.array("v", v, shape)
@@ -218,7 +218,7 @@ def tangent_products(
     ]
     layers = None
     if scene.has_layers:
-        plan = kept_plan(scene, Options())
+        plan = cached_plan(scene, Options())
         layers = _core.contact_derivatives(
             plan, x.reshape(*cloth.shape, 3), v.reshape(*cloth.shape, 3), t
         )
@@ -265,7 +265,7 @@ def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats, t: float
     size = 3 * scene.cloth.pinned.size
     if not len(free):
         return np.inf
-    if notched(integrator) and len(free) <= _DENSE:
+    if has_notch(integrator) and len(free) <= _DENSE:
         rows = np.eye(size)[free]
         k, c = (product(rows)[:, free].T for product in operators)
         return float(limiting_modes(integrator, k, c)[0].min(initial=np.inf))
@@ -385,7 +385,7 @@ def limiting_modes(
     # damping. The time step does not cause growth of the exact motion.
     omega = np.where(wave, np.abs(mu), 0.0)
     delta = np.where(wave, -2 * mu.real, -mu.real).clip(0)
-    limits = mode_limit(integrator, omega, delta)
+    limits = stable_dt_of_modes(integrator, omega, delta)
     keep = (mu.imag >= 0) & np.isfinite(limits)
     worst = np.flatnonzero(keep)[np.argsort(limits[keep])[:_LEAST_MODES]]
     return limits[worst], mu[worst], z.T[worst]

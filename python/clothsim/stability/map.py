@@ -9,15 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check
-from ..base.build import available_threads
-from ..base.extras import needed
+from ..base.build import available_thread_count
+from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
 from ..engine.judge import TIME_STEP
 from ..engine.options import Options
 from ..engine.state import State
 from ..errors import UnstableError
 from ..measure import energy
-from ..methods.integrators import integrator_name
+from ..methods.integrators import check_integrator_name
 from ..model.scene import Scene
 from ..typing import Integrator, Precision
 from .limit import max_stable_dt, spectral_limit
@@ -50,13 +50,13 @@ def is_stable(scene: Scene, x: Floats, v: Floats, dt: float, steps: int, **optio
     size = (cloth.mass_per_point[..., None] * noise**2).sum() / 2
     start = energy(scene, x, v + noise)
     settings = Options(**{"threads": 1, **options})
-    state = State.checked(scene, x, v + noise, None, settings, quiet=TIME_STEP)
+    state = State.from_arguments(scene, x, v + noise, None, settings, quiet=TIME_STEP)
     for begin in range(0, steps, _LOOK):
         try:
             state.advance(min(_LOOK, steps - begin), dt)
         except UnstableError:
             return False
-        energies = energy(scene, *state.arrays())
+        energies = energy(scene, *state.positions_and_velocities())
         allowed = _GROWTH**2 * size + _ENERGY_ERROR * (energies["kinetic"] + energies["elastic"])
         if not energies["total"] - start["total"] <= allowed:
             return False
@@ -114,13 +114,13 @@ def stability_map(
     >>> found.limit.values.round(4).tolist()
     [0.2828, 0.0283]
     """
-    xr: Any = needed("xarray", "stability_map")
+    xr: Any = import_from_extra("xarray", "stability_map")
     check.instance("scene", scene, Scene)
-    integrator = integrator_name(Options(integrator, precision).integrator, fixed=True)
+    integrator = check_integrator_name(Options(integrator, precision).integrator, fixed=True)
     stiffness = _check_positive_values("stiffness", stiffness)
     dt = _check_positive_values("dt", dt)
     steps = check.integer("steps", steps, minimum=1)
-    threads = Options(threads=threads).threads or available_threads()
+    threads = Options(threads=threads).threads or available_thread_count()
     scenes = [
         scene.replace(cloth=scene.cloth.replace(stiffness=float(k)), spheres=()) for k in stiffness
     ]

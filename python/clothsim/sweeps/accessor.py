@@ -8,7 +8,7 @@ from typing import Any
 
 import xarray
 
-from ..base.services import service
+from ..base.services import find_service
 from ..errors import ContactError, UnstableError
 from ..model.motion import motion_from_dict
 from ..model.scene import Scene
@@ -52,7 +52,7 @@ class ClothsimAccessor:
         >>> ds.clothsim.plot().shape
         (1, 2)
         """
-        return service("plot")(self._dataset, kind, **options)
+        return find_service("plot")(self._dataset, kind, **options)
 
     @property
     def provenance(self) -> dict[str, Any]:

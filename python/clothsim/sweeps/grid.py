@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base import check
-from ..model.fields import check_name, units
+from ..model.fields import check_sweep_name, unit_of_name
 from ..model.record import Record
 
 # An array with more entries is described by its digest.
@@ -42,7 +42,7 @@ def plain_data(value: Any) -> Any:
         return [plain_data(entry) for entry in value]
     raise TypeError(
         "a swept value must be a number, text, sequence, array, or part of a scene, got "
-        f"{check.shown(value)}"
+        f"{check.value_text(value)}"
     )
 
 
@@ -144,8 +144,8 @@ def _label_coordinates(
     attrs: dict[str, Any] = {"long_name": name.replace("_", " ")}
     if labels is None and all(isinstance(v, bool) for v in values):
         return {name: (dimension, np.array(values), attrs)}
-    if not all(isinstance(v, str) for v in values) and units(name):
-        attrs["units"] = units(name)
+    if not all(isinstance(v, str) for v in values) and unit_of_name(name):
+        attrs["units"] = unit_of_name(name)
     numbers = [np.nan if v is None else v for v in values]  # None, as of dt beside rtol, is NaN.
     are_numbers = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in numbers)
     if labels is None and are_numbers and any(v is not None for v in values):
@@ -173,7 +173,7 @@ def _make_axis(key: Any, values: Any) -> Axis:
     """Make the axis of a name, or of names with zipped values."""
     is_zip = isinstance(key, tuple)
     labels = None
-    names = tuple(map(check_name, key if is_zip else (key,)))
+    names = tuple(map(check_sweep_name, key if is_zip else (key,)))
     if len(set(names)) < len(names):
         raise ValueError(f"over must name each thing once, got the zipped names {names!r}")
     if isinstance(values, Mapping) and not is_zip:
@@ -184,7 +184,7 @@ def _make_axis(key: Any, values: Any) -> Axis:
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
             requirement = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
             raise ValueError(
-                f"over[{key!r}] must have {requirement}, got {check.shown(row)} at index {k}"
+                f"over[{key!r}] must have {requirement}, got {check.value_text(row)} at index {k}"
             )
     return Axis("_".join(names), tuple(dict(zip(names, row, strict=True)) for row in rows), labels)
 
@@ -197,11 +197,15 @@ def _make_samples_axis(over: Any) -> Axis:
     for k, sample in enumerate(samples):
         if not isinstance(sample, Mapping) or not sample:
             requirement = "a mapping of names to values or a sequence of mappings"
-            raise TypeError(f"over must be {requirement}, got {check.shown(sample)} at index {k}")
+            raise TypeError(
+                f"over must be {requirement}, got {check.value_text(sample)} at index {k}"
+            )
         if set(sample) != set(samples[0]):
             names = f"{sorted(sample)} at index {k} and {sorted(samples[0])} before"
             raise ValueError(f"over must give every sample the same names, got {names}")
-    places = [{check_name(n): _python_scalar(v) for n, v in sample.items()} for sample in samples]
+    places = [
+        {check_sweep_name(n): _python_scalar(v) for n, v in sample.items()} for sample in samples
+    ]
     return Axis("sample", tuple(places))
 
 
@@ -211,7 +215,7 @@ def _list_values(name: str, values: Any) -> list[Any]:
         or not isinstance(values, Iterable)
         or getattr(values, "ndim", 1) == 0
     ):
-        raise TypeError(f"{name} must be a sequence of values, got {check.shown(values)}")
+        raise TypeError(f"{name} must be a sequence of values, got {check.value_text(values)}")
     result = list(map(_python_scalar, values))
     if not result:
         raise ValueError(f"{name} must have at least one value, got none")

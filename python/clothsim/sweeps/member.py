@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..base import check
-from ..engine.force import checked_force
+from ..engine.force import check_force
 from ..engine.options import Options
-from ..methods.bound import stable_dt, usable_dt
-from ..methods.integrators import integrator_name
+from ..methods.bound import stable_dt, stable_dt_or_error
+from ..methods.integrators import check_integrator_name
 from ..model.fields import RUN, change_scene
 from ..model.scene import Scene
 from ..run.simulate import checked_tolerances
@@ -43,9 +43,9 @@ class SweepOptions:
         if self.dt is not None:
             values["dt"] = check.number("dt", self.dt, minimum=0, exclusive=True)
         if self.integrator is not None:
-            values["integrator"] = integrator_name(self.integrator, "auto")
+            values["integrator"] = check_integrator_name(self.integrator, "auto")
         values["every"] = checked_frame_interval(self.every)
-        values["force"] = checked_force(self.force)
+        values["force"] = check_force(self.force)
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,9 @@ class MemberMaker:
         integrator = settings["integrator"]
         if integrator in ("auto", None):
             integrator = "rk4"
-        limit = usable_dt(scene, integrator) if dt is None else stable_dt(scene, integrator)
+        limit = (
+            stable_dt_or_error(scene, integrator) if dt is None else stable_dt(scene, integrator)
+        )
         return Member(index, scene, settings, dt, limit)
 
     def _make_settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
@@ -112,7 +114,7 @@ class MemberMaker:
             settings["integrator"] = "rk4"
         name = settings["integrator"]
         if name is not None:
-            name = integrator_name(name, "auto", fixed=dt is not None)
+            name = check_integrator_name(name, "auto", fixed=dt is not None)
             settings["integrator"] = name
         method = "rk4" if name in ("auto", None) else name
         Options(method, settings["precision"], None, settings["kernel"])
@@ -123,7 +125,7 @@ class MemberMaker:
             settings["rtol"], settings["atol"] = checked_tolerances(dt, *tolerances)
         elif dt is not None:
             settings["dt"] = check.number("dt", dt, minimum=0, exclusive=True)
-            check.step_count(duration, settings["dt"])
+            check.check_step_count(duration, settings["dt"])
         return settings
 
 

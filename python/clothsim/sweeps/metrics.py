@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..accuracy.solution import distances, solve_in_double
+from ..accuracy.solution import largest_and_rms_distances, solve_in_double
 from ..base import Floats, check
 from ..model.scene import Scene
 from ..run.result import Run
@@ -72,7 +72,7 @@ def reason_without_error(run: Run, reference: EndReference) -> str:
 def _errors_at_end(run: Run, reference: EndReference) -> tuple[float, ...]:
     if reason_without_error(run, reference):
         return math.nan, math.nan, math.nan
-    distance = distances(run.x[-1], reference.x)
+    distance = largest_and_rms_distances(run.x[-1], reference.x)
     return float(distance["max"]), float(distance["rms"]), reference.error
 
 
@@ -172,7 +172,9 @@ def compute_variables(name: str, function: Callable[[Run], Any], run: Run) -> di
     for value in parts.values():
         if np.asarray(value).dtype.kind not in "biuf":
             requirement = "a number, an array of numbers or a mapping of them"
-            raise TypeError(f"metric {name!r} must give {requirement}, got {check.shown(value)}")
+            raise TypeError(
+                f"metric {name!r} must give {requirement}, got {check.value_text(value)}"
+            )
     return {part: np.asarray(value, float) for part, value in parts.items()}
 
 
@@ -183,7 +185,7 @@ def choose_metrics(metrics: Any) -> Metrics:
     if not isinstance(metrics, (Mapping, list, tuple)):
         raise TypeError(
             "metrics must be names, functions or a mapping of names to functions, got "
-            f"{check.shown(metrics)}"
+            f"{check.value_text(metrics)}"
         )
     pairs = [(None, metric) for metric in metrics]
     if isinstance(metrics, Mapping):

@@ -23,7 +23,7 @@ except ImportError:  # Windows has none.
     fcntl = None  # type: ignore[assignment]
 
 from ..base import check
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from .grid import Grid
 from .member import DONE, FAILED, PENDING, STATUS, MemberRecord
 from .metrics import METRICS, Metrics
@@ -173,7 +173,7 @@ class Results:
         for name, (own, values, attrs) in self._variables.items():
             values = values.reshape((*self.grid.shape, *values.shape[1:]))
             variables[name] = ((*self.grid.dimensions, *own), values, attrs)
-        xr = needed("xarray", "sweep")
+        xr = import_from_extra("xarray", "sweep")
         dataset: xarray.Dataset = xr.Dataset(variables, self._coordinates, self._attrs)
         return dataset
 
@@ -188,7 +188,7 @@ class Store:
     def __init__(self, path: Path, description: Mapping[str, Any]) -> None:
         self.path = path
         self.description = description
-        self._zarr = needed("zarr", "store=...")
+        self._zarr = import_from_extra("zarr", "store=...")
         self._next_write = time.monotonic() + _SECONDS_BETWEEN_WRITES
         exists = (path / "zarr.json").exists()
         if not exists and path.exists() and any(path.iterdir()):
@@ -293,7 +293,9 @@ def read_dataset(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
     """
     name = "status"
     try:
-        group = needed("zarr", "a sweep's store").open_group(path, mode="r", use_consolidated=False)
+        group = import_from_extra("zarr", "a sweep's store").open_group(
+            path, mode="r", use_consolidated=False
+        )
         has_results = (group[name][...] == DONE).any()
         for name in sorted({*group.array_keys(), *names}):
             array = group[name]
@@ -301,7 +303,7 @@ def read_dataset(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
             if has_results and name != "status" and array.nchunks_initialized < array.nchunks:
                 raise FileNotFoundError("a chunk is missing")
             array[...]  # zarr compares checksums here.
-        xr = needed("xarray", "open_sweep")
+        xr = import_from_extra("xarray", "open_sweep")
         dataset: xarray.Dataset = xr.open_zarr(path, chunks=None, consolidated=False).load()
     except Exception as error:  # zarr raises many kinds.
         raise ValueError(
@@ -365,8 +367,8 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     >>> bool(again.stable.all())
     True
     """
-    needed("xarray", "open_sweep")
-    needed("zarr", "a sweep's store")
+    import_from_extra("xarray", "open_sweep")
+    import_from_extra("zarr", "a sweep's store")
     path = check.path("path", path)
     if not path.is_dir():
         raise ValueError(f"path must be the folder of a store, got {str(path)!r}")

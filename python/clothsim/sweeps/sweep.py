@@ -20,8 +20,8 @@ import numpy as np
 
 from .. import _core
 from ..base import check
-from ..base.build import available_threads, build_config, provenance
-from ..base.extras import needed
+from ..base.build import available_thread_count, build_config, provenance
+from ..base.extras import import_from_extra
 from ..base.interrupts import Interrupts
 from ..base.progress import ProgressBar
 from ..engine.options import Options
@@ -157,9 +157,9 @@ def sweep(
     >>> result.stiffness.attrs["units"], result.sizes["dt"]
     ('N/m', 2)
     """
-    needed("xarray", "sweep")  # An ImportError comes before the runs.
+    import_from_extra("xarray", "sweep")  # An ImportError comes before the runs.
     if check.boolean("progress", progress):
-        needed("tqdm", "progress=True")
+        import_from_extra("tqdm", "progress=True")
     check.instance("scene", scene, Scene)
     grid = make_grid(over)
     choice = choose_metrics(metrics)
@@ -442,7 +442,7 @@ class Workers:
         self._stop = threading.Event()
         self.count = int(getattr(executor, "_max_workers", _WORKERS))
         if executor is None:
-            self.count = threads or available_threads()
+            self.count = threads or available_thread_count()
             self.executor: Executor = ThreadPoolExecutor(self.count, "clothsim-sweep")
         elif isinstance(executor, Executor):
             self.executor = executor
@@ -451,7 +451,7 @@ class Workers:
             self.executor = executor.get_executor(pure=False)
         else:
             requirement = "None, a concurrent.futures.Executor or a dask.distributed Client"
-            raise TypeError(f"executor must be {requirement}, got {check.shown(executor)}")
+            raise TypeError(f"executor must be {requirement}, got {check.value_text(executor)}")
 
     def _stop_after_sweep(self) -> None:
         """Stop a task on a thread of this process where the sweep has ended."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..base import Floats, check, files
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
 from .label import Pixels
 from .picture import Drawing, check_file_path, make_style
@@ -84,7 +84,10 @@ def animate(
     shown = nearest_frames(run.t, fps, speed)
     seconds = float(run.t[-1] - run.t[0])
     write = {".gif": _write_gif, ".webp": _write_webp, ".mp4": _write_mp4}[suffix]
-    with ProgressBar.of_time(progress, seconds, "film") as bar, files.replacing(path) as part:
+    with (
+        ProgressBar.for_simulated_time(progress, seconds, "film") as bar,
+        files.replace_when_complete(path) as part,
+    ):
         write(part, Film(drawing, shown, fps, lambda: bar.advance(seconds / len(shown))))
     return path
 
@@ -94,7 +97,9 @@ def check_film_path(name: str, value: Any) -> Path:
     path = check_file_path(name, value)
     if path.suffix.lower() not in FORMATS:
         raise ValueError(f"{name} must end in one of {', '.join(FORMATS)}, got {str(path)!r}")
-    _find_ffmpeg() if path.suffix.lower() == ".mp4" else needed("PIL.Image", "a film", "plot")
+    _find_ffmpeg() if path.suffix.lower() == ".mp4" else import_from_extra(
+        "PIL.Image", "a film", "plot"
+    )
     return path
 
 
@@ -128,7 +133,7 @@ class _Reel:
 
 
 def _write_webp(path: Path, film: Film) -> None:
-    image = needed("PIL.Image", "a film", "plot")
+    image = import_from_extra("PIL.Image", "a film", "plot")
     first = image.fromarray(film[0])
     options = {
         "save_all": True,
@@ -144,7 +149,7 @@ def _write_gif(part: Path, film: Film) -> None:
     picture, the changed rectangle is written.
     """
     image, gif, chops = (
-        needed(f"PIL.{name}", "a film", "plot")
+        import_from_extra(f"PIL.{name}", "a film", "plot")
         for name in ("Image", "GifImagePlugin", "ImageChops")
     )
     palette = _make_common_palette(image, film)
@@ -181,7 +186,7 @@ def _find_ffmpeg() -> str:
     if program is not None:
         return program
     with suppress(ImportError, RuntimeError):
-        packaged: str = needed("imageio_ffmpeg", "an MP4 film", "film").get_ffmpeg_exe()
+        packaged: str = import_from_extra("imageio_ffmpeg", "an MP4 film", "film").get_ffmpeg_exe()
         return packaged
     raise RuntimeError(
         "an MP4 film needs ffmpeg, which is neither on the PATH nor in the package "

@@ -145,7 +145,7 @@ def view_direction(value: Any) -> tuple[float, float, float]:
     names = ", ".join(map(repr, DIRECTIONS))
     raise ValueError(
         "camera must be a Camera, a direction of 3 numbers that are not all 0, or one of "
-        f"{names}, got {check.shown(value)}"
+        f"{names}, got {check.value_text(value)}"
     )
 
 

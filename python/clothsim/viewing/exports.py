@@ -15,9 +15,9 @@ import numpy as np
 
 from .. import _core
 from ..base import Floats, check, files
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
-from ..engine.options import Options, kept_plan
+from ..engine.options import Options, cached_plan
 from ..model.mesh import triangles
 from .camera import extremes_along_axes
 from .picture import check_file_path
@@ -50,7 +50,7 @@ def check_export_path(scene: Any, path: Any, name: str = "path") -> tuple[Path, 
             f"got shape {scene.cloth.shape}"
         )
     if FORMATS[suffix] == "usd":
-        needed("pxr", f"export to {suffix}", "export")
+        import_from_extra("pxr", f"export to {suffix}", "export")
     return path, import_module(f"{__package__}.formats.{FORMATS[suffix]}")
 
 
@@ -77,10 +77,10 @@ def export(
     clip = Clip(run, fps, z_up)
     with (
         ProgressBar(progress, total=len(clip), unit="frame", desc="export") as bar,
-        files.folder_beside(path) as folder,
+        files.temporary_folder_beside(path) as folder,
     ):
         clip.advance = bar.advance
-        return files.put(module.write(clip, folder / path.name), path.parent)
+        return files.move_files(module.write(clip, folder / path.name), path.parent)
 
 
 class Frame(NamedTuple):
@@ -231,7 +231,7 @@ def interpolate_state(run: Any, first: int, second: int, t: float) -> tuple[Floa
     begin = float(run.t[first])
     length = float(run.t[second]) - begin
     ends = (run.x[first], run.v[first], run.x[second], run.v[second])
-    return _core.interpolate(kept_plan(run.scene, Options()), t, begin, length, *ends)
+    return _core.interpolate(cached_plan(run.scene, Options()), t, begin, length, *ends)
 
 
 def _check_interpolation(run: Any, fps: float) -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from .scale import Scale
 
 Pixels = npt.NDArray[np.uint8]
@@ -33,7 +33,7 @@ def length_in_words(length: float) -> str:
 def add_title(pixels: Pixels, title: str) -> Pixels:
     """Return the picture below a strip with its title, or as much of it as there is room for."""
     image, pen, fonts = (
-        needed(f"PIL.{name}", "a picture of several runs", "plot")
+        import_from_extra(f"PIL.{name}", "a picture of several runs", "plot")
         for name in ("Image", "ImageDraw", "ImageFont")
     )
     width = pixels.shape[1]
@@ -57,7 +57,8 @@ def add_label(
     A note has a line above these.
     """
     image, pen, fonts = (
-        needed(f"PIL.{name}", "label=True", "plot") for name in ("Image", "ImageDraw", "ImageFont")
+        import_from_extra(f"PIL.{name}", "label=True", "plot")
+        for name in ("Image", "ImageDraw", "ImageFont")
     )
     width = pixels.shape[1]
     cell = width / LEAST_WIDTH

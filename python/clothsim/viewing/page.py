@@ -22,9 +22,9 @@ import numpy as np
 from ..base import Floats, check
 from ..base.files import write_bytes
 from ..model.cloth import Cloth
+from ..model.obstacle import RESPONSES, Plane, Sphere
 from ..model.ready import hanging, oscillator, paper_moving, paper_static, paper_swing
 from ..model.scene import Scene
-from ..model.sphere import RESPONSES, Plane, Sphere
 from ..run.difference import Difference
 from ..run.difference import difference as difference_of
 from ..run.result import Run

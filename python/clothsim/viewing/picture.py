@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..base import Floats, check, files
-from ..base.build import available_threads
-from ..base.extras import needed
-from ..engine.state import start_time
+from ..base.build import available_thread_count
+from ..base.extras import import_from_extra
+from ..engine.state import check_start_time
 from ..model.scene import Scene
 from ..run.result import greatest_depths
 from .camera import (
@@ -81,7 +81,7 @@ class Drawing:
         shown = greatest_depths(scene.spheres, x, t)["triangles"] if self.by_depth else self.values
         if shown is None and style.limits is not None:
             raise ValueError(
-                f'limits must be None with color="faces", got {check.shown(style.limits)}'
+                f'limits must be None with color="faces", got {check.value_text(style.limits)}'
             )
         self.scale = None if shown is None else make_scale(style.color, shown, style.limits)
 
@@ -130,7 +130,7 @@ class Drawing:
             depth=self.scale if self.by_depth else None,
             planes=[*self.planes, *walls],
             shadow=self.shadow,
-            threads=available_threads(),
+            threads=available_thread_count(),
         )
         if not self.label:
             return drawn
@@ -189,13 +189,15 @@ class Picture:
         if path.suffix.lower() == ".png":
             files.write_bytes(path, self._repr_png_())
         else:
-            image = needed("PIL.Image", f"a picture as {path.suffix or 'no format'!r}", "plot")
+            image = import_from_extra(
+                "PIL.Image", f"a picture as {path.suffix or 'no format'!r}", "plot"
+            )
             if path.suffix.lower() not in image.registered_extensions():
                 raise ValueError(
                     "path must end in .png or in another suffix that Pillow knows, got "
                     f"{str(path)!r}"
                 )
-            with files.replacing(path) as part:
+            with files.replace_when_complete(path) as part:
                 image.fromarray(self.pixels).save(part)
         return path
 
@@ -321,7 +323,7 @@ def picture(
     (320, 3)
     """
     check.instance("scene", scene, Scene)
-    t = 0.0 if t is None and x is None else start_time(t, [scene])
+    t = 0.0 if t is None and x is None else check_start_time(t, [scene])
     x = scene.initial_position if x is None else check.array("x", x, (*scene.cloth.shape, 3))
     v = None if v is None else check.array("v", v, (*scene.cloth.shape, 3))[None]
     path = None if path is None else check_file_path("path", path)
@@ -352,7 +354,7 @@ def picture_of_run(
 
 def make_style(arguments: Mapping[str, Any]) -> Style:
     """Return the style of `Run.picture` and `Run.animate`, of the names that it has."""
-    check.arguments("picture", arguments, Style._fields)
+    check.refuse_unknown_arguments("picture", arguments, Style._fields)
     return Style(**arguments)
 
 

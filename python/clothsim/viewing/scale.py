@@ -69,7 +69,7 @@ def point_values(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats 
     accepted += f" or {x.shape[:-1]}" if len(x) > 1 else ""
     values = check.as_array("color", color, accepted, "iufb")
     if values.shape not in (x.shape[:-1], x.shape[1:-1]):
-        raise ValueError(f"color must be {accepted}, got {check.shown(color)}")
+        raise ValueError(f"color must be {accepted}, got {check.value_text(color)}")
     return np.broadcast_to(values.astype(float), x.shape[:-1])
 
 
@@ -81,7 +81,9 @@ def make_scale(color: Any, values: Floats, limits: Any) -> Scale:
     finite = values[np.isfinite(values)]
     title, unit, factor = TITLES[color] if isinstance(color, str) else ("", "", 1.0)
     if limits is not None:
-        low, high = (check.number("limits", k) for k in check.items("limits", limits, 2, "numbers"))
+        low, high = (
+            check.number("limits", k) for k in check.list_of_items("limits", limits, 2, "numbers")
+        )
         if low >= high:
             raise ValueError(f"limits must be two rising numbers, got {limits!r}")
     elif not finite.size:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.text import counted
+from ...base.text import format_count
 from .style import BLUE, FEW, RED, axes_to_show
 
 
@@ -26,6 +26,6 @@ def draw_difference(result: Mapping[str, Any], ax: Any = None) -> Any:
         axes.set_ylim(bottom=0)
     note = None
     if result["unmatched"]:
-        note = f"{counted(result['unmatched'], 'frame')} without a partner"
+        note = f"{format_count(result['unmatched'], 'frame')} without a partner"
     axes.legend(title=note, fontsize="small", title_fontsize="small")
     return axes

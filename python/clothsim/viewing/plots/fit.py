@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...accuracy.parameters import parameters_of
-from ...model.fields import units
+from ...model.fields import unit_of_name
 from .points import distant_points
 from .style import BLACK, BLUE, COLORS, GREY, MARKERS, axes_to_show, wrap_text
 
@@ -73,7 +73,7 @@ def _draw_values(result: Fit, axes: Any) -> None:
     labels = []
     for row, parameter in enumerate(parameters):
         name = parameter.name
-        text = value_with_error(result.values[name], errors[row], units(parameter.field))
+        text = value_with_error(result.values[name], errors[row], unit_of_name(parameter.field))
         labels.append(f"{name}{separator}{text}")
         if not math.isfinite(errors[row]):
             reason = result.report["reasons"][name] or result.report["reason"]

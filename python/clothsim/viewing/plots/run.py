@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ...base import Floats
-from ...base.extras import needed
-from ...base.files import replacing
+from ...base.extras import import_from_extra
+from ...base.files import replace_when_complete
 from ...model.scene import Scene
 from ..picture import check_file_path
 from .style import BLACK, BLUE, DPI, FEW, GREEN, RED, put_legend_beside, tidy_axes
@@ -68,7 +68,7 @@ LABELS = {"points": "deepest point", "triangles": "deepest triangle"}
 
 def draw_run(run: Any, path: str | Path | None = None) -> Any:
     """Return the figure of `Run.plot`, which a notebook shows; write it to a `path` too."""
-    base = needed("matplotlib.figure", "run.plot", "plot").Figure
+    base = import_from_extra("matplotlib.figure", "run.plot", "plot").Figure
     path = None if path is None else check_file_path("path", path)
     formats = base().canvas.get_supported_filetypes()
     if path is not None and path.suffix.lower()[1:] not in formats:
@@ -105,6 +105,6 @@ def draw_run(run: Any, path: str | Path | None = None) -> Any:
     axes[-1, 0].set_xlabel("time [s]")
     figure.align_ylabels()
     if path is not None:
-        with replacing(path) as part:
+        with replace_when_complete(path) as part:
             figure.savefig(part, dpi=DPI)
     return figure

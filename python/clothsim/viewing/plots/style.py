@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.extras import needed
+from ...base.extras import import_from_extra
 
 # Okabe and Ito's palette: readers with any colour vision tell these colours apart. The least Lab
 # distance of two of them is 16 in simulations of the three deficiencies, and grey would have 9 to
@@ -68,7 +68,7 @@ def axes_to_show(
     """Return the `rows` x `columns` axes of a caller, or those of a new figure of pyplot."""
     count = rows * columns
     if ax is None:
-        pyplot = needed("matplotlib.pyplot", "plot", "plot")
+        pyplot = import_from_extra("matplotlib.pyplot", "plot", "plot")
         size = (width, height)
         figure, grid = pyplot.subplots(
             rows, columns, figsize=size, layout="constrained", squeeze=False, **options
@@ -150,7 +150,7 @@ _INK = 0.75
 
 def label_lines(axes: Any) -> None:
     """Label each line at a point, if possible an end, where least lines and labels overlap."""
-    to_rgb = needed("matplotlib.colors", "plot", "plot").to_rgb
+    to_rgb = import_from_extra("matplotlib.colors", "plot", "plot").to_rgb
     axes.figure.draw_without_rendering()  # lays out the axes
     paths = [
         line.get_transform().transform(line.get_xydata())

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...base import check
-from ...base.extras import needed
+from ...base.extras import import_from_extra
 from ...sweeps.member import STATUS
 from ...sweeps.metrics import RESERVED
 from .style import (
@@ -124,8 +124,8 @@ def draw_error(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
 
 def _colors_of_values(coordinate: Any, ax: Any) -> Any:
     """Return a colour of each value of a coordinate, and draw their colour bar."""
-    colors = needed("matplotlib.colors", "plot", "plot")
-    cm = needed("matplotlib.cm", "plot", "plot")
+    colors = import_from_extra("matplotlib.colors", "plot", "plot")
+    cm = import_from_extra("matplotlib.cm", "plot", "plot")
     scale = colors.LogNorm if _is_logarithmic(coordinate) else colors.Normalize
     values = coordinate.values.astype(float)
     mappable = cm.ScalarMappable(scale(values.min(), values.max()), "viridis")
@@ -163,7 +163,7 @@ def draw_stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
 
 def _draw_outcomes(status: Any, x: str, y: str, ax: Any) -> None:
     """Draw the outcome of each member, with labels of those that occur."""
-    colors = needed("matplotlib.colors", "plot", "plot").ListedColormap(OUTCOMES)
+    colors = import_from_extra("matplotlib.colors", "plot", "plot").ListedColormap(OUTCOMES)
     _draw_cells(status, x, y, ax, cmap=colors, vmin=-0.5, vmax=3.5, edgecolors="w", linewidth=0.5)
     for code in np.unique(status):
         ax.plot([], [], "s", color=OUTCOMES[int(code)], label=STATUS[int(code)])

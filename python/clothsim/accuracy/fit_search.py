@@ -17,15 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base import Floats, check
-from ..base.extras import needed
+from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
 from ..methods.bound import stable_dt
 from ..model.scene import Scene
 from ..run.simulate import simulate
 from ..typing import Force
-from .parameters import Parameter, parameters_of, with_values
-from .residuals import EDGE, LARGE, quality_of
-from .sensitivity import Schedule, derivatives
+from .parameters import Parameter, parameters_of, scene_with_values
+from .residuals import EDGE, LARGE, quality_and_misfit
+from .sensitivity import Schedule, compute_derivatives
 from .solution import METHOD
 
 _LEAST_TIMES = 4  # number of times of the first stage
@@ -49,7 +49,7 @@ _LEAST_FRAMES = 64  # least number of frames of a spectrum
 _MOST_FRAMES = 4096  # largest number of frames of a spectrum
 
 
-class Outcome(NamedTuple):
+class SearchOutcome(NamedTuple):
     """The result of a search."""
 
     minima: list[Any]  # result of scipy.optimize.least_squares for each start
@@ -58,11 +58,11 @@ class Outcome(NamedTuple):
     shift: float = 0.0  # s, which the times need
 
     @property
-    def best(self) -> Any:
+    def best_minimum(self) -> Any:
         return min(self.minima, key=lambda minimum: minimum.cost)
 
 
-class Problem:
+class FitProblem:
     """Residuals and their Jacobian, as functions of coordinates that are 0 at the start.
 
     A coordinate is the logarithm of a positive parameter over its start, else its change over its
@@ -80,7 +80,7 @@ class Problem:
         rtol: float,
         force: Force | None,
     ) -> None:
-        self.least_squares = needed("scipy.optimize", "fit", "fit").least_squares
+        self.least_squares = import_from_extra("scipy.optimize", "fit", "fit").least_squares
         self.scene = scene
         self.times = times
         self.data = data  # m, shape (times, rows, columns, 3)
@@ -94,14 +94,14 @@ class Problem:
         self.scales = np.array([parameter.scale for parameter in self.parameters])
         ends = np.array([(parameter.least, parameter.most) for parameter in self.parameters]).T
         self.logarithmic = (ends[0] == 0) & (self.start > 0)
-        self.bounds = self._bounds(over, ends)
+        self.bounds = self._coordinate_bounds(over, ends)
         self.least = rtol * max(scene.cloth.size)  # m, the least residual that has a meaning
         self.way = float(np.sqrt(np.mean((data - scene.initial_position)[mask] ** 2)))  # m
         self.unit = sigma or max(_UNIT * self.way, self.least)  # m
         self.evaluations = 0
         self.jacobians = 0
 
-    def values(self, u: Floats) -> Floats:
+    def parameter_values(self, u: Floats) -> Floats:
         """Return the parameters at the coordinates `u`."""
         values: Floats = np.where(
             self.logarithmic,
@@ -110,17 +110,17 @@ class Problem:
         )
         return values
 
-    def slopes(self, u: Floats) -> Floats:
+    def value_slopes(self, u: Floats) -> Floats:
         """Return derivatives of the values by the coordinates."""
-        slopes: Floats = np.where(self.logarithmic, self.values(u), self.scales)
+        slopes: Floats = np.where(self.logarithmic, self.parameter_values(u), self.scales)
         return slopes
 
-    def _bounds(self, over: Any, ends: Floats) -> Floats:
+    def _coordinate_bounds(self, over: Any, ends: Floats) -> Floats:
         """Return the least and largest coordinates, shape (2, parameters)."""
         for k, name in enumerate(self.names if isinstance(over, Mapping) else ()):
             argument = f"over[{name!r}]"
             value = self.start[k]
-            pair = check.items(argument, over[name], 2, "numbers (least, most)")
+            pair = check.list_of_items(argument, over[name], 2, "numbers (least, most)")
             least, most = (check.number(argument, number) for number in pair)
             if not (ends[0, k] <= least <= value <= most <= ends[1, k] and least < most):
                 low, high = ends[:, k]
@@ -134,23 +134,25 @@ class Problem:
         reach = np.where(self.logarithmic, math.log(_WIDEST), _WIDEST)
         return np.asarray(np.clip(u, -reach, reach))
 
-    def at(self, u: Floats) -> Scene:
+    def scene_at(self, u: Floats) -> Scene:
         """Return the scene with the parameters at the coordinates `u`."""
-        return with_values(self.scene, self.parameters, self.values(u))
+        return scene_with_values(self.scene, self.parameters, self.parameter_values(u))
 
-    def schedule(self, scene: Scene, times: Floats) -> Schedule:
+    def make_schedule(self, scene: Scene, times: Floats) -> Schedule:
         """Return the steps of all runs near the scene, up to the last of the times."""
         return Schedule(scene, times, self.rtol, self.force)
 
-    def columns(self, change: Floats, parameters: Sequence[Parameter], u: Floats) -> Floats:
+    def jacobian_columns(
+        self, change: Floats, parameters: Sequence[Parameter], u: Floats
+    ) -> Floats:
         """Return changes per scale of each parameter as columns of a Jacobian [m per coordinate].
 
         They are 0 where a run failed.
         """
-        slopes = self.slopes(u) / [parameter.scale for parameter in parameters]
+        slopes = self.value_slopes(u) / [parameter.scale for parameter in parameters]
         return np.nan_to_num(change[:, self.mask[: change.shape[1]]].T * slopes)
 
-    def search(self, bar: ProgressBar) -> Outcome:
+    def search_minima(self, bar: ProgressBar) -> SearchOutcome:
         """Return the minima of all starts, and the quality of the best.
 
         The bar counts the time up to which each start is fitted.
@@ -159,53 +161,59 @@ class Problem:
         random = np.random.default_rng(0)
         minima: list[Any] = []
 
-        def outcome(shift: float = 0.0) -> Outcome:
+        def judge_minima(shift: float = 0.0) -> SearchOutcome:
             best = min(minima, key=lambda minimum: minimum.cost)
-            quality, misfit = quality_of(
+            quality, misfit = quality_and_misfit(
                 best, self.mask, len(self.names), self.sigma, self.unit, self.least, self.way
             )
-            return Outcome(minima, quality, misfit, shift)
+            return SearchOutcome(minima, quality, misfit, shift)
 
         u = np.zeros(len(self.names))
-        first_minimum = self._minimum(u, self.schedule(self.scene, self.times[:_LEAST_TIMES]))
+        first_minimum = self._find_minimum(
+            u, self.make_schedule(self.scene, self.times[:_LEAST_TIMES])
+        )
         level = 1.0 if self.sigma else LARGE * self.way / self.unit
         if 2 * first_minimum.cost > _MISFIT * first_minimum.fun.size * level**2:
-            shift = self._shift_of_times()
+            shift = self._time_shift_in_seconds()
             if shift:
-                schedule = self.schedule(self.at(first_minimum.x), self.times)
-                minima.append(self._minimum(first_minimum.x, schedule, most=1))
+                schedule = self.make_schedule(self.scene_at(first_minimum.x), self.times)
+                minima.append(self._find_minimum(first_minimum.x, schedule, most_runs=1))
                 bar.advance(end)
-                return outcome(shift)
+                return judge_minima(shift)
         while True:
-            minima.append(self._minimum_in_stages(u, bar))
-            result = outcome()
+            minima.append(self._find_minimum_in_stages(u, bar))
+            result = judge_minima()
             restarts = len(minima) - 1
             needs_more = self.sigma is None and restarts < _STARTS_WITHOUT_SIGMA
             if restarts >= _STARTS or not (result.misfit or needs_more):
                 break
             u = random.uniform(-_REACH, _REACH, len(self.names)) * self.logarithmic
-            bar.expect(end)
+            bar.expect_more(end)
         if result.misfit:
             return result
-        for place in self._aliases(result.best.x):
-            bar.expect(end)
-            minima.append(self._minimum(place, self.schedule(self.at(place), self.times)))
+        for place in self._coordinates_of_aliases(result.best_minimum.x):
+            bar.expect_more(end)
+            minima.append(
+                self._find_minimum(place, self.make_schedule(self.scene_at(place), self.times))
+            )
             bar.advance(end)
-        return outcome()
+        return judge_minima()
 
-    def _minimum_in_stages(self, u: Floats, bar: ProgressBar) -> Any:
+    def _find_minimum_in_stages(self, u: Floats, bar: ProgressBar) -> Any:
         """Return the minimum over all times that is found from `u` by way of the first times."""
         total = len(self.times)
         counts = [-(-total // 2**k) for k in range(int(math.log2(total)), 0, -1)]
         last_time = 0.0
         for count in [*(n for n in counts if n >= _LEAST_TIMES), total]:
-            minimum = self._minimum(u, self.schedule(self.at(u), self.times[:count]))
+            minimum = self._find_minimum(
+                u, self.make_schedule(self.scene_at(u), self.times[:count])
+            )
             u = minimum.x
             bar.advance(self.times[count - 1] - last_time)
             last_time = self.times[count - 1]
         return minimum
 
-    def _minimum(self, middle: Floats, schedule: Schedule, most: int = _MOST_RUNS) -> Any:
+    def _find_minimum(self, middle: Floats, schedule: Schedule, most_runs: int = _MOST_RUNS) -> Any:
         """Return the minimum over the times of `schedule`.
 
         It is near `middle` unless these are all times.
@@ -218,44 +226,46 @@ class Problem:
 
         def residuals(u: Floats) -> Floats:
             self.evaluations += 1
-            scene = self.at(u)
-            errors = (schedule.run([scene], schedule.counts(scene)).x[0] - data)[mask]
+            scene = self.scene_at(u)
+            errors = (schedule.compute_positions([scene], schedule.step_counts(scene)).x[0] - data)[
+                mask
+            ]
             errors = np.nan_to_num(errors, nan=schedule.size)
             return np.append(errors / self.unit, (u - middle) * prior)
 
         def jacobian(u: Floats) -> Floats:
             self.jacobians += 1
-            scene = self.at(u)
+            scene = self.scene_at(u)
             parameters = parameters_of(scene, self.names, "over")
-            change = derivatives(scene, parameters, schedule).change
-            columns = self.columns(change, parameters, u)
+            change = compute_derivatives(scene, parameters, schedule).change
+            columns = self.jacobian_columns(change, parameters, u)
             return np.append(columns / self.unit, np.eye(len(u)) * prior, axis=0)
 
         start = np.clip(middle, self.bounds[0] + EDGE / 2, self.bounds[1] - EDGE / 2)
         digits = dict.fromkeys(("ftol", "xtol", "gtol"), 1e-4 if is_stage else 1e-10)
-        runs = min(most, _MOST_RUNS_OF_STAGE) if is_stage else most
+        runs = min(most_runs, _MOST_RUNS_OF_STAGE) if is_stage else most_runs
         return self.least_squares(
             residuals, start, jacobian, (*self.bounds,), max_nfev=runs, **digits
         )
 
-    def check_units(self) -> None:
+    def check_unit_of_length(self) -> None:
         """Refuse positions that are near the motion of the start in another unit alone."""
-        distance = self._first_distance(1.0)
+        distance = self._rms_distance_from_start(1.0)
         for unit, factor in _UNITS.items():
-            if _GAIN * self._first_distance(factor) < distance:
+            if _GAIN * self._rms_distance_from_start(factor) < distance:
                 raise ValueError(
                     f"positions must be in metres, got numbers that look like {unit}: "
                     f"divide them by {factor:g}"
                 )
 
-    def _first_distance(self, factor: float) -> float:
+    def _rms_distance_from_start(self, factor: float) -> float:
         """Return the distance of the data over `factor` from the motion of the start [m], rms."""
-        schedule = self.schedule(self.scene, self.times[:_LEAST_TIMES])
-        x = schedule.run([self.scene], schedule.counts(self.scene)).x[0]
+        schedule = self.make_schedule(self.scene, self.times[:_LEAST_TIMES])
+        x = schedule.compute_positions([self.scene], schedule.step_counts(self.scene)).x[0]
         n = len(schedule.times)
         return float(np.sqrt(np.nanmean((self.data[:n] / factor - x)[self.mask[:n]] ** 2)))
 
-    def _shift_of_times(self) -> float:
+    def _time_shift_in_seconds(self) -> float:
         """Return what has to be added to the times [s] so that the first of them can be explained.
 
         It is 0 if a shift does not explain them ten times better.
@@ -269,14 +279,16 @@ class Problem:
         reach = _REACH * self.logarithmic + ~self.logarithmic
 
         def residuals(values: Floats, scale: float = 1.0) -> Floats:
-            scene = self.at(values[:-1])
+            scene = self.scene_at(values[:-1])
             shift = scale * unit * float(values[-1])
             times = np.maximum(first_times + shift, 0.0)
             positive_times, places = np.unique(times[times > 0], return_inverse=True)
             x = np.broadcast_to(scene.initial_position, (len(first_times), *shape, 3)).copy()
             if positive_times.size:
-                schedule = self.schedule(scene, positive_times)
-                x[times > 0] = schedule.run([scene], schedule.counts(scene)).x[0][places]
+                schedule = self.make_schedule(scene, positive_times)
+                x[times > 0] = schedule.compute_positions([scene], schedule.step_counts(scene)).x[
+                    0
+                ][places]
             errors = np.nan_to_num((x - data)[mask], nan=size)
             return np.append(errors, 1e-3 * self.least * values)
 
@@ -288,7 +300,7 @@ class Problem:
         is_better = without_shift.cost > _GAIN**2 * with_shift.cost
         return unit * float(with_shift.x[-1]) if is_better else 0.0
 
-    def _aliases(self, u: Floats) -> list[Floats]:
+    def _coordinates_of_aliases(self, u: Floats) -> list[Floats]:
         """Return coordinates whose motion has an alias of the main frequency at the times.
 
         An alias turns as often, and a whole number of turns more or less between two times.
@@ -299,7 +311,7 @@ class Problem:
         interval = float(np.median(np.diff(self.times))) if len(self.times) > 1 else 0.0
         if not direction.any() or interval <= 0:
             return []
-        frequency = self._main_frequency(u)
+        frequency = self._main_frequency_in_hertz(u)
         least, most = self.bounds
         places = []
         for turns in range(1, _MOST_TURNS + 1):
@@ -312,9 +324,9 @@ class Problem:
                     places.append(place)
         return places
 
-    def _main_frequency(self, u: Floats) -> float:
+    def _main_frequency_in_hertz(self, u: Floats) -> float:
         """Return the frequency [Hz] at which most of the measured points' motion is."""
-        scene = self.at(u)
+        scene = self.scene_at(u)
         end = float(self.times[-1])
         longest = stable_dt(scene, METHOD)
         count = int(min(max(2 * end / longest, _LEAST_FRAMES), _MOST_FRAMES))

@@ -7,7 +7,7 @@ from decimal import Decimal, getcontext
 import clothsim as cs
 import pytest
 from clothsim.model.cloth import Cloth
-from clothsim.model.sphere import Sphere
+from clothsim.model.obstacle import Sphere
 
 
 def eq_13(rest_length, radius):

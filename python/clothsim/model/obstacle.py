@@ -14,7 +14,7 @@ from .. import _core
 from ..base import Floats, check
 from ..typing import Numbers, Offset, Response
 from .cloth import Cloth
-from .motion import Linear, Motion, checked_motion, motion_from_dict
+from .motion import Linear, Motion, check_motion, motion_from_dict
 from .record import Record
 
 Self = TypeVar("Self", bound="Obstacle")
@@ -82,8 +82,8 @@ class Obstacle(Record):
             restitution = check.number("restitution", restitution, minimum=0, maximum=1)
         else:
             restitution = None if penalty else 1.0
-        self._set(
-            motion=checked_motion("motion", motion),
+        self._set_attributes(
+            motion=check_motion("motion", motion),
             response=response,
             _has_own_restitution=has_own,
             restitution=restitution,
@@ -96,13 +96,13 @@ class Obstacle(Record):
         """Whether the force of its layer depends on velocities."""
         return self.response == "penalty" and (self.friction > 0 or self.dissipation != 0)
 
-    def _values(self) -> dict[str, Any]:
-        values = super()._values()
+    def _arguments_by_name(self) -> dict[str, Any]:
+        values = super()._arguments_by_name()
         return values if self._has_own_restitution else {**values, "restitution": None}
 
     @classmethod
     def from_dict(cls: type[Self], data: Mapping[str, Any]) -> Self:
-        arguments = cls._arguments(data)
+        arguments = cls._check_argument_names(data)
         if arguments.get("motion") is not None:
             arguments["motion"] = motion_from_dict(arguments["motion"])
         return cls(**arguments)
@@ -238,24 +238,24 @@ class Obstacle(Record):
         >>> float(cs.Sphere(radius=0.25).height((0.0, 1.0, 0.0)))
         0.75
         """
-        return self._heights(np.asarray(x, float) - self.center_at(t))
+        return self._heights_over_surface(np.asarray(x, float) - self.center_at(t))
 
-    def _heights(self, displacement: Floats) -> Floats:
+    def _heights_over_surface(self, displacement: Floats) -> Floats:
         """Return the heights over the surface of places at a `displacement` from the centre [m]."""
         raise NotImplementedError
 
-    def _reference_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
+    def _measuring_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
         """Return the normal at the place from which the core measures points of a cloth at `x`."""
         raise NotImplementedError
 
     def _size_text(self, cloth: Cloth) -> str:
         raise NotImplementedError
 
-    def _at_rest(self: Self, center: npt.ArrayLike) -> Self:
+    def _copy_at_rest(self: Self, center: npt.ArrayLike) -> Self:
         """Return the obstacle at rest at `center`."""
         return self.replace(**{self._place_name: center, "motion": None})
 
-    def _as_layer(self: Self, **changes: Any) -> Self:
+    def _copy_with_layer(self: Self, **changes: Any) -> Self:
         """Return the obstacle with response "penalty" and further `changes`."""
         if self.response != "penalty":
             changes |= {"response": "penalty", "restitution": None}
@@ -366,10 +366,10 @@ class Sphere(Obstacle):
         restitution: float | None = None,
         as_printed: bool = False,
     ) -> None:
-        self._set(
+        self._set_attributes(
             center=check.vector("center", center),
             radius=check.number("radius", radius, minimum=0, exclusive=True),
-            offset=_offset(offset),
+            offset=_check_offset(offset),
             as_printed=check.boolean("as_printed", as_printed),
         )
         self._set_response(
@@ -388,10 +388,10 @@ class Sphere(Obstacle):
                 "have; accepted with 'ray' and 'reflect'"
             )
 
-    def _heights(self, displacement: Floats) -> Floats:
+    def _heights_over_surface(self, displacement: Floats) -> Floats:
         return np.asarray(np.linalg.norm(displacement, axis=-1) - self.radius)
 
-    def _reference_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
+    def _measuring_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
         """Return the direction against gravity; with "penalty" that to the middle of the cloth."""
         if x is not None and self.response == "penalty":
             displacement = x.mean(axis=(0, 1)) - self.center_at(0.0)
@@ -467,10 +467,12 @@ class Plane(Obstacle):
         slip_speed: float | None = None,
         restitution: float | None = None,
     ) -> None:
-        self._set(point=check.vector("point", point), normal=check.vector("normal", normal))
+        self._set_attributes(
+            point=check.vector("point", point), normal=check.vector("normal", normal)
+        )
         if not any(self.normal):
             raise ValueError(f"normal must not be the zero vector, got {normal!r}")
-        self._set(center=self.point)
+        self._set_attributes(center=self.point)
         self._set_response(
             motion,
             response,
@@ -489,10 +491,10 @@ class Plane(Obstacle):
         n /= np.abs(n).max()
         return np.asarray(n / np.linalg.norm(n))
 
-    def _heights(self, displacement: Floats) -> Floats:
+    def _heights_over_surface(self, displacement: Floats) -> Floats:
         return np.asarray(displacement @ self.unit_normal)
 
-    def _reference_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
+    def _measuring_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
         normal = self.unit_normal
         return np.asarray(normal / np.linalg.norm(normal))
 
@@ -503,13 +505,13 @@ class Plane(Obstacle):
 _STILL = Linear((0.0, 0.0, 0.0))
 
 
-def kind_name(obstacles: Iterable[Sphere | Plane]) -> str:
+def name_of_kind(obstacles: Iterable[Sphere | Plane]) -> str:
     """Return what obstacles are called in texts: "sphere", "plane" or "sphere or plane"."""
     kinds = {obstacle._kind for obstacle in obstacles} or {Sphere._kind}
     return " or ".join(sorted(kinds, reverse=True))
 
 
-def _offset(value: Any) -> Offset | float:
+def _check_offset(value: Any) -> Offset | float:
     if not isinstance(value, str):
         return check.number("offset", value, minimum=0)
     if value not in OFFSETS:
