@@ -106,7 +106,7 @@ def plain_evaluations(name):
         Options("dop853", "double", 1),
         tolerance=1e-14 * max(scene.cloth.size),
     )
-    return Recording(job, Watch()).run().trajectory().evaluations
+    return Recording(job, Watch()).run_to_end().trajectory().evaluations
 
 
 @pytest.mark.parametrize("options", [{}, {"rtol": 1e-4}, {"rtol": 1e-9}, {"rtol": 1e-15}], ids=str)

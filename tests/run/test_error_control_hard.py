@@ -24,7 +24,7 @@ def exact(number):
     tolerance = 1e-13 * max(case.scene.cloth.size)
     return (
         Recording(Job([case.scene], False, case.duration, options, tolerance=tolerance), Watch())
-        .run()
+        .run_to_end()
         .trajectory()
         .x[-1]
     )

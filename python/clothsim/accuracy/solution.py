@@ -181,7 +181,7 @@ def reference(
     frames = Frames(
         None if every is None else check.number("every", every, minimum=0, exclusive=True)
     )
-    moments = frames.moments(0.0, 0.0, duration, None)
+    moments = frames.moments_between(0.0, 0.0, duration, None)
     times = tuple(moment.time for moment in moments[1:])
     force = check_force(force)
     return (

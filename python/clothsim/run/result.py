@@ -168,7 +168,7 @@ class Run:
         return replace(more, **arrays, report=join_reports(self.report, more.report))
 
     def __repr__(self) -> str:
-        return "\n".join(_lines(self))
+        return "\n".join(_summary_lines(self))
 
     @check.check_names
     def resume(
@@ -212,9 +212,9 @@ class Run:
         >>> both.t.tolist(), both.report["steps"]
         ([0.0, 0.02, 0.05], 500)
         """
-        from .simulate import resume
+        from .simulate import resume_run
 
-        return resume(self, duration, every, times, fps, force, callback, progress)
+        return resume_run(self, duration, every, times, fps, force, callback, progress)
 
     def at(self, row: int, column: int) -> dict[str, Floats]:
         """Return the motion of a mass point over the stored frames.
@@ -306,7 +306,7 @@ class Run:
                     f"got {check.value_text(sphere)}"
                 )
             spheres = (spheres[check.integer("sphere", sphere, minimum=0, maximum=last)],)
-        return deepest(spheres, self.x, self.t)
+        return greatest_depths(spheres, self.x, self.t)
 
     def stretch(self) -> dict[str, Floats]:
         """Measure the stretch of the most stretched spring of each frame.
@@ -616,7 +616,7 @@ def load_run(path: str | os.PathLike[str]) -> Run:
         return run
 
 
-def deepest(spheres: Iterable[Sphere | Plane], x: Floats, t: Floats) -> dict[str, Floats]:
+def greatest_depths(spheres: Iterable[Sphere | Plane], x: Floats, t: Floats) -> dict[str, Floats]:
     """Return the greatest depths of points and of triangles in any sphere, shape (frames,) [m]."""
     depths = {name: np.zeros(len(t)) for name in ("points", "triangles")}
     for sphere in spheres:
@@ -642,7 +642,7 @@ def _check_arrays(run: Run) -> None:
     check.check_all("t", run.t, np.diff(run.t, prepend=-np.inf) > 0, "increasing times")
 
 
-def _lines(run: Run) -> list[str]:
+def _summary_lines(run: Run) -> list[str]:
     """Return the lines of `print`; frames of a user's own have the first two."""
     scene = run.scene
     t = run.t

@@ -69,7 +69,9 @@ class Frames:
     times: tuple[float, ...] = ()  # of the scene [s], increasing
 
     @classmethod
-    def of(cls, every: Any, times: Any, fps: Any, start: float, duration: float) -> Frames:
+    def from_arguments(
+        cls, every: Any, times: Any, fps: Any, start: float, duration: float
+    ) -> Frames:
         """Check the arguments of `simulate`, and return their frames."""
         names = [
             name
@@ -84,14 +86,14 @@ class Frames:
             return cls(times=_checked_times(times, start, duration))
         if fps is not None:
             fps = check.number("fps", fps, minimum=0, exclusive=True)
-        return cls(checked_every(every), fps)
+        return cls(checked_frame_interval(every), fps)
 
     @property
-    def steps(self) -> int:
+    def steps_between(self) -> int:
         """Steps between frames; 0 where they are not counted in steps."""
         return self.every if isinstance(self.every, int) else 0
 
-    def moments(
+    def moments_between(
         self, start: float, begin: float, end: float, dt: float | None
     ) -> list[_core.Moment]:
         """Return the moments from `begin` to `end`, both included, of steps of `dt`.
@@ -99,7 +101,7 @@ class Frames:
         Without it frames that are counted in steps have no moments. `begin` and `end` are seconds
         since the run started, at the time `start`.
         """
-        every = self.steps * (dt or 0.0) if self.steps else self.every
+        every = self.steps_between * (dt or 0.0) if self.steps_between else self.every
         if self.times:
             near = NEGLIGIBLE * (end - begin)
             inner = [
@@ -124,7 +126,7 @@ class Frames:
         return [first_moment, *inner, _core.Moment(end, start + end)]
 
 
-def checked_every(every: Any) -> int | float | None:
+def checked_frame_interval(every: Any) -> int | float | None:
     """Check `every`: steps (int) or seconds (float)."""
     if isinstance(every, (int, np.integer)):
         return check.integer("every", every, minimum=1)
@@ -212,10 +214,10 @@ class Trajectory:
     local_error: float = 0.0  # sum of the method's own estimates of the steps' errors [m]
 
     @property
-    def contacts(self) -> bool:
+    def has_contacts(self) -> bool:
         return bool(self.watched["responded"])
 
-    def refined(self, ratio: float) -> tuple[float, ...]:
+    def refined_step_ends(self, ratio: float) -> tuple[float, ...]:
         """Return the ends of a grid with `ratio` times as many steps between two kinks.
 
         Its times are interpolated linearly.
@@ -253,7 +255,7 @@ class Watch:
     def waits_for_frames(self) -> bool:
         return self._callback is not None
 
-    def begin(self, recording: Recording, seconds: float) -> None:
+    def begin_run(self, recording: Recording, seconds: float) -> None:
         """Start to follow a run whose first state is `seconds` after its start."""
         self.recording = recording
         self._seconds = seconds
@@ -266,10 +268,10 @@ class Watch:
             self.bar.update(seconds - self._seconds)
             self._seconds = seconds
 
-    def frame(self, t: float, x: Floats, v: Floats) -> None:
+    def pass_frame(self, t: float, x: Floats, v: Floats) -> None:
         if self._callback is None:
             return
-        stop = self._callback(t, *map(_constant, (x, v)))
+        stop = self._callback(t, *map(_read_only_copy, (x, v)))
         if stop is not None and not isinstance(stop, (bool, np.bool_)):
             raise TypeError(
                 "callback must return True to stop the run, or False or None to go on, got "
@@ -279,12 +281,12 @@ class Watch:
             raise StopRun
 
 
-def _constant(values: Floats) -> Floats:
+def _read_only_copy(values: Floats) -> Floats:
     """Return a copy that nobody can change."""
     return np.frombuffer(values.tobytes()).reshape(values.shape)
 
 
-def _steps(begin: float, end: float, dt: float, longest: float) -> int:
+def _count_equal_steps(begin: float, end: float, dt: float, longest: float) -> int:
     """Return how many equal steps of at most `dt` there are: so many parts of each of the longest,
     so that a shorter step is shorter between all kinks.
     """
@@ -319,10 +321,12 @@ class Recording:
             }
             self.state.core.restore(core)  # a report has the impulses of its own run
         begin = self._earlier.seconds
-        moments = job.frames.moments(job.start, begin, begin + job.duration, job.dt)
+        moments = job.frames.moments_between(job.start, begin, begin + job.duration, job.dt)
         self._end = moments[-1]
         self._path = (
-            self._adaptive_run(moments) if job.dt is None else self._fixed_run(moments, job.dt)
+            self._plan_adaptive_steps(moments)
+            if job.dt is None
+            else self._plan_fixed_steps(moments, job.dt)
         )
         shape = (len(moments), *self.state.shape[-3:])
         self._x = [np.empty(shape) for _ in job.scenes]
@@ -333,7 +337,7 @@ class Recording:
         self._chunk = 1
         self._pause = PAUSE.get()
 
-    def run(self) -> Recording:
+    def run_to_end(self) -> Recording:
         if self.job.dt is not None:
             self.state.warn_of_time_step(self.job.dt)
         while self.live and not self._path.complete:
@@ -342,7 +346,7 @@ class Recording:
             self._advance(self._chunk if waits else _UNLIMITED)
         return self
 
-    def _fixed_run(self, moments: list[_core.Moment], dt: float) -> _core.FixedRun:
+    def _plan_fixed_steps(self, moments: list[_core.Moment], dt: float) -> _core.FixedRun:
         """Return steps of `dt`; own steps are equal between kinks of motions, none within a step.
 
         The last step is shorter where the step does not divide the time.
@@ -361,8 +365,8 @@ class Recording:
             segment = _core.Segment(begin=begin, end=end, dt=dt, whole=count, rest=last)
             return _core.FixedRun([segment], moments)
         stops = [begin, *(_core.Moment(t - job.start, t) for t in sorted(kinks)), end]
-        counts = [_steps(a.time, b.time, dt, job.longest) for a, b in pairwise(stops)]
-        if every := job.frames.steps:
+        counts = [_count_equal_steps(a.time, b.time, dt, job.longest) for a, b in pairwise(stops)]
+        if every := job.frames.steps_between:
             ends = [
                 np.linspace(a.time, b.time, count + 1)[1:]
                 for (a, b), count in zip(pairwise(stops), counts)
@@ -375,7 +379,7 @@ class Recording:
         ]
         return _core.FixedRun(segments, moments)
 
-    def _adaptive_run(self, moments: list[_core.Moment]) -> _core.AdaptiveRun:
+    def _plan_adaptive_steps(self, moments: list[_core.Moment]) -> _core.AdaptiveRun:
         """Return steps at the tolerance of the job.
 
         They end where a piece of a motion ends. In reach of a sphere that responds after a step
@@ -403,7 +407,7 @@ class Recording:
         end = moments[-1].time
         # Steps that are given are accepted at any finite error.
         self._unit = _ANY_ERROR * tolerance if job.grid else tolerance
-        every = job.frames.steps
+        every = job.frames.steps_between
         return _core.AdaptiveRun(
             tolerance_x=self._unit,
             tolerance_v=self._unit * rate,
@@ -422,7 +426,7 @@ class Recording:
         path = self._path
         stored = path.stored
         steps_before = path.steps
-        self._make_room()
+        self._make_room_for_frames()
         failure = None
         begin = time.perf_counter()
         try:
@@ -433,38 +437,38 @@ class Recording:
                 raise
             failure = error
         finally:
-            self._count(path.steps - steps_before, time.perf_counter() - begin)
+            self._measure_speed(path.steps - steps_before, time.perf_counter() - begin)
             if path.stored and self._watch.recording is not self:  # until then the one before
-                self._watch.begin(self, path.frame(0).seconds)
+                self._watch.begin_run(self, path.frame(0).seconds)
         if path.stored > stored and self._watch.waits_for_frames:
             t = path.frame(stored).time
-            self._watch.frame(t, self._x[0][stored], self._v[0][stored])
+            self._watch.pass_frame(t, self._x[0][stored], self._v[0][stored])
         if failure is not None:
-            self._leave(failure)
+            self._end_failed_member(failure)
         self._watch.show_progress(min(self.state.core.time, self._end.time) - self.job.start)
         if self._pause:
             self._pause()
 
-    def _make_room(self) -> None:
+    def _make_room_for_frames(self) -> None:
         """Leave room for two frames where an adaptive run counts them in steps: nobody knows how
         many there will be.
         """
-        if self.job.dt is not None or not self.job.frames.steps:
+        if self.job.dt is not None or not self.job.frames.steps_between:
             return
         count = self._path.stored
         for stack in (*self._x, *self._v):
             if count + 2 > len(stack):
                 stack.resize((count + 2 + count // 8, *stack.shape[1:]), refcheck=False)
 
-    def _count(self, steps: int, seconds: float) -> None:
+    def _measure_speed(self, steps: int, seconds: float) -> None:
         self._wall_time += seconds / len(self.live)
         chunk = _SECONDS_BETWEEN_SHOWS * steps / max(seconds, 1e-9)
         self._chunk = int(min(max(1.0, chunk), 2.0 * self._chunk))
 
-    def _leave(self, error: Any) -> None:
+    def _end_failed_member(self, error: Any) -> None:
         """Leave the member behind that failed; its run ends with its present state."""
         member = error.member
-        self.failed[member] = error, self._trajectories({member: (error.x, error.v)})[member]
+        self.failed[member] = error, self._trajectories_until({member: (error.x, error.v)})[member]
         self.live.remove(member)
         self.state.core.set_frozen(member, True)
 
@@ -480,11 +484,13 @@ class Recording:
         if not self.state.batched:
             x = x[None]
             v = v[None]
-        runs = self._trajectories({k: (x[k], v[k]) for k in self.live})
+        runs = self._trajectories_until({k: (x[k], v[k]) for k in self.live})
         runs |= {k: run for k, (_, run) in self.failed.items()}
         return [runs[k] for k in range(len(self.job.scenes))]
 
-    def _trajectories(self, present: Mapping[int, tuple[Floats, Floats]]) -> dict[int, Trajectory]:
+    def _trajectories_until(
+        self, present: Mapping[int, tuple[Floats, Floats]]
+    ) -> dict[int, Trajectory]:
         """Return runs of members so far; the `present` state of each is the last frame."""
         job = self.job
         state = self.state
