@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from clothsim.engine.options import Options
 from clothsim.run.reasons import Reason
-from clothsim.run.trajectory import Job, Recording, Watch
+from clothsim.run.recording import Recording, Watch
+from clothsim.run.trajectory import Job
 from random_cloths import draw, rms, truth
 
 SWING = cs.scenes.paper_swing(bend=True)

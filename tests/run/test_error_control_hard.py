@@ -8,7 +8,8 @@ import functools
 import clothsim as cs
 import pytest
 from clothsim.engine.options import Options
-from clothsim.run.trajectory import Job, Recording, Watch
+from clothsim.run.recording import Recording, Watch
+from clothsim.run.trajectory import Job
 from random_cloths import draw, rms
 
 

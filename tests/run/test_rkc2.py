@@ -10,7 +10,9 @@ from clothsim import _core
 from clothsim.engine.options import Options
 from clothsim.methods.bound import least_rtol_of_rkc2, stable_dt_ratio_without_damping
 from clothsim.run.error_control import rms_distance
-from clothsim.run.trajectory import Frames, Job, Recording, Watch
+from clothsim.run.frames import Frames
+from clothsim.run.recording import Recording, Watch
+from clothsim.run.trajectory import Job
 
 LOSS = 2.9e-3  # s
 EDGE = [(0, column) for column in range(12)]

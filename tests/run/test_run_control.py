@@ -7,7 +7,9 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.engine.options import Options
-from clothsim.run.trajectory import Frames, Job, Recording, Watch
+from clothsim.run.frames import Frames
+from clothsim.run.recording import Recording, Watch
+from clothsim.run.trajectory import Job
 
 SCENE = cs.scenes.paper_swing()
 SMALL = SCENE.replace(cloth=SCENE.cloth.replace(shape=(6, 7), mass=21.0))
@@ -181,7 +183,7 @@ def test_ctrl_c_between_frames_that_follow_each_other_quickly(step):
     timer = threading.Timer(0.3, signal.raise_signal, (signal.SIGINT,))
     timer.start()
     with pytest.raises(KeyboardInterrupt):
-        recording.run()
+        recording.run_to_end()
     timer.join()
     assert 10 < len(recording.trajectory().t) < 100_000
 

@@ -26,8 +26,9 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.obstacle import name_of_kind
 from ..model.scene import Scene, turning_times
+from ..run.frames import Frames
 from ..run.reasons import Reason
-from ..run.trajectory import PAUSE, Frames
+from ..run.recording import PAUSE
 from ..typing import Force
 
 METHOD = "dop853"

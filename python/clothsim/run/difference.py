@@ -10,8 +10,8 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base.services import find_service
 from ..base.text import format_count
+from .frames import NEGLIGIBLE
 from .result import Run
-from .trajectory import NEGLIGIBLE
 
 
 class Difference(dict[str, Any]):

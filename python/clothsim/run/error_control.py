@@ -29,8 +29,10 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt_or_error
 from ..methods.integrators import METHODS
 from ..model.scene import Scene, turning_times
+from .frames import Frames
 from .reasons import Reason
-from .trajectory import Frames, Job, Recording, Trajectory, Watch
+from .recording import Recording, Watch
+from .trajectory import Job, Trajectory
 
 MANY_STEPS = 1_000_000  # most steps with which a fixed-step method tries to reach a tolerance
 

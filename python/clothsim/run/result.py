@@ -24,9 +24,10 @@ from ..measure import energy, largest_stretch, penetration
 from ..model.obstacle import Plane, Sphere
 from ..model.scene import Scene, cloth_text, spheres_text
 from ..typing import Force
+from .frames import Frames
 from .reasons import Reason
 from .report import join_reports
-from .trajectory import Continuation, Frames
+from .trajectory import Continuation
 
 if TYPE_CHECKING:
     import xarray

@@ -23,10 +23,12 @@ from ..methods.integrators import check_integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Force, Integrator, Kernel, Precision
 from .error_control import estimate_error_of_run, longer_side, run_to_error
+from .frames import Frames
 from .reasons import Reason
+from .recording import Failure, Recording, StopRun, Watch
 from .report import make_report
 from .result import Run
-from .trajectory import Failure, Frames, Job, Recording, StopRun, Trajectory, Watch
+from .trajectory import Job, Trajectory
 
 _DEFAULT_RTOL = 1e-3  # Where neither a step nor a tolerance is given.
 # A duration over the time of its end that is above the rounding of the clock by a thousand times.

@@ -15,8 +15,8 @@ from ..methods.bound import stable_dt, stable_dt_or_error
 from ..methods.integrators import check_integrator_name
 from ..model.fields import RUN, change_scene
 from ..model.scene import Scene
+from ..run.frames import checked_frame_interval
 from ..run.simulate import checked_tolerances
-from ..run.trajectory import checked_frame_interval
 
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")

@@ -30,9 +30,11 @@ from ..methods.bound import stable_dt
 from ..methods.integrators import warn_of_order
 from ..model.fields import NUMERICS, RUN
 from ..model.scene import Scene
+from ..run.frames import Frames
+from ..run.recording import PAUSE, Failure
 from ..run.result import Run
 from ..run.simulate import run_batch, simulate
-from ..run.trajectory import PAUSE, Failure, Frames, Job
+from ..run.trajectory import Job
 from ..typing import Force, Integrator, Kernel, Precision
 from .grid import Grid, make_grid, plain_data
 from .member import DONE, FAILED, PENDING, UNSTABLE, Member, MemberMaker, MemberRecord, SweepOptions
