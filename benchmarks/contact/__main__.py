@@ -16,7 +16,7 @@ from typing import Any
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from clothsim.paper.experiments import comparison
+from clothsim.paper.experiments import run_comparison
 from common import aligned, conditions, short
 
 import contact
@@ -46,7 +46,7 @@ FIGURES: dict[str, tuple[Callable[..., Any], str, dict[str, Any], dict[str, Any]
     ),
     "layer": (contact.layer, "what a layer costs and gives", {"layers": 2}, {}),
     "compare": (contact.compare, "error of every response", {"scenes": 1, "steps": 4}, {}),
-    "table": (comparison, "every response on every sphere", {"part": 0.4}, {"part": 1.0}),
+    "table": (run_comparison, "every response on every sphere", {"part": 0.4}, {"part": 1.0}),
 }
 
 

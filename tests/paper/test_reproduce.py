@@ -13,18 +13,18 @@ pytest.importorskip("matplotlib")
 
 from clothsim.base.progress import ProgressBar
 from clothsim.cli import main
-from clothsim.paper import FULL, LIVE_PAGES, QUICK, Settings, reproduce, text
+from clothsim.paper import FULL, LIVE_PAGES, QUICK, Settings, report_as_text, reproduce
 from clothsim.paper.experiments import (
     CASES,
     FRAMES,
     QUANTITIES,
     SIZES,
     VARIANTS,
-    Passed,
-    sharpest_fold,
+    PassedPoints,
+    sharpest_fold_in_degrees,
 )
-from clothsim.paper.findings import findings, number
-from clothsim.paper.report import cuts
+from clothsim.paper.findings import format_number, judge_claims
+from clothsim.paper.report import list_reductions
 from matplotlib.image import imread
 
 SMALL = Settings(
@@ -69,10 +69,10 @@ def cell(report, experiment, method, variant, frame):
 
 
 def test_full_run_takes_the_papers_frames_and_step():
-    assert FULL.dt == (5e-6, 5e-6, 5e-6) and cuts(FULL) == []
+    assert FULL.dt == (5e-6, 5e-6, 5e-6) and list_reductions(FULL) == []
     assert FRAMES == {"1": (150, 500, 800), "2": (200, 1300, 3100)}
     assert (FULL.runs, FULL.timed_frames, FULL.steps_per_frame()) == (10, 800, 320)
-    assert len(cuts(QUICK)) == 6
+    assert len(list_reductions(QUICK)) == 6
 
 
 def test_a_cell_equals_the_stepped_scene(report):
@@ -116,30 +116,30 @@ def test_points_that_leave_on_another_side_have_passed():
         cloth, cs.Sphere((0, 0, 0), 1.0), position=[[[0, 2, 0], [0.5, 2, 0], [3, 2, 0]]]
     )
     x = scene.initial_position
-    passed = Passed(x, 1.0)
+    passed = PassedPoints(x, 1.0)
     for y in (0.5, -0.5, -2.0):  # the first two go through the sphere, the third beside it
-        passed.see(np.where([False, True, False], y, x))
+        passed.count_passed(np.where([False, True, False], y, x))
     assert passed.count == 2
-    passed.see(np.where([False, True, False], -0.5, x))
-    passed.see(np.where([False, True, False], -2.0, x))  # they go out where they came in
+    passed.count_passed(np.where([False, True, False], -0.5, x))
+    passed.count_passed(np.where([False, True, False], -2.0, x))  # they go out where they came in
     assert passed.count == 2
-    passed.see(x)  # they go through it between two states
+    passed.count_passed(x)  # they go through it between two states
     assert passed.count == 4
 
 
 def test_findings_follow_the_numbers(report):
-    judgements = findings(report["experiments"])
+    judgements = judge_claims(report["experiments"])
     verdicts = [finding.verdict for claims in judgements.values() for finding in claims]
     assert len(verdicts) == 10 and set(verdicts) <= {"yes", "in part", "no", "not measured"}
     assert verdicts[0] == "in part"  # the edge as printed
     assert verdicts[3] == "no"  # method 2's folds
     rows = [{"case": name, "frames_per_second": 500.0 - 100 * (name[7] == "2")} for name in CASES]
-    slower, quick = findings({"3": {"rows": rows, "frame_steps": 320}})["3"]
+    slower, quick = judge_claims({"3": {"rows": rows, "frame_steps": 320}})["3"]
     assert (slower.verdict, quick.verdict) == ("yes", "yes") and "400" in slower.corrected
     cells = [
         {"case": name, "triangles": 5e-3 * (name[7] == "1")} for name in CASES for _ in FRAMES["1"]
     ]
-    static, offset = findings({"1": {"cells": cells, "study": []}})["1"]
+    static, offset = judge_claims({"1": {"cells": cells, "study": []}})["1"]
     assert offset.verdict == "yes" and "1 mm" in offset.criterion
     assert (
         static.verdict == "yes"
@@ -154,7 +154,7 @@ def test_findings_follow_the_numbers(report):
             "each": [80.0, 100.0, 101.0],
         },
     ]
-    gpu, first = findings({"4": {"rows": rows, "missing": ""}})["4"]
+    gpu, first = judge_claims({"4": {"rows": rows, "missing": ""}})["4"]
     assert gpu.verdict == "yes" and "2 times" in gpu.corrected
     assert first.verdict == "yes" and "0.8 times" in first.corrected
 
@@ -178,7 +178,7 @@ def test_a_claim_that_the_numbers_refute_does_not_hold_in_part(one, two, held):
         for variant in VARIANTS
         for k, (passed, depth) in enumerate((one, two), 1)
     ]
-    moving, edge, slow = findings({"2": {"cells": cells}})["2"]
+    moving, edge, slow = judge_claims({"2": {"cells": cells}})["2"]
     assert moving.verdict == held and "10 mm" in moving.criterion
     assert slow.verdict == "no" and "frames 1300 and 3100" in slow.criterion
     assert edge.verdict == "yes" and "90 degrees" in edge.criterion
@@ -188,7 +188,7 @@ def test_a_sharp_fold_is_an_angle_between_neighbouring_cells():
     flat = cs.Cloth((3, 5)).rest_positions
     bent = flat.copy()
     bent[:, 3:] = flat[:, 2:3] + (flat[:, 3:] - flat[:, 2:3])[..., [1, 0, 2]]  # up at x of column 2
-    assert sharpest_fold(np.stack([flat, bent])) == pytest.approx([0.0, 90.0], abs=1e-5)
+    assert sharpest_fold_in_degrees(np.stack([flat, bent])) == pytest.approx([0.0, 90.0], abs=1e-5)
 
 
 def test_the_bar_of_each_experiment_has_its_total(report):
@@ -197,24 +197,26 @@ def test_the_bar_of_each_experiment_has_its_total(report):
 
 
 def test_one_step_a_frame_means_one_thing(report):
-    assert "one step a frame" not in text(report)
+    assert "one step a frame" not in report_as_text(report)
 
 
 def test_the_terminal_ends_with_a_line_for_each_claim(report, monkeypatch, capsys):
     monkeypatch.setattr("clothsim.paper.reproduce", lambda *_, **__: report)
     assert main(["reproduce"]) in (0, None)
     lines = capsys.readouterr().out.strip().splitlines()[-10:]
-    rows = [row for claims in findings(report["experiments"]).values() for row in claims]
+    rows = [row for claims in judge_claims(report["experiments"]).values() for row in claims]
     assert [line.split(":")[0] for line in lines] == [row.verdict for row in rows]
     assert all(row.claim in line for row, line in zip(rows, lines, strict=True))
-    assert all(row.criterion in " ".join(text(report).split()) for row in rows)
+    assert all(row.criterion in " ".join(report_as_text(report).split()) for row in rows)
 
 
 def test_depths_are_stored_in_metres_and_shown_in_millimetres(report, folder):
     assert QUANTITIES["points"].heading == "deepest point [mm]"
     depth = cell(report, "2", 1, "as printed", 200)["points"]
     assert depth > 0.02
-    assert f"deepest point [mm]: {number(1e3 * depth)};" in (folder / "report.txt").read_text()
+    assert (
+        f"deepest point [mm]: {format_number(1e3 * depth)};" in (folder / "report.txt").read_text()
+    )
 
 
 def test_every_column_and_every_size_is_explained(folder):
@@ -226,8 +228,12 @@ def test_every_column_and_every_size_is_explained(folder):
 
 
 def test_rounding_is_zero():
-    assert [number(v) for v in (5e-15, -2.25e-14, 0.0)] == ["0"] * 3
-    assert [number(v) for v in (-0.00123, 1234.5, 2.4e-5)] == ["-0.00123", "1,230", "2.40e-05"]
+    assert [format_number(v) for v in (5e-15, -2.25e-14, 0.0)] == ["0"] * 3
+    assert [format_number(v) for v in (-0.00123, 1234.5, 2.4e-5)] == [
+        "-0.00123",
+        "1,230",
+        "2.40e-05",
+    ]
 
 
 def test_json_is_the_returned_report_and_says_where_it_comes_from(report, folder):
@@ -235,7 +241,7 @@ def test_json_is_the_returned_report_and_says_where_it_comes_from(report, folder
     assert content["experiments"].keys() == report["experiments"].keys() == set("12345")
     assert content["experiments"]["4"]["rows"] == report["experiments"]["4"]["rows"]
     assert report["provenance"]["build"]["version"] == cs.__version__
-    assert (folder / "report.txt").read_text() == text(report)
+    assert (folder / "report.txt").read_text() == report_as_text(report)
 
 
 class PageReader(HTMLParser):
@@ -316,5 +322,5 @@ def test_unstable_run_is_reported_not_hidden(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("key", "12345")
 def test_an_experiment_alone_is_a_report(report, key):
-    single = text({**report, "experiments": {key: report["experiments"][key]}})
+    single = report_as_text({**report, "experiments": {key: report["experiments"][key]}})
     assert f"Experiment {key}" in single and "Did it hold?" in single

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from clothsim.engine.options import Options
 from clothsim.run.reasons import Reason
-from clothsim.run.trajectory import Job, Recording, Watch
+from clothsim.run.recording import Recording, Watch
+from clothsim.run.trajectory import Job
 from random_cloths import draw, rms, truth
 
 SWING = cs.scenes.paper_swing(bend=True)
@@ -106,7 +107,7 @@ def plain_evaluations(name):
         Options("dop853", "double", 1),
         tolerance=1e-14 * max(scene.cloth.size),
     )
-    return Recording(job, Watch()).run().trajectory().evaluations
+    return Recording(job, Watch()).run_to_end().trajectory().evaluations
 
 
 @pytest.mark.parametrize("options", [{}, {"rtol": 1e-4}, {"rtol": 1e-9}, {"rtol": 1e-15}], ids=str)

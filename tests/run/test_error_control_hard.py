@@ -8,7 +8,8 @@ import functools
 import clothsim as cs
 import pytest
 from clothsim.engine.options import Options
-from clothsim.run.trajectory import Job, Recording, Watch
+from clothsim.run.recording import Recording, Watch
+from clothsim.run.trajectory import Job
 from random_cloths import draw, rms
 
 
@@ -24,7 +25,7 @@ def exact(number):
     tolerance = 1e-13 * max(case.scene.cloth.size)
     return (
         Recording(Job([case.scene], False, case.duration, options, tolerance=tolerance), Watch())
-        .run()
+        .run_to_end()
         .trajectory()
         .x[-1]
     )

@@ -226,7 +226,7 @@ def test_reasons_of_one_report_agree():
 )
 def test_more_stops_than_steps_are_refused_before_any_run(motion, monkeypatch):
     monkeypatch.setattr(
-        "clothsim.run.trajectory.Recording.run", lambda self: pytest.fail("a run was begun")
+        "clothsim.run.recording.Recording.run_to_end", lambda self: pytest.fail("a run was begun")
     )
     scene = cs.Scene(cs.Cloth((3, 3), pins={(0, 0): motion}))
     name = type(motion).__name__

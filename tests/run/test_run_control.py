@@ -7,7 +7,9 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.engine.options import Options
-from clothsim.run.trajectory import Frames, Job, Recording, Watch
+from clothsim.run.frames import Frames
+from clothsim.run.recording import Recording, Watch
+from clothsim.run.trajectory import Job
 
 SCENE = cs.scenes.paper_swing()
 SMALL = SCENE.replace(cloth=SCENE.cloth.replace(shape=(6, 7), mass=21.0))

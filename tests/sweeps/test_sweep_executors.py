@@ -14,9 +14,9 @@ import pytest
 from clothsim.sweeps import store
 from clothsim.sweeps import sweep as sweeps
 from clothsim.sweeps.grid import make_grid
-from clothsim.sweeps.member import Maker, SweepOptions
+from clothsim.sweeps.member import MemberMaker, SweepOptions
 from clothsim.sweeps.metrics import choose_metrics
-from clothsim.sweeps.sweep import Stopped, Task, Workers, run_task, tasks
+from clothsim.sweeps.sweep import Stopped, Task, Workers, deal_tasks, run_task
 
 pytest.importorskip("xarray")
 
@@ -47,14 +47,14 @@ def small_tasks(monkeypatch):
 @pytest.fixture
 def member_log(monkeypatch):
     """Return indices of the members whose results came in, in order."""
-    record = store.Results.record
+    record = store.Results.take_records
     indices = []
 
     def recording(self, records):
         indices.extend(member.index for member in records)
         record(self, records)
 
-    monkeypatch.setattr(store.Results, "record", recording)
+    monkeypatch.setattr(store.Results, "take_records", recording)
     return indices
 
 
@@ -89,12 +89,12 @@ def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
 ):
     pytest.importorskip("zarr")
     path = tmp_path / "s.zarr"
-    flush = store.Store.flush
+    write = store.Results.write_to_store
     killed = []
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("fork")) as pool:
 
         def killing(self, final=False):
-            flush(self, final)
+            write(self, final)
             if len(member_log) >= 4 and not killed:
                 killed.append(next(iter(pool._processes)))
                 os.kill(killed[0], signal.SIGKILL)
@@ -103,7 +103,7 @@ def test_a_process_pool_that_breaks_leaves_a_store_to_go_on_with(
                     time.sleep(0.01)
 
         with monkeypatch.context() as patch, pytest.raises(BrokenProcessPool):
-            patch.setattr(store.Store, "flush", killing)
+            patch.setattr(store.Results, "write_to_store", killing)
             sweep(executor=pool, store=path)
     assert 4 <= len(member_log) < 24
     assert int((cs.open_sweep(path).status > 0).sum()) == len(member_log)
@@ -134,7 +134,7 @@ def test_a_dask_cluster_that_loses_a_worker_half_way(
                 killed.append(pids[0])
                 os.kill(pids[0], signal.SIGKILL)
 
-        monkeypatch.setattr(store.Results, "flush", killing)
+        monkeypatch.setattr(store.Results, "write_to_store", killing)
         result = sweep(executor=client)
         assert killed and client.status == "running"  # it is not ours to close
     check(result, expected, member_log)
@@ -150,9 +150,9 @@ def test_an_interrupt_keeps_what_is_finished(small_tasks, member_log, monkeypatc
             raise KeyboardInterrupt
 
         if final:
-            gathered.append(self.pending)
+            gathered.append(self.members_to_run)
 
-    monkeypatch.setattr(store.Results, "flush", interrupting)
+    monkeypatch.setattr(store.Results, "write_to_store", interrupting)
     with pytest.raises(
         KeyboardInterrupt, match=" of 24 members were done; give a store to keep them"
     ):
@@ -168,7 +168,7 @@ def test_a_stopped_task_returns_its_finished_members():
         if finished:
             raise Stopped
 
-    make = Maker(SCENE, SweepOptions(0.05))
+    make = MemberMaker(SCENE, SweepOptions(0.05))
     members = [make(k, {"dt": dt}) for k, dt in enumerate((1e-3, 5e-4, 2e-4))]
     task = Task(members, choose_metrics({"seen": lambda run: finished.append(run) or 0.0}))
     assert [record.index for record in run_task(task, pause)] == [0]
@@ -182,7 +182,7 @@ def test_a_batch_stops_within_a_step_or_two_of_the_clock():
         if next(calls) >= 4:
             raise Stopped
 
-    make = Maker(SCENE, SweepOptions(100.0, 1e-6))
+    make = MemberMaker(SCENE, SweepOptions(100.0, 1e-6))
     assert not run_task(Task([make(0, {}), make(1, {})], {}), pause)
 
 
@@ -194,8 +194,14 @@ def tasks_of(over, count=2, metrics="stable"):
     grid = make_grid(over)
     options = SweepOptions()
     with ThreadPoolExecutor(count) as pool:
-        what = Maker(SCENE, options), grid, choose_metrics(metrics), options, np.arange(grid.size)
-        return grid, list(tasks(*what, Workers(pool, None), {}))
+        what = (
+            MemberMaker(SCENE, options),
+            grid,
+            choose_metrics(metrics),
+            options,
+            np.arange(grid.size),
+        )
+        return grid, list(deal_tasks(*what, Workers(pool, None), {}))
 
 
 def test_a_task_has_members_of_one_shape_and_method():
@@ -239,9 +245,9 @@ def test_members_of_one_reference_come_together():
 
 def test_a_member_is_made_once(monkeypatch):
     makes = []
-    make = Maker.__call__
+    make = MemberMaker.__call__
     monkeypatch.setattr(
-        Maker, "__call__", lambda self, *args: makes.append(args[0]) or make(self, *args)
+        MemberMaker, "__call__", lambda self, *args: makes.append(args[0]) or make(self, *args)
     )
     sweep()
     assert sorted(makes) == list(range(24))
@@ -249,10 +255,14 @@ def test_a_member_is_made_once(monkeypatch):
 
 def test_one_member_has_all_threads_and_many_have_one_each():
     default, explicit = Workers(None, None), Workers(None, 2)
-    assert default.threads_of(1) is None and default.threads_of(5) == 1
-    assert explicit.threads_of(1) == 2 and explicit.threads_of(2) == 1 and explicit.count == 2
+    assert default.threads_per_task(1) is None and default.threads_per_task(5) == 1
+    assert (
+        explicit.threads_per_task(1) == 2
+        and explicit.threads_per_task(2) == 1
+        and explicit.count == 2
+    )
     default.close()
     explicit.close()
     with ThreadPoolExecutor(5) as pool:
         pooled = Workers(pool, None)
-        assert pooled.threads_of(1) == 1 and pooled.count == 5
+        assert pooled.threads_per_task(1) == 1 and pooled.count == 5

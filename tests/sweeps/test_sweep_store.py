@@ -63,7 +63,7 @@ def member_log(monkeypatch):
 
     monkeypatch.setattr(sweeps, "run_task", counting)
     monkeypatch.setattr(sweeps, "LARGEST_BATCH", 1)
-    monkeypatch.setattr(store.Store, "due", True)
+    monkeypatch.setattr(store.Store, "write_is_due", True)
     return indices
 
 
@@ -159,7 +159,7 @@ def test_a_store_that_is_killed_between_two_writes_is_whole(tmp_path, member_log
 
 
 def test_a_second_ctrl_c_waits_until_the_store_is_written(tmp_path, member_log, monkeypatch):
-    write = store.Store.write
+    write = store.Store.write_values
     signals = []
 
     def interrupted(self, dataset):
@@ -167,10 +167,10 @@ def test_a_second_ctrl_c_waits_until_the_store_is_written(tmp_path, member_log, 
         write(self, dataset)
 
     def advance(self, count):
-        monkeypatch.setattr(store.Store, "write", interrupted)
+        monkeypatch.setattr(store.Store, "write_values", interrupted)
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(store.Store, "due", False)
+    monkeypatch.setattr(store.Store, "write_is_due", False)
     monkeypatch.setattr(sweeps.ProgressBar, "advance", advance)
     path = tmp_path / "s.zarr"
     with pytest.raises(KeyboardInterrupt) as caught:
@@ -272,7 +272,7 @@ def test_one_writer_at_a_time(tmp_path):
     for file in (path, tmp_path / "link.zarr"):
         with pytest.raises(ValueError, match=f"{file.name}' is being written by a sweep; "):
             sweep(file)
-    writing.close()
+    writing.release_lock()
     sweep(path)
 
 

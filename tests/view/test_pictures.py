@@ -9,7 +9,7 @@ from shutil import which
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.run.result import deepest
+from clothsim.run.result import greatest_depths
 from clothsim.viewing import camera, raster
 from clothsim.viewing.scale import scale_of, values_of
 from colors import check_lines, distance
@@ -61,7 +61,7 @@ def test_depth_is_that_of_each_place_of_the_cloth(shape):
         expected = scale.colors(radius - np.hypot(away, radius - depth))
         assert here == pytest.approx(expected, abs=0.02)
     assert hue(pixels[400, 400]) == pytest.approx(hue(scale.colors(0.0)), abs=0.01)  # outside
-    assert deepest(scene.spheres, scene.initial_position[None], np.zeros(1))[
+    assert greatest_depths(scene.spheres, scene.initial_position[None], np.zeros(1))[
         "triangles"
     ] == pytest.approx([depth])
 

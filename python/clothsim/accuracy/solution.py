@@ -26,8 +26,9 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt
 from ..model.obstacle import name_of_kind
 from ..model.scene import Scene, turning_times
+from ..run.frames import Frames
 from ..run.reasons import Reason
-from ..run.trajectory import PAUSE, Frames
+from ..run.recording import PAUSE
 from ..typing import Force
 
 METHOD = "dop853"
@@ -181,7 +182,7 @@ def reference(
     frames = Frames(
         None if every is None else check.number("every", every, minimum=0, exclusive=True)
     )
-    moments = frames.moments(0.0, 0.0, duration, None)
+    moments = frames.moments_between(0.0, 0.0, duration, None)
     times = tuple(moment.time for moment in moments[1:])
     force = check_force(force)
     return (

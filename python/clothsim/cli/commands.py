@@ -225,7 +225,7 @@ def _add_reproduce_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def _reproduce_experiments(args: argparse.Namespace) -> None:
-    from clothsim.paper import NUMBERS, reproduce, text, verdicts
+    from clothsim.paper import NUMBERS, list_verdicts, report_as_text, reproduce
 
     numbers = args.experiment or NUMBERS
     report = reproduce(
@@ -235,10 +235,10 @@ def _reproduce_experiments(args: argparse.Namespace) -> None:
         threads=args.threads,
         progress=is_wanted_by_command(),
     )
-    print(as_json(report) if args.json else text(report))
+    print(as_json(report) if args.json else report_as_text(report))
     if not args.json:
         print(f"Report folder: {report['folder']} (open index.html)\n")
-        print("\n".join(verdicts(report["experiments"])))
+        print("\n".join(list_verdicts(report["experiments"])))
 
 
 def _describe_adapters() -> Any:

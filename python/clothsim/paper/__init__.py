@@ -19,10 +19,18 @@ from ..base.progress import ProgressBar
 from . import experiments as lab
 from . import report as pages
 from .experiments import EXPERIMENTS, FULL, QUICK, Settings
-from .findings import verdicts
-from .report import as_text as text
+from .findings import list_verdicts
+from .report import report_as_text
 
-__all__ = ["FULL", "QUICK", "Settings", "reproduce", "text", "verdicts", "write_gallery"]
+__all__ = [
+    "FULL",
+    "QUICK",
+    "Settings",
+    "list_verdicts",
+    "report_as_text",
+    "reproduce",
+    "write_gallery",
+]
 
 NUMBERS = tuple(map(int, EXPERIMENTS))
 
@@ -69,45 +77,49 @@ def reproduce(
     entries: dict[str, Any] = {}
     report = {
         "settings": asdict(settings),
-        "cuts": pages.cuts(settings),
+        "cuts": pages.list_reductions(settings),
         "provenance": provenance(),
         "experiments": entries,
     }
     for number in numbers:
-        total = lab.simulated_time(str(number), settings)
+        total = lab.simulated_seconds(str(number), settings)
         with ProgressBar.for_simulated_time(progress, total, f"experiment {number}") as bar:
-            entries[str(number)] = _run(str(number), settings, threads, folder, bar.advance)
+            entries[str(number)] = _run_experiment(
+                str(number), settings, threads, folder, bar.advance
+            )
     report["folder"] = str(folder)
     write_gallery(folder)
-    write_bytes(folder / "report.txt", text(report).encode())
+    write_bytes(folder / "report.txt", report_as_text(report).encode())
     write_bytes(folder / "report.json", (as_json(report) + "\n").encode())
     pages.write_page(
-        folder / "index.html", "clothsim: the experiments of Kim et al.", pages.parts(report)
+        folder / "index.html",
+        "clothsim: the experiments of Kim et al.",
+        pages.report_as_markdown(report),
     )
     return report
 
 
-def _run(
+def _run_experiment(
     key: str, settings: Settings, threads: int, folder: Path, advance: Callable[[float], object]
 ) -> dict[str, Any]:
     if key == "3":
-        return lab.frame_rates(settings, advance)
+        return lab.measure_frame_rates(settings, advance)
     if key == "4":
-        return lab.speedup(settings, threads, advance)
+        return lab.measure_speedup(settings, threads, advance)
     if key == "5":
-        rows = lab.comparison(part=settings.part, threads=threads, advance=advance)
+        rows = lab.run_comparison(part=settings.part, threads=threads, advance=advance)
         failures = {
             f"{row['sphere']}, {row['case']}": row["failure"] for row in rows if row["failure"]
         }
         return {"rows": rows, "failures": failures}
     dt = settings.dt[int(key) - 1]
-    cases = lab.contact(key, settings, dt, threads=threads, advance=advance)
-    pages.draw_cells(key, cases, folder)
-    pages.play(key, cases, folder)
+    cases = lab.run_contact(key, settings, dt, threads=threads, advance=advance)
+    pages.write_cell_pictures(key, cases, folder)
+    pages.write_player_page(key, cases, folder)
     return {
         "cells": [cell for case in cases for cell in case.cells],
         "failures": {case.name: case.failure for case in cases if case.failure},
-        "study": lab.study(settings, threads, advance) if key == "1" else [],
+        "study": lab.run_step_study(settings, threads, advance) if key == "1" else [],
     }
 
 

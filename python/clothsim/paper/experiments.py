@@ -1,7 +1,7 @@
 """The experiments: 1 to 4 of Kim et al., and 5, which is ours.
 
-The tables at the top say what each experiment shows, and what its report measures. `follow`
-measures contact, `frame_rates` and `speedup` measure speed.
+The tables at the top say what each experiment shows, and what its report measures.
+`step_and_measure` measures contact, `measure_frame_rates` and `measure_speedup` measure speed.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ PLAYED = 200  # states kept to be played; a page of four such runs is some 3 MB
 AGREEMENT_STEPS = 100  # after which experiment 4 compares core and reference
 
 
-def _fast() -> cs.Scene:
+def _make_fast_sphere_scene() -> cs.Scene:
     """Make the paper's cloth, level, and its sphere on the way up through it at 100 m/s."""
     scene = cs.scenes.paper_static()
     sphere = scene.spheres[0].replace(center=(0.5, -0.3, 0.5), motion=cs.Linear((0, 100.0, 0)))
@@ -161,7 +161,7 @@ def _fast() -> cs.Scene:
 SPHERES: dict[str, tuple[Callable[[], cs.Scene], float, int]] = {
     "static": (cs.scenes.paper_static, 0.8, 4),
     "moving": (cs.scenes.paper_moving, 0.9, 4),
-    "fast": (_fast, 0.012, 1),
+    "fast": (_make_fast_sphere_scene, 0.012, 1),
 }
 SPHERES_DT = 1e-4  # s
 
@@ -214,11 +214,11 @@ class Case:
     failure: str = ""
 
 
-def _dot(a: Any, b: Any) -> Any:
+def _dot_products(a: Any, b: Any) -> Any:
     return np.einsum("...k,...k->...", a, b)
 
 
-class Passed:
+class PassedPoints:
     """A count of mass points that go through a sphere: between two states, or out on another side
     than they came in.
 
@@ -231,31 +231,38 @@ class Passed:
         self._radius = radius
         self.count = np.zeros(from_center.shape[:-3], int)
 
-    def see(self, new: np.ndarray) -> None:
+    def count_passed(self, new: np.ndarray) -> None:
         last = self._last
         radius2 = self._radius**2
-        was_outside = _dot(last, last) >= radius2
-        is_outside = _dot(new, new) >= radius2
+        was_outside = _dot_products(last, last) >= radius2
+        is_outside = _dot_products(new, new) >= radius2
         self._entered = np.where((was_outside & ~is_outside)[..., None], last, self._entered)
         way = new - last
-        part = np.clip(-_dot(last, way) / np.maximum(_dot(way, way), 1e-300), 0, 1)
+        part = np.clip(
+            -_dot_products(last, way) / np.maximum(_dot_products(way, way), 1e-300), 0, 1
+        )
         nearest = last + part[..., None] * way
-        between = was_outside & is_outside & (_dot(nearest, nearest) < radius2 * (1 - 2e-9))
-        turned = ~was_outside & is_outside & (_dot(self._entered, new) < 0)
+        between = (
+            was_outside & is_outside & (_dot_products(nearest, nearest) < radius2 * (1 - 2e-9))
+        )
+        turned = ~was_outside & is_outside & (_dot_products(self._entered, new) < 0)
         self.count = self.count + (between | turned).sum(axis=(-2, -1))
         self._last = new
 
 
-def sharpest_fold(x: np.ndarray) -> np.ndarray:
+def sharpest_fold_in_degrees(x: np.ndarray) -> np.ndarray:
     """Measure the largest angle [degrees] between normals of neighbouring cells of each cloth."""
     normals = np.cross(x[:, 1:, :-1] - x[:, :-1, :-1], x[:, :-1, 1:] - x[:, :-1, :-1])
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-300)
-    cosines = (_dot(normals[:, 1:], normals[:, :-1]), _dot(normals[:, :, 1:], normals[:, :, :-1]))
+    cosines = (
+        _dot_products(normals[:, 1:], normals[:, :-1]),
+        _dot_products(normals[:, :, 1:], normals[:, :, :-1]),
+    )
     least = np.minimum(*(cosine.min(axis=(1, 2)) for cosine in cosines))
     return np.asarray(np.degrees(np.arccos(np.clip(least, -1.0, 1.0))))
 
 
-def simulated_time(key: str, settings: Settings) -> float:
+def simulated_seconds(key: str, settings: Settings) -> float:
     """Sum up the seconds with which an experiment calls its `advance`; cases that run side by side
     count once.
     """
@@ -268,17 +275,17 @@ def simulated_time(key: str, settings: Settings) -> float:
     if key == "4":
         return settings.runs * settings.speedup_steps * settings.dt[2]
     return sum(
-        _looks(name, settings.part, steps, duration) * steps * SPHERES_DT
+        _count_measurements(name, settings.part, steps, duration) * steps * SPHERES_DT
         for name, (_, duration, steps) in SPHERES.items()
     )
 
 
-def _looks(sphere: str, part: float, steps: int, duration: float) -> int:
+def _count_measurements(sphere: str, part: float, steps: int, duration: float) -> int:
     """Count the measurements of experiment 5 on a sphere."""
     return round((1.0 if sphere == "fast" else part) * duration / SPHERES_DT / steps)
 
 
-def follow(
+def step_and_measure(
     scenes: dict[str, cs.Scene],
     dt: float,
     steps: int,
@@ -300,16 +307,16 @@ def follow(
     touching = NEAR + np.array(radii)
     stepper = cs.Stepper(members, threads=threads)
     start = np.asarray(cs.energy(members, stepper.positions, stepper.velocities, 0.0)["total"])
-    passage = Passed(stepper.positions - sphere.center_at(0.0), sphere.radius)
+    passage = PassedPoints(stepper.positions - sphere.center_at(0.0), sphere.radius)
     for look in range(looks + 1):
         if look:
-            _advance(stepper, steps, dt, cases)
+            _advance_or_freeze(stepper, steps, dt, cases)
             advance(steps * dt)
         x = stepper.positions
         v = stepper.velocities
         t = float(stepper.time)
         from_center = x - sphere.center_at(t)
-        passage.see(from_center)
+        passage.count_passed(from_center)
         energy = cs.energy(members, x, v, t)
         measures = {
             **cs.penetration(x, sphere, t),
@@ -320,7 +327,7 @@ def follow(
         if look in frames:
             touches = np.linalg.norm(from_center, axis=-1) < touching[:, None, None]
             measures["points_touching"] = touches.sum(axis=(1, 2))
-            measures["sharpest_fold"] = sharpest_fold(x)
+            measures["sharpest_fold"] = sharpest_fold_in_degrees(x)
         for k, case in enumerate(cases):
             if case.failure:
                 continue
@@ -335,7 +342,7 @@ def follow(
     return cases
 
 
-def _advance(stepper: cs.Stepper, steps: int, dt: float, cases: Sequence[Case]) -> None:
+def _advance_or_freeze(stepper: cs.Stepper, steps: int, dt: float, cases: Sequence[Case]) -> None:
     while steps:
         try:
             return stepper.advance(steps, dt)
@@ -347,7 +354,9 @@ def _advance(stepper: cs.Stepper, steps: int, dt: float, cases: Sequence[Case]) 
             steps -= error.step - 1
 
 
-def with_responses(scene: cs.Scene, responses: dict[str, dict[str, Any]]) -> dict[str, cs.Scene]:
+def scenes_by_response(
+    scene: cs.Scene, responses: dict[str, dict[str, Any]]
+) -> dict[str, cs.Scene]:
     """Make scenes with each of these responses of their sphere."""
     (sphere,) = scene.spheres
     return {
@@ -356,7 +365,7 @@ def with_responses(scene: cs.Scene, responses: dict[str, dict[str, Any]]) -> dic
     }
 
 
-def contact(
+def run_contact(
     number: str,
     settings: Settings,
     dt: float,
@@ -364,26 +373,26 @@ def contact(
     **options: Any,
 ) -> list[Case]:
     """Experiment "1" (static sphere) or "2" (moving sphere) with steps of `dt`; `options` are those
-    of `follow`.
+    of `step_and_measure`.
     """
     scene = cs.scenes.paper_static() if number == "1" else cs.scenes.paper_moving()
-    scenes = with_responses(scene, {name: CASES[name] for name in cases})
+    scenes = scenes_by_response(scene, {name: CASES[name] for name in cases})
     frames = FRAMES[number]
     steps = settings.steps_per_frame(dt)
     with warnings.catch_warnings():
         # A step as long as a frame is above the guarantee.
         warnings.simplefilter("ignore", cs.StabilityWarning)
-        return follow(scenes, dt, steps, looks=max(frames), frames=frames, **options)
+        return step_and_measure(scenes, dt, steps, looks=max(frames), frames=frames, **options)
 
 
-def study(
+def run_step_study(
     settings: Settings, threads: int, advance: Callable[[float], object] = bool
 ) -> list[dict[str, Any]]:
     """Run experiment 1 as printed at each of `settings.study_dts`; depths at each frame."""
     rows = []
     printed = [name for name in CASES if "printed" in name]
     for dt in settings.study_dts:
-        for case in contact("1", settings, dt, printed, threads=threads, advance=advance):
+        for case in run_contact("1", settings, dt, printed, threads=threads, advance=advance):
             if case.failure:
                 continue
             depths = {kind: [cell[kind] for cell in case.cells] for kind in ("points", "triangles")}
@@ -391,7 +400,7 @@ def study(
     return rows
 
 
-def comparison(
+def run_comparison(
     spheres: Collection[str] = tuple(SPHERES),
     responses: Collection[str] = tuple(RESPONSES),
     part: float = 1.0,
@@ -399,7 +408,7 @@ def comparison(
     **options: Any,
 ) -> list[dict[str, Any]]:
     """Run experiment 5: every response on every sphere, a row each, measured every `every` steps;
-    `options` as for `follow`.
+    `options` as for `step_and_measure`.
 
     `QUANTITIES` defines the columns.
     """
@@ -408,17 +417,19 @@ def comparison(
         make, duration, steps = SPHERES[name]
         if every is not None:
             steps = every
-        looks = _looks(name, part, steps, duration)
-        scenes = with_responses(make(), {response: RESPONSES[response] for response in responses})
+        looks = _count_measurements(name, part, steps, duration)
+        scenes = scenes_by_response(
+            make(), {response: RESPONSES[response] for response in responses}
+        )
         with warnings.catch_warnings():
             # The layer of the fast sphere asks for shorter steps than all responses take here.
             warnings.simplefilter("ignore", cs.StabilityWarning)
-            cases = follow(scenes, SPHERES_DT, steps, looks, **options)
+            cases = step_and_measure(scenes, SPHERES_DT, steps, looks, **options)
         rows += [{"sphere": name, **case.last, "failure": case.failure} for case in cases]
     return rows
 
 
-def _in_turns(
+def _time_in_turns(
     jobs: dict[str, Any], repeats: int, steps: int, dt: float, advance: Callable[[float], object]
 ) -> list[dict[str, Any]]:
     """Time jobs of so many steps, and return a row of rates for each: the median, which one
@@ -444,7 +455,9 @@ def _in_turns(
     ]
 
 
-def frame_rates(settings: Settings, advance: Callable[[float], object] = bool) -> dict[str, Any]:
+def measure_frame_rates(
+    settings: Settings, advance: Callable[[float], object] = bool
+) -> dict[str, Any]:
     """Run experiment 3: all cases on the falling cloth, on one thread, in turns; "each": steps/s in
     each run.
 
@@ -460,15 +473,15 @@ def frame_rates(settings: Settings, advance: Callable[[float], object] = bool) -
             stepper.advance(steps, dt)
             stepper.positions  # noqa: B018
 
-    scenes = with_responses(cs.scenes.paper_static(), CASES)
+    scenes = scenes_by_response(cs.scenes.paper_static(), CASES)
     jobs = {name: partial(fall, scene) for name, scene in scenes.items()}
-    rows = _in_turns(jobs, settings.runs, steps * settings.timed_frames, dt, advance)
+    rows = _time_in_turns(jobs, settings.runs, steps * settings.timed_frames, dt, advance)
     for row in rows:
         row["frames_per_second"] = row["steps_per_second"] / frame_steps
     return {"rows": rows, "frame_steps": frame_steps}
 
 
-def speedup(
+def measure_speedup(
     settings: Settings, threads: int, advance: Callable[[float], object] = bool
 ) -> dict[str, Any]:
     """Run experiment 4: method 2 by the scalar reference, the core and every graphics card. They
@@ -509,6 +522,6 @@ def speedup(
                 jobs[f"shader, {precision}, {card.name}"] = partial(
                     job, card, precision=precision, backend="gpu"
                 )
-    rows = _in_turns(jobs, settings.runs, steps, dt, advance)
+    rows = _time_in_turns(jobs, settings.runs, steps, dt, advance)
     ends = [step(scene, x, v, dt, AGREEMENT_STEPS, t=t)[0] for step in (cs.reference_step, cs.step)]
     return {"rows": rows, "agreement": float(np.abs(ends[0] - ends[1]).max()), "missing": missing}

@@ -16,12 +16,12 @@ WRAPPED = 10  # points that touch a sphere which the cloth wraps
 EQUAL = 0.03  # rates that differ by less are equal within the noise
 
 
-def number(value: Any, digits: int = 3) -> str:
+def format_number(value: Any, digits: int = 3) -> str:
     """Format `value`, or each of a list, with `digits` significant digits. Values below 1e-9 are
     rounding errors and print as 0.
     """
     if isinstance(value, list):
-        return " / ".join(number(entry, digits) for entry in value)
+        return " / ".join(format_number(entry, digits) for entry in value)
     if isinstance(value, str | int):
         return str(value)
     if abs(value) < 1e-9:
@@ -44,78 +44,87 @@ class Finding(NamedTuple):
     sentence: str = ""
 
 
-def findings(experiments: dict[str, Any]) -> dict[str, list[Finding]]:
+def judge_claims(experiments: dict[str, Any]) -> dict[str, list[Finding]]:
     """Judge each claim; the rows are in lists by experiment."""
-    judges = {"1": _static, "2": _moving, "3": _rates, "4": _gpu, "5": _limits}
+    judges = {
+        "1": _judge_static_sphere,
+        "2": _judge_moving_sphere,
+        "3": _judge_frame_rates,
+        "4": _judge_speedup,
+        "5": _judge_limits,
+    }
     return {key: judge(experiments[key]) for key, judge in judges.items() if key in experiments}
 
 
-def verdicts(experiments: dict[str, Any]) -> list[str]:
+def list_verdicts(experiments: dict[str, Any]) -> list[str]:
     """Write a line for each claim: whether it held, and the claim."""
-    rows = [finding for rows in findings(experiments).values() for finding in rows]
+    rows = [finding for rows in judge_claims(experiments).values() for finding in rows]
     return [f"{finding.verdict + ':':13} {finding.claim}" for finding in rows]
 
 
-def _mm(depths: Iterable[float]) -> str:
-    return number([1e3 * depth for depth in depths], 2) + " mm"
+def _depths_in_mm(depths: Iterable[float]) -> str:
+    return format_number([1e3 * depth for depth in depths], 2) + " mm"
 
 
-def _differ(first: list[float], second: list[float]) -> bool:
+def _methods_differ(first: list[float], second: list[float]) -> bool:
     """Tell whether method 1 penetrates at every frame and method 2 at none."""
     return bool(first and second) and min(first) > DEEP > max(second)
 
 
-def _pair(values: dict[str, Any], variant: str) -> list[Any]:
+def _values_of_both_methods(values: dict[str, Any], variant: str) -> list[Any]:
     """Return the values of method 1 and method 2."""
     return [values[f"method {k}, {variant}"] for k in (1, 2)]
 
 
-def _static(entry: dict[str, Any]) -> list[Finding]:
+def _judge_static_sphere(entry: dict[str, Any]) -> list[Finding]:
     claim = "static sphere: method 1 penetrates at the three frames, method 2 does not"
     depths = {
         name: [cell["triangles"] for cell in entry["cells"] if cell["case"] == name]
         for name in CASES
     }
-    pairs = [_pair(depths, variant) for variant in VARIANTS]
-    printed, corrected = (f"method 1: {_mm(a)}; method 2: {_mm(b)}" for a, b in pairs)
+    pairs = [_values_of_both_methods(depths, variant) for variant in VARIANTS]
+    printed, corrected = (
+        f"method 1: {_depths_in_mm(a)}; method 2: {_depths_in_mm(b)}" for a, b in pairs
+    )
     coarse = [row["triangles"] for row in entry["study"][-2:]]  # steps as long as a frame
-    deepest = [_mm([max(depth, default=0.0)]) for depth in pairs[0]]
+    deepest = [_depths_in_mm([max(depth, default=0.0)]) for depth in pairs[0]]
     sentence = (
         f"As printed, triangles are up to {deepest[0]} deep with method 1 and {deepest[1]} "
         "with method 2, in cells whose corners lie on the sphere"
     )
-    verdict = "yes" if _differ(*pairs[0]) else "no"
-    if verdict == "no" and len(coarse) == 2 and _differ(*coarse):
+    verdict = "yes" if _methods_differ(*pairs[0]) else "no"
+    if verdict == "no" and len(coarse) == 2 and _methods_differ(*coarse):
         verdict = "in part"
-        printed += f"; with steps as long as a frame: {_mm(coarse[0])}; {_mm(coarse[1])}"
+        first, second = map(_depths_in_mm, coarse)
+        printed += f"; with steps as long as a frame: {first}; {second}"
         sentence += "; the paper's difference appears with steps as long as a frame"
     criterion = (
-        f"triangles deeper than {_mm([DEEP])} at each frame with method 1, at none with method 2; "
-        "in part: with steps as long as a frame alone"
+        f"triangles deeper than {_depths_in_mm([DEEP])} at each frame with method 1, at none "
+        "with method 2; in part: with steps as long as a frame alone"
     )
     ray = [max(depth, default=0.0) for _, depth in pairs]
     offset = Finding(
         "static sphere: with method 2 and the offset nothing penetrates",
-        f"no triangle deeper than {_mm([DEEP])} at the three frames",
+        f"no triangle deeper than {_depths_in_mm([DEEP])} at the three frames",
         "yes" if ray[0] <= DEEP else "no",
-        *(f"{_mm([depth])} deep" for depth in ray),
+        *(f"{_depths_in_mm([depth])} deep" for depth in ray),
     )
     return [Finding(claim, criterion, verdict, printed, corrected, sentence), offset]
 
 
-def _moving(entry: dict[str, Any]) -> list[Finding]:
+def _judge_moving_sphere(entry: dict[str, Any]) -> list[Finding]:
     # The last cell of each case
     cells = dict.fromkeys(CASES) | {cell["case"]: cell for cell in entry["cells"]}
     printed, corrected = (
         "; ".join(
             f"method {k}: {cell['points_passed']} points passed, triangles to "
-            f"{_mm([cell['triangles_so_far']])} deep"
-            for k, cell in enumerate(_pair(cells, variant), 1)
+            f"{_depths_in_mm([cell['triangles_so_far']])} deep"
+            for k, cell in enumerate(_values_of_both_methods(cells, variant), 1)
             if cell
         )
         for variant in VARIANTS
     )
-    first, second = _pair(cells, VARIANTS[0])
+    first, second = _values_of_both_methods(cells, VARIANTS[0])
     verdict = "no"
     if _goes_through(first):
         if not _goes_through(second):
@@ -128,14 +137,14 @@ def _moving(entry: dict[str, Any]) -> list[Finding]:
             verdict = "in part"
     sentence = f"As printed, {printed}. Corrected, {corrected}"
     criterion = (
-        f"points pass, or triangles are deeper than {_mm([THROUGH])}, with method 1 alone; in "
-        "part: with method 2 too, but less"
+        f"points pass, or triangles are deeper than {_depths_in_mm([THROUGH])}, with method 1 "
+        "alone; in part: with method 2 too, but less"
     )
     claim = "moving sphere: it penetrates with method 1, not with method 2"
     return [
         Finding(claim, criterion, verdict, printed, corrected, sentence),
-        _edge(entry),
-        _slow(entry),
+        _judge_edge(entry),
+        _judge_slow_cloth(entry),
     ]
 
 
@@ -146,23 +155,23 @@ def _goes_through(cell: dict[str, Any] | None) -> bool:
     return bool(cell["points_passed"] or cell["triangles_so_far"] > THROUGH)
 
 
-def _graded(count: int, total: int) -> str:
+def _grade_claim(count: int, total: int) -> str:
     """Say whether a claim held, of which `count` of `total` parts held."""
     if count == 0:
         return "no"
     return "yes" if count == total else "in part"
 
 
-def _edge(entry: dict[str, Any]) -> Finding:
+def _judge_edge(entry: dict[str, Any]) -> Finding:
     """Judge the edge at the first contact with the moving sphere."""
     frame = FRAMES["2"][0]
     cells = dict.fromkeys(CASES) | {
         cell["case"]: cell for cell in entry["cells"] if cell["frame"] == frame
     }
-    pairs = [_pair(cells, variant) for variant in VARIANTS]
+    pairs = [_values_of_both_methods(cells, variant) for variant in VARIANTS]
     texts = (
         "; ".join(
-            f"method {k}: {number(cell['sharpest_fold'])} degrees, "
+            f"method {k}: {format_number(cell['sharpest_fold'])} degrees, "
             f"{cell['points_touching']} points touch"
             for k, cell in enumerate(pair, 1)
             if cell
@@ -180,12 +189,12 @@ def _edge(entry: dict[str, Any]) -> Finding:
         f"moving sphere, frame {frame}: the edge folds with method 1, wraps it with method 2",
         f"neighbouring cells at more than {FOLDED:g} degrees with method 1 alone, and "
         f"{WRAPPED} points touch with method 2; in part: one of the two",
-        _graded(folds + wraps, 2),
+        _grade_claim(folds + wraps, 2),
         *texts,
     )
 
 
-def _slow(entry: dict[str, Any]) -> Finding:
+def _judge_slow_cloth(entry: dict[str, Any]) -> Finding:
     """Judge method 1 at the later contacts with the moving sphere, when the cloth is slow."""
     frames = FRAMES["2"][1:]
     depths = [
@@ -198,25 +207,27 @@ def _slow(entry: dict[str, Any]) -> Finding:
     ]
     return Finding(
         "method 1 penetrates slow cloth",
-        f"moving sphere, mass points deeper than {_mm([DEEP])} at frames "
+        f"moving sphere, mass points deeper than {_depths_in_mm([DEEP])} at frames "
         f"{' and '.join(map(str, frames))}; in part: at one of them",
-        _graded(sum(depth > DEEP for depth in depths[0]), len(frames)),
-        *map(_mm, depths),
+        _grade_claim(sum(depth > DEEP for depth in depths[0]), len(frames)),
+        *map(_depths_in_mm, depths),
     )
 
 
-def _rates(entry: dict[str, Any]) -> list[Finding]:
+def _judge_frame_rates(entry: dict[str, Any]) -> list[Finding]:
     rates = {row["case"]: row["frames_per_second"] for row in entry["rows"]}
-    pairs = [_pair(rates, variant) for variant in VARIANTS]
+    pairs = [_values_of_both_methods(rates, variant) for variant in VARIANTS]
     printed, corrected = (
-        f"{number(a)} frames/s with method 1, {number(b)} with method 2" for a, b in pairs
+        f"{format_number(a)} frames/s with method 1, {format_number(b)} with method 2"
+        for a, b in pairs
     )
-    verdict = _graded(sum(b < a * (1 - EQUAL) for a, b in pairs), len(pairs))
+    verdict = _grade_claim(sum(b < a * (1 - EQUAL) for a, b in pairs), len(pairs))
     steps = entry["frame_steps"]
     least = min(rates.values())
-    quick = _graded((least > FRAMES_PER_SECOND) + (least * steps > FRAMES_PER_SECOND), 2)
+    quick = _grade_claim((least > FRAMES_PER_SECOND) + (least * steps > FRAMES_PER_SECOND), 2)
     texts = [
-        f"{number(min(pair))} frames/s of {steps} steps; {number(min(pair) * steps)} of one"
+        f"{format_number(min(pair))} frames/s of {steps} steps; "
+        f"{format_number(min(pair) * steps)} of one"
         for pair in pairs
     ]
     sentence = (
@@ -243,7 +254,7 @@ def _rates(entry: dict[str, Any]) -> list[Finding]:
     ]
 
 
-def _gpu(entry: dict[str, Any]) -> list[Finding]:
+def _judge_speedup(entry: dict[str, Any]) -> list[Finding]:
     claim = "method 2 on the GPU is 60 % faster than on the CPU"
     missing = entry["missing"]
     criterion = f"the fastest shader takes {GPU_OVER_CPU} times the steps of the fastest core"
@@ -252,8 +263,8 @@ def _gpu(entry: dict[str, Any]) -> list[Finding]:
     rates = {row["case"]: row["times_the_first"] for row in entry["rows"]}
     core = max((name for name in rates if name.startswith("core")), key=rates.__getitem__)
     sentence = (
-        f"The fastest on the CPU ({core}) takes {number(rates[core])} times the steps of the "
-        "scalar reference; "
+        f"The fastest on the CPU ({core}) takes {format_number(rates[core])} times the steps of "
+        "the scalar reference; "
     )
     shader = max((rate for name, rate in rates.items() if name.startswith("shader")), default=0.0)
     if not shader:
@@ -262,7 +273,7 @@ def _gpu(entry: dict[str, Any]) -> list[Finding]:
             Finding(claim, criterion, *absent, sentence + f"the GPU was not measured: {missing}"),
             Finding(first_claim, first_criterion, *absent),
         ]
-    text = f"the shader takes {number(shader / rates[core])} times the steps of the core"
+    text = f"the shader takes {format_number(shader / rates[core])} times the steps of the core"
     faster = "yes" if shader >= GPU_OVER_CPU * rates[core] else "no"
     row = max(
         (row for row in entry["rows"] if row["case"].startswith("shader")),
@@ -276,12 +287,12 @@ def _gpu(entry: dict[str, Any]) -> list[Finding]:
             first_criterion,
             "yes" if part < 1 - EQUAL else "no",
             "not timed",
-            f"the first run takes {number(part)} times the steps/s of the median",
+            f"the first run takes {format_number(part)} times the steps/s of the median",
         ),
     ]
 
 
-def _limits(entry: dict[str, Any]) -> list[Finding]:
+def _judge_limits(entry: dict[str, Any]) -> list[Finding]:
     """Judge the limits that the paper names, by the spheres of experiment 5."""
     rows = {(row["sphere"], row["case"]): row for row in entry["rows"]}
     counts = [
@@ -297,16 +308,16 @@ def _limits(entry: dict[str, Any]) -> list[Finding]:
         Finding(
             "a fast sphere can pass between two steps",
             "points pass through the fast sphere with both methods; in part: with one",
-            _graded(through, len(counts[0])),
+            _grade_claim(through, len(counts[0])),
             *texts,
         )
     ]
 
 
-def sentence(key: str, entry: dict[str, Any]) -> str:
+def summarize_experiment(key: str, entry: dict[str, Any]) -> str:
     """Write a sentence or two on what the experiment gave here."""
     if key != "5":
-        return findings({key: entry})[key][0].sentence + "."
+        return judge_claims({key: entry})[key][0].sentence + "."
     leaks = {row["case"] for row in entry["rows"] if row["points_passed"] or row["failure"]}
     tight = dict.fromkeys(row["case"] for row in entry["rows"] if row["case"] not in leaks)
     if not tight:

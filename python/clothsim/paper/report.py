@@ -20,7 +20,7 @@ import clothsim as cs
 
 from ..base.files import write_bytes
 from .experiments import EXPERIMENTS, FRAMES, FULL, QUANTITIES, SIZES, Case, Settings
-from .findings import findings, number, sentence
+from .findings import format_number, judge_claims, summarize_experiment
 
 FRONT = (1.0, 0.6, 1.3)
 BACK = (-0.6, 0.9, 0.7)  # The paper draws frame 200 of the moving sphere from the back.
@@ -42,7 +42,7 @@ METHODS = (
 )
 
 
-def _cells(table: str) -> list[list[str]]:
+def _split_into_cells(table: str) -> list[list[str]]:
     """Split a table in Markdown into cells of its rows; the first row is the head."""
     rows = []
     for line in table.splitlines():
@@ -51,7 +51,7 @@ def _cells(table: str) -> list[list[str]]:
     return rows
 
 
-def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def _markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     columns = [[head, "", *cells] for head, *cells in zip(head, *rows)]
     for cells in columns:
         width = max(map(len, cells))
@@ -70,30 +70,32 @@ COLUMNS: dict[str, tuple[str, ...]] = {
 }
 
 
-def _table(kind: str, rows: Iterable[dict[str, Any]]) -> str:
+def _table_of_rows(kind: str, rows: Iterable[dict[str, Any]]) -> str:
     """Return a table of the experiments' rows, in the units of `QUANTITIES`."""
     keys = COLUMNS[kind]
     heads = [QUANTITIES[key].heading for key in keys]
-    return _markdown(heads, [[_text(key, row[key]) for key in keys] for row in rows])
+    return _markdown_table(
+        heads, [[_format_quantity(key, row[key]) for key in keys] for row in rows]
+    )
 
 
-def _text(key: str, value: Any) -> str:
+def _format_quantity(key: str, value: Any) -> str:
     factor = QUANTITIES[key].factor
-    return number(value if factor == 1 else (factor * np.array(value)).tolist())
+    return format_number(value if factor == 1 else (factor * np.array(value)).tolist())
 
 
-def _definitions() -> str:
+def _table_of_definitions() -> str:
     """Return the table of what the columns mean."""
     rows = [(entry.heading, key, entry.definition) for key, entry in QUANTITIES.items()]
-    return _markdown(("quantity", "in `report.json`", "definition"), rows)
+    return _markdown_table(("quantity", "in `report.json`", "definition"), rows)
 
 
-def cuts(settings: Settings) -> list[str]:
+def list_reductions(settings: Settings) -> list[str]:
     """List the differences from the full reproduction."""
     own = asdict(settings)
     full = asdict(FULL)
     rows = [
-        (title, *(number(np.ravel(sizes[key]).tolist()) for sizes in (own, full)))
+        (title, *(format_number(np.ravel(sizes[key]).tolist()) for sizes in (own, full)))
         for key, title in SIZES.items()
     ]
     return [
@@ -101,12 +103,12 @@ def cuts(settings: Settings) -> list[str]:
     ]
 
 
-def parts(report: dict[str, Any]) -> list[str]:
+def report_as_markdown(report: dict[str, Any]) -> list[str]:
     """Write the report in Markdown: what held, the experiments, how they were run, what was cut."""
     experiments = report["experiments"]
     build = report["provenance"]["build"]
     machine = report["provenance"]["machine"]
-    rows = [finding[:5] for judged in findings(experiments).values() for finding in judged]
+    rows = [finding[:5] for judged in judge_claims(experiments).values() for finding in judged]
     head = [
         "claim of the paper",
         "it holds if",
@@ -118,7 +120,7 @@ def parts(report: dict[str, Any]) -> list[str]:
         "# The experiments of Kim et al., run by clothsim",
         "The claims of Real-time collision response between cloth and sphere object in "
         "Unity, and what we measured.",
-        *(["## Did it hold?", _markdown(head, rows)] if rows else []),
+        *(["## Did it hold?", _markdown_table(head, rows)] if rows else []),
         "[the scenes, live in the browser](live.html) · [as text](report.txt) · [all "
         "numbers](report.json)",
     ]
@@ -129,17 +131,17 @@ def parts(report: dict[str, Any]) -> list[str]:
             f"## Experiment {key}: {experiment.title}",
             experiment.setting,
             f"> **The paper:** {experiment.claim}",
-            f"> **Here:** {sentence(key, entry)}",
+            f"> **Here:** {summarize_experiment(key, entry)}",
         ]
         blocks += [
             f"{name} ended early: {failure}." for name, failure in entry.get("failures", {}).items()
         ]
         blocks += (
-            _contact(key, entry, report["settings"]["frame_dt"])
+            _contact_as_markdown(key, entry, report["settings"]["frame_dt"])
             if "cells" in entry
-            else [_table(key, entry["rows"])]
+            else [_table_of_rows(key, entry["rows"])]
         )
-    blocks += ["## Quantities", _definitions()]
+    blocks += ["## Quantities", _table_of_definitions()]
     if report["cuts"]:
         blocks += [
             "## What this short form cuts",
@@ -150,49 +152,49 @@ def parts(report: dict[str, Any]) -> list[str]:
     return [*blocks, f"{program}; {computer}; {report['provenance']['created']}"]
 
 
-def _contact(key: str, entry: dict[str, Any], frame_dt: float) -> list[str]:
+def _contact_as_markdown(key: str, entry: dict[str, Any], frame_dt: float) -> list[str]:
     blocks = [COLORS]
     times = {frame: f"{frame * frame_dt:g}" for frame in FRAMES[key]}
     for frame, t in times.items():
         cells = [cell for cell in entry["cells"] if cell["frame"] == frame]
         blocks += cells and [
             f"### Frame {frame}, t = {t} s",
-            "\n".join(f"![{_caption(cell)}]({cell['picture']})" for cell in cells),
+            "\n".join(f"![{_caption_of_cell(cell)}]({cell['picture']})" for cell in cells),
         ]
     links = [f"[play from frame {frame}](experiment{key}.html#t={t})" for frame, t in times.items()]
     live = "live_static.html" if key == "1" else "live_moving.html"
     blocks.append(" · ".join([*links, f"[simulate this scene in the browser]({live})"]))
-    blocks.append(_table("cells", sorted(entry["cells"], key=lambda cell: cell["frame"])))
+    blocks.append(_table_of_rows("cells", sorted(entry["cells"], key=lambda cell: cell["frame"])))
     return blocks + (
-        ["### The same frames with coarser steps", _table("study", entry["study"])]
+        ["### The same frames with coarser steps", _table_of_rows("study", entry["study"])]
         if entry["study"]
         else []
     )
 
 
-def _caption(cell: dict[str, Any]) -> str:
+def _caption_of_cell(cell: dict[str, Any]) -> str:
     return (
-        f"{cell['case'].capitalize()}: {number(1e3 * cell['triangles'])} mm deep, "
+        f"{cell['case'].capitalize()}: {format_number(1e3 * cell['triangles'])} mm deep, "
         f"{cell['points_passed']} points passed"
     )
 
 
-def _wrapped(line: str) -> str:
+def _wrap_line(line: str) -> str:
     return textwrap.fill(line, 100, subsequent_indent="  " if line[0] == "-" else "")
 
 
-def as_text(report: dict[str, Any]) -> str:
+def report_as_text(report: dict[str, Any]) -> str:
     """Write the report as plain text; a table of sentences is a list."""
     texts = []
-    for part in parts(report):
+    for part in report_as_markdown(report):
         if part.startswith("!["):
             continue
         if part.startswith("|") and len(part.splitlines()[0]) > 160:
-            head, *rows = _cells(part)
+            head, *rows = _split_into_cells(part)
             items = ["; ".join(f"{a}: {b}" for a, b in zip(head, row)) for row in rows]
             part = "\n".join(f"- {item}" for item in items)
         if not part.startswith("|"):
-            part = "\n".join(map(_wrapped, part.splitlines()))
+            part = "\n".join(map(_wrap_line, part.splitlines()))
         texts.append(part)
     return "\n\n".join(texts) + "\n"
 
@@ -200,53 +202,54 @@ def as_text(report: dict[str, Any]) -> str:
 def write_page(path: Path, title: str, blocks: Iterable[str]) -> Path:
     """Write parts in Markdown as a page that holds its pictures."""
     page = (files(__package__) / "report.html").read_text(encoding="utf-8")
-    body = "\n".join(_html(part, path.parent) for part in blocks)
+    body = "\n".join(_part_as_html(part, path.parent) for part in blocks)
     return write_bytes(path, page.replace("TITLE", title).replace("BODY", body).encode())
 
 
-def _inline(text: str) -> str:
+def _inline_html(text: str) -> str:
     text = re.sub(r"`(.*?)`", r"<code>\1</code>", escape(text))
     text = re.sub(r"\*\*(.*?)\*\*", r"<strong>\1</strong>", text)
     return re.sub(r"\[([^]]*)\]\(([^)]*)\)", r'<a href="\2">\1</a>', text)
 
 
-def _html(part: str, folder: Path) -> str:
+def _part_as_html(part: str, folder: Path) -> str:
     kind, _, text = part.partition(" ")
     if kind.startswith("#"):
-        return f"<h{len(kind)}>{_inline(text)}</h{len(kind)}>"
+        return f"<h{len(kind)}>{_inline_html(text)}</h{len(kind)}>"
     if kind == ">":
         style = "claim" if text.startswith("**The paper") else "here"
-        return f'<div class="{style}">{_inline(text)}</div>'
+        return f'<div class="{style}">{_inline_html(text)}</div>'
     if kind == "-":
-        items = "".join(f"<li>{_inline(line[2:])}</li>" for line in part.splitlines())
+        items = "".join(f"<li>{_inline_html(line[2:])}</li>" for line in part.splitlines())
         return f"<ul>{items}</ul>"
     if kind == "|":
-        return _html_table(part)
+        return _table_as_html(part)
     if part.startswith("!["):
         images = re.findall(r"!\[(.*)\]\((.*)\)", part)
         figures = "".join(
-            f"<figure>{_image(folder / name, caption)}</figure>" for caption, name in images
+            f"<figure>{_picture_as_html(folder / name, caption)}</figure>"
+            for caption, name in images
         )
         return f'<div class="{"cells" if len(images) > 1 else "plot"}">{figures}</div>'
-    return f"<p>{_inline(part)}</p>"
+    return f"<p>{_inline_html(part)}</p>"
 
 
-def _html_table(table: str) -> str:
-    head, *rows = _cells(table)
+def _table_as_html(table: str) -> str:
+    head, *rows = _split_into_cells(table)
     has_sentences = max(len(cell) for row in rows for cell in row) > 60
     marks = [' class="word"' if has_sentences or cell[:1].isalpha() else "" for cell in rows[0]]
 
-    def line(tag: str, cells: Sequence[str]) -> str:
-        texts = [f"<{tag}{mark}>{_inline(cell)}</{tag}>" for mark, cell in zip(marks, cells)]
+    def row_as_html(tag: str, cells: Sequence[str]) -> str:
+        texts = [f"<{tag}{mark}>{_inline_html(cell)}</{tag}>" for mark, cell in zip(marks, cells)]
         return f"<tr>{''.join(texts)}</tr>"
 
-    body = "".join(line("td", row) for row in rows)
+    body = "".join(row_as_html("td", row) for row in rows)
     style = " class=words" if has_sentences else ""
-    content = f"<thead>{line('th', head)}</thead><tbody>{body}</tbody>"
+    content = f"<thead>{row_as_html('th', head)}</thead><tbody>{body}</tbody>"
     return f'<div class="scroll"><table{style}>{content}</table></div>'
 
 
-def _image(path: Path, caption: str) -> str:
+def _picture_as_html(path: Path, caption: str) -> str:
     data = b64encode(path.read_bytes()).decode("ascii")
     return (
         f'<img src="data:image/png;base64,{data}" '
@@ -254,7 +257,7 @@ def _image(path: Path, caption: str) -> str:
     )
 
 
-def draw_cells(number: str, cases: Sequence[Case], folder: Path) -> None:
+def write_cell_pictures(number: str, cases: Sequence[Case], folder: Path) -> None:
     """Write the picture of each cell, with one camera a frame, and enter its path in the cell."""
     (folder / f"experiment{number}").mkdir(parents=True, exist_ok=True)
     for frame in FRAMES[number]:
@@ -280,7 +283,7 @@ def draw_cells(number: str, cases: Sequence[Case], folder: Path) -> None:
             picture.save(folder / cell["picture"])
 
 
-def play(number: str, cases: Sequence[Case], folder: Path) -> None:
+def write_player_page(number: str, cases: Sequence[Case], folder: Path) -> None:
     """Write a page that plays all cases of an experiment in step."""
     runs = {}
     for case in cases:

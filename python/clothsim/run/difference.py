@@ -10,8 +10,8 @@ import numpy.typing as npt
 from ..base import Floats, check
 from ..base.services import find_service
 from ..base.text import format_count
+from .frames import NEGLIGIBLE
 from .result import Run
-from .trajectory import NEGLIGIBLE
 
 
 class Difference(dict[str, Any]):
@@ -85,8 +85,8 @@ def difference(a: Run, b: Run) -> Difference:
     steps = [run.report["dt"] for run in (a, b) if "dt" in run.report]
     duration = max(a.t[-1] - a.t[0], b.t[-1] - b.t[0])
     tolerance = max(NEGLIGIBLE * duration, min(steps, default=0.0) / 2)
-    nearest = _nearest(a.t, b.t)
-    partner = _nearest(b.t, a.t)[nearest]
+    nearest = _nearest_indices(a.t, b.t)
+    partner = _nearest_indices(b.t, a.t)[nearest]
     equal = (np.abs(b.t[nearest] - a.t) <= tolerance) & (partner == np.arange(len(a)))
     if not equal.any():
         raise ValueError(
@@ -106,7 +106,7 @@ def difference(a: Run, b: Run) -> Difference:
     )
 
 
-def _nearest(times: Floats, others: Floats) -> npt.NDArray[np.int64]:
+def _nearest_indices(times: Floats, others: Floats) -> npt.NDArray[np.int64]:
     """Return the index of the nearest of the other times, for each time."""
     right = np.searchsorted(others, times).clip(max=len(others) - 1)
     left = (right - 1).clip(min=0)

@@ -7,10 +7,10 @@ The estimate is the distance of the run from a better run of the same scene. The
 other steps and rounds differently, so the distance includes rounding errors.
 
 A search is a generator: it yields a `Job`, is sent its `Trajectory`, and returns the trajectory to
-hand over and its error. `refine` searches with dop853 in double and with rkc2, which "auto" takes;
-for undamped cloths `halve` comes before it. `compare` serves all other methods. After a response
-that is no force no error is estimated. A search makes `RUNS` runs at most;
-docs/dev/error-control.md says why each run ends.
+hand over and its error. `search_by_refinement` searches with dop853 in double and with rkc2, which
+"auto" takes; for undamped cloths `search_by_halving` comes before it. `search_by_comparison` serves
+all other methods. After a response that is no force no error is estimated. A search makes `RUNS`
+runs at most; docs/dev/error-control.md says why each run ends.
 """
 
 from __future__ import annotations
@@ -29,8 +29,10 @@ from ..errors import ContactError, UnstableError
 from ..methods.bound import stable_dt_or_error
 from ..methods.integrators import METHODS
 from ..model.scene import Scene, turning_times
+from .frames import Frames
 from .reasons import Reason
-from .trajectory import Frames, Job, Recording, Trajectory, Watch
+from .recording import Recording, Watch
+from .trajectory import Job, Trajectory
 
 MANY_STEPS = 1_000_000  # most steps with which a fixed-step method tries to reach a tolerance
 
@@ -81,12 +83,12 @@ LEAST_FALL = 2.0
 MOST_FALL = 4.0
 
 
-def size_of(scene: Scene) -> float:
+def longer_side(scene: Scene) -> float:
     """Return the longer side of the cloth [m], to which a relative tolerance refers."""
     return max(scene.cloth.size)
 
 
-def rms(difference: Floats) -> float:
+def rms_distance(difference: Floats) -> float:
     """Return the root of the mean squared distance over the mass points."""
     return float(np.sqrt((difference**2).sum(axis=-1).mean()))
 
@@ -102,7 +104,7 @@ class Estimate(NamedTuple):
     reason: str = ""
 
     @classmethod
-    def of(cls, x: Floats, better: Floats, factor: float) -> Estimate:
+    def from_better_positions(cls, x: Floats, better: Floats, factor: float) -> Estimate:
         """Return `factor` times the distance from better positions, as an error.
 
         Half a unit in the last place is added: equal positions are rounded too.
@@ -125,7 +127,7 @@ Search = Generator[Job, Trajectory, tuple[Trajectory, Estimate]]
 Attempt = Generator[Job, Trajectory, Trajectory]  # part of a search that ends with a run
 
 
-def solve(job: Job, request: float, watch: Watch, auto: bool = False) -> ControlledRun:
+def run_to_error(job: Job, request: float, watch: Watch, auto: bool = False) -> ControlledRun:
     """Search for a run whose rms error is at most `request` [m], and return it or the best run.
 
     `auto`: the method is not the caller's, and Verlet is tried first where it may cost less.
@@ -134,19 +136,19 @@ def solve(job: Job, request: float, watch: Watch, auto: bool = False) -> Control
     turning_times(job.scene, job.start, job.start + job.duration)
     runs: list[Trajectory] = []
     if job.options.integrator in _POWER_OF_STEPS and job.options.precision == "double":
-        search = refine(job, request, runs)
-        if auto and request >= LOOSE * size_of(job.scene) and _is_conservative(job):
-            search = halve(job, request, search)
-        return _conduct(search, runs, watch)
-    return _conduct(compare(job, request, runs), runs, watch)
+        search = search_by_refinement(job, request, runs)
+        if auto and request >= LOOSE * longer_side(job.scene) and _is_conservative(job):
+            search = search_by_halving(job, request, search)
+        return _conduct_search(search, runs, watch)
+    return _conduct_search(search_by_comparison(job, request, runs), runs, watch)
 
 
-def estimate_of(job: Job, run: Trajectory) -> ControlledRun:
+def estimate_error_of_run(job: Job, run: Trajectory) -> ControlledRun:
     """Estimate the error of a run."""
-    return _conduct(_estimate(job, run), [run], Watch())
+    return _conduct_search(_search_estimate(job, run), [run], Watch())
 
 
-def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> ControlledRun:
+def _conduct_search(search: Search, runs: list[Trajectory], watch: Watch) -> ControlledRun:
     """Make the runs of a search, and add them to `runs`, until it ends."""
     recording = watch.recording
     last_complete = recording  # recording of the last run that came to its end
@@ -163,7 +165,7 @@ def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> Controlled
             watch_of_run = watch if job.shown else Watch()
             recording = Recording(job, watch_of_run, quiet=frozenset(past_kinds))
             try:
-                answer = recording.run().trajectory()
+                answer = recording.run_to_end().trajectory()
                 runs.append(answer)
                 proceed = search.send
                 last_complete = watch.recording
@@ -183,13 +185,13 @@ def _conduct(search: Search, runs: list[Trajectory], watch: Watch) -> Controlled
     return ControlledRun(best, error, sum(run.evaluations for run in runs if run is not best))
 
 
-def _evaluations(runs: list[Trajectory]) -> int:
+def _sum_of_evaluations(runs: list[Trajectory]) -> int:
     return sum(run.evaluations for run in runs)
 
 
-def _smallest(job: Job) -> float:
+def _smallest_tolerance(job: Job) -> float:
     """Return the smallest tolerance of a step [m]."""
-    return SMALLEST[job.options.precision] * size_of(job.scene)
+    return SMALLEST[job.options.precision] * longer_side(job.scene)
 
 
 def _without_frames(job: Job, **changes: object) -> Job:
@@ -197,13 +199,13 @@ def _without_frames(job: Job, **changes: object) -> Job:
     return replace(job, shown=False, frames=Frames(), **changes)  # type: ignore[arg-type]
 
 
-def _at_tolerance(job: Job, tolerance: float) -> Attempt:
+def _run_at_tolerance(job: Job, tolerance: float) -> Attempt:
     """Run at a tolerance of a step [m].
 
     If the tolerance lets stiff motion grow until the run is unstable, it is repeated at a smaller
     tolerance.
     """
-    smallest = _smallest(job)
+    smallest = _smallest_tolerance(job)
     tolerance = max(tolerance, smallest)
     while True:
         try:
@@ -220,7 +222,7 @@ def _longest_dt(job: Job, integrator: str) -> float:
     return min(stable / 2 if job.scene.spheres else stable, job.duration / 4)
 
 
-def _with_step(job: Job, dt: float) -> Job:
+def _with_fixed_step(job: Job, dt: float) -> Job:
     """Return a job with equal steps of at most `dt`, which the caller did not choose."""
     longest = _longest_dt(job, job.options.integrator)
     step = job.duration / math.ceil(job.duration / dt)
@@ -237,7 +239,7 @@ def _is_conservative(job: Job) -> bool:
     return not (scene.damped or scene.spheres or scene.cloth.driven or job.force)
 
 
-def halve(job: Job, request: float, next_search: Search) -> Search:
+def search_by_halving(job: Job, request: float, next_search: Search) -> Search:
     """Search with Verlet, from the longest stable step on, by halving it.
 
     If no run has an rms error of at most `request` [m], `next_search` follows.
@@ -247,13 +249,15 @@ def halve(job: Job, request: float, next_search: Search) -> Search:
     fall = ASSUMED_FALL
     last_distance = math.inf
     with suppress(*FAILURES):
-        coarse = yield _without_frames(_with_step(verlet, job.duration / count))
+        coarse = yield _without_frames(_with_fixed_step(verlet, job.duration / count))
         for k in range(1, HALVINGS + 1):
-            fine = yield _with_step(verlet, job.duration / (2**k * count))
-            distance = rms(fine.x[-1] - coarse.x[-1])
+            fine = yield _with_fixed_step(verlet, job.duration / (2**k * count))
+            distance = rms_distance(fine.x[-1] - coarse.x[-1])
             if last_distance < math.inf:
                 fall = min(last_distance / max(distance, 1e-300), MOST_FALL)
-            error = Estimate.of(fine.x[-1], coarse.x[-1], MARGIN / (max(fall, LEAST_FALL) - 1))
+            error = Estimate.from_better_positions(
+                fine.x[-1], coarse.x[-1], MARGIN / (max(fall, LEAST_FALL) - 1)
+            )
             if error.rms <= request and fall >= LEAST_FALL:
                 return fine, error
             if fall < LEAST_FALL or error.rms > MOST_FALL * request:
@@ -269,11 +273,11 @@ def halve(job: Job, request: float, next_search: Search) -> Search:
 # for ODE-solvers, 1978). docs/dev/error-control.md has the algorithm.
 
 
-def refine(job: Job, request: float, runs: list[Trajectory]) -> Search:
+def search_by_refinement(job: Job, request: float, runs: list[Trajectory]) -> Search:
     """Search with dop853 or rkc2 for a run whose rms error is at most `request` [m]."""
     tolerance = yield from _first_tolerance(job, request)
-    first = yield from _at_tolerance(job, tolerance)
-    if first.contacts:
+    first = yield from _run_at_tolerance(job, tolerance)
+    if first.has_contacts:
         return first, Estimate(reason=Reason.CONTACT)
     best = coarse = first
     error = Estimate()
@@ -281,35 +285,35 @@ def refine(job: Job, request: float, runs: list[Trajectory]) -> Search:
     next_run = _NextRun(job, first)
     most = MOST_COST * next_run.evaluations_of_finest
     growth = 0.0  # largest distance of two runs over the local errors of the first one
-    parting = Parting(size_of(job.scene))
+    parting = Parting(longer_side(job.scene))
 
-    def end(reason: str) -> tuple[Trajectory, Estimate]:
-        return best, parting.judge(error._replace(reason=reason))
+    def best_run_and_error(reason: str) -> tuple[Trajectory, Estimate]:
+        return best, parting.judge_estimate(error._replace(reason=reason))
 
     for number in range(1, RUNS):
-        if _evaluations(runs) + next_run.evaluations > most:
-            return end(Reason.LEAST.format(most=MOST_COST))
+        if _sum_of_evaluations(runs) + next_run.expected_evaluations > most:
+            return best_run_and_error(Reason.LEAST.format(most=MOST_COST))
         try:
-            fine = yield from next_run.run()
+            fine = yield from next_run.make_run()
         except UnstableError:
             if next_run.is_finest or number == RUNS - 1:
-                return end(Reason.UNSTABLE)
+                return best_run_and_error(Reason.UNSTABLE)
             next_run.set_fall(next_run.fall * _FALL)
             continue
-        if fine.contacts:
+        if fine.has_contacts:
             return fine, Estimate(reason=Reason.CONTACT)
-        if _are_alike(coarse, fine, next_run.refinement):
+        if _have_same_steps(coarse, fine, next_run.refinement):
             # Runs that are alike say nothing about the error of either.
             if next_run.is_finest:
-                return end(Reason.LEAST.format(most=MOST_COST))
+                return best_run_and_error(Reason.LEAST.format(most=MOST_COST))
             next_run.set_fall(next_run.fall * SMALL**2)
             continue
         comparison = _Comparison(coarse, fine, next_run.by_grid, growth)
         growth = max(growth, comparison.growth)
-        parting.note(coarse, comparison.distance)
+        parting.add_distance(coarse, comparison.distance)
         if comparison.coarse_error.rms <= request:
             return coarse, comparison.coarse_error
-        may_extrapolate = comparison.extrapolates and request >= ROUNDING * size_of(job.scene)
+        may_extrapolate = comparison.extrapolates and request >= ROUNDING * longer_side(job.scene)
         if may_extrapolate and comparison.fine_error.rms <= request:
             return fine, comparison.fine_error
         stall = comparison.coarse_error.rms > least * max(0.5, MARGIN * next_run.first_fall)
@@ -321,16 +325,16 @@ def refine(job: Job, request: float, runs: list[Trajectory]) -> Search:
             least = error.rms
         elif stall:
             # The least of several distances may be small by chance.
-            distance = Estimate.of(best.x[-1], fine.x[-1], MARGIN)
+            distance = Estimate.from_better_positions(best.x[-1], fine.x[-1], MARGIN)
             error = max(error, distance, key=lambda estimate: estimate.rms)
         if next_run.is_finest or hopeless:
-            return end(Reason.LEAST.format(most=MOST_COST))
-        next_run.choose(comparison, request, SMALL**2 if stall else _FALL)
+            return best_run_and_error(Reason.LEAST.format(most=MOST_COST))
+        next_run.choose_fall(comparison, request, SMALL**2 if stall else _FALL)
         coarse = fine
-    return end(Reason.NOT_REACHED.format(runs=RUNS))
+    return best_run_and_error(Reason.NOT_REACHED.format(runs=RUNS))
 
 
-def _are_alike(coarse: Trajectory, fine: Trajectory, refinement: float) -> bool:
+def _have_same_steps(coarse: Trajectory, fine: Trajectory, refinement: float) -> bool:
     """Return whether two runs took all but the same steps.
 
     Tolerances do not set the steps where motions do.
@@ -349,10 +353,10 @@ class Parting:
         self._most = SMALL**2 * size
         self._pairs: list[tuple[float, float]] = []  # local error and distance of each pair of runs
 
-    def note(self, run: Trajectory, distance: float) -> None:
+    def add_distance(self, run: Trajectory, distance: float) -> None:
         self._pairs.append((run.local_error, distance))
 
-    def judge(self, error: Estimate) -> Estimate:
+    def judge_estimate(self, error: Estimate) -> Estimate:
         """Return the estimate, without a number where the runs tell nothing of each other.
 
         They do not where their distances did not fall, or are too large.
@@ -378,11 +382,11 @@ def _first_tolerance(job: Job, request: float) -> Generator[Job, Trajectory, flo
         return tolerance
     steps = 0.0
     with suppress(UnstableError):
-        smallest = max(tolerance, _smallest(job))
+        smallest = max(tolerance, _smallest_tolerance(job))
         pilot = _without_frames(job, duration=PILOT * job.duration, tolerance=smallest)
         steps = (yield pilot).steps / PILOT
     _, damping = _core.mode_bounds(job.scene.cloth.core, job.scene.core_forces)
-    motion = steps * (tolerance / size_of(job.scene)) ** (1 / ORDER)
+    motion = steps * (tolerance / longer_side(job.scene)) ** (1 / ORDER)
     decay = 1 + damping * job.duration / 2
     return float(tolerance / (1 + (motion / decay / GROWTH) ** 3))
 
@@ -398,7 +402,7 @@ class _Comparison:
         """
         x = coarse.x[-1]
         better = fine.x[-1]
-        self.distance = rms(x - better)
+        self.distance = rms_distance(x - better)
         self.growth = self.distance / max(coarse.local_error, 1e-300)
         chance = max(SMALL * growth / max(self.growth, 1e-300), 1.0)
         self.local_errors = coarse.local_error, fine.local_error
@@ -413,9 +417,9 @@ class _Comparison:
         least = 0.0 if fine.options.integrator == "rkc2" else 1 / MARGIN
         self.proportional = by_grid and least <= ratio / m <= MARGIN
         self.extrapolates = self.proportional and m >= SMALL and fine.steps >= LEAST_STEPS
-        self.coarse_error = Estimate.of(x, better, chance * MARGIN / (1 - m))
+        self.coarse_error = Estimate.from_better_positions(x, better, chance * MARGIN / (1 - m))
         m = min(max(ratio, m), 1 - SMALL)
-        self.fine_error = Estimate.of(x, better, chance * MARGIN * m / (1 - m))
+        self.fine_error = Estimate.from_better_positions(x, better, chance * MARGIN * m / (1 - m))
 
 
 class _NextRun:
@@ -424,41 +428,41 @@ class _NextRun:
     def __init__(self, job: Job, first: Trajectory) -> None:
         self._job = job
         self._first = first
-        self._smallest = _smallest(job) / first.tolerance
+        self._smallest = _smallest_tolerance(job) / first.tolerance
         self._order = METHODS[job.options.integrator].order
         self.refinement = REFINEMENT[job.options.integrator]
         self.by_grid = True
         self.first_fall = self.refinement**-self._order
         self.fall = self.first_fall  # local errors of the run over those of the first
-        self.evaluations_of_finest = self._evaluations_at(self._smallest)
+        self.evaluations_of_finest = self._expected_evaluations_at(self._smallest)
 
     @property
-    def evaluations(self) -> float:
-        return self._evaluations_at(self.fall)
+    def expected_evaluations(self) -> float:
+        return self._expected_evaluations_at(self.fall)
 
-    def _evaluations_at(self, fall: float) -> float:
+    def _expected_evaluations_at(self, fall: float) -> float:
         power = _POWER_OF_STEPS[self._job.options.integrator] / self._order
         return float(self._first.evaluations * fall**-power)
 
     @property
-    def _finest(self) -> float:
+    def _finest_fall(self) -> float:
         return self._smallest * (_FALL if self.by_grid else 1.0)
 
     @property
     def is_finest(self) -> bool:
-        return self.fall <= self._finest
+        return self.fall <= self._finest_fall
 
-    def run(self) -> Attempt:
+    def make_run(self) -> Attempt:
         first = self._first
         if not self.by_grid:
-            return (yield from _at_tolerance(self._job, self.fall * first.tolerance))
-        grid = first.refined(self.fall ** (-1 / self._order))
+            return (yield from _run_at_tolerance(self._job, self.fall * first.tolerance))
+        grid = first.refined_step_ends(self.fall ** (-1 / self._order))
         return (yield replace(self._job, tolerance=first.tolerance, grid=grid))
 
     def set_fall(self, fall: float) -> None:
-        self.fall = max(fall, self.fall * _LEAST_FALL, self._finest)
+        self.fall = max(fall, self.fall * _LEAST_FALL, self._finest_fall)
 
-    def choose(self, comparison: _Comparison, request: float, least: float) -> None:
+    def choose_fall(self, comparison: _Comparison, request: float, least: float) -> None:
         """Choose the run to have the error asked for; local errors fall by `least` at least."""
         if comparison.proportional:
             self.set_fall(self.fall * min(request / comparison.fine_error.rms, least))
@@ -473,13 +477,13 @@ class _NextRun:
 # error is small beside the distance.
 
 
-def compare(job: Job, request: float, runs: list[Trajectory]) -> Search:
+def search_by_comparison(job: Job, request: float, runs: list[Trajectory]) -> Search:
     """Search with any method for a run whose rms error is at most `request` [m]."""
-    size = size_of(job.scene)
+    size = longer_side(job.scene)
     method = METHODS[job.options.integrator]
     if method.adaptive:
         order = 1.0
-        least = _smallest(job)
+        least = _smallest_tolerance(job)
         setting = max(request, least)
     else:
         order = method.order_of(job.scene)
@@ -493,16 +497,18 @@ def compare(job: Job, request: float, runs: list[Trajectory]) -> Search:
     for number in range(RUNS):
         try:
             if method.adaptive:
-                run = yield from _at_tolerance(job, setting)
+                run = yield from _run_at_tolerance(job, setting)
             else:
-                run = yield _with_step(job, setting)
+                run = yield _with_fixed_step(job, setting)
             if best is None:
                 best = run
-            if contact := (yield from better.contact(run)):
+            if contact := (yield from better.reason_of_contact(run)):
                 return run, Estimate(reason=contact)
-            estimate = yield from better.error_of(run)
-            if estimate.rms >= error.rms / 2 and better.tighten(min(request / estimate.rms, 1.0)):
-                estimate = yield from better.error_of(run)
+            estimate = yield from better.measure_error(run)
+            if estimate.rms >= error.rms / 2 and better.tighten_tolerance(
+                min(request / estimate.rms, 1.0)
+            ):
+                estimate = yield from better.measure_error(run)
         except FAILURES:
             if setting <= least or number == RUNS - 1:
                 if best is None:
@@ -514,7 +520,7 @@ def compare(job: Job, request: float, runs: list[Trajectory]) -> Search:
         out_of_phase = estimate.rms > SMALL**2 * size
         # A wrong phase takes more than one smaller setting to come back. It does come back where
         # better runs agree.
-        phase_returns = out_of_phase and better.agreement <= SMALL * estimate.rms
+        phase_returns = out_of_phase and better.distance_of_better_runs <= SMALL * estimate.rms
         if estimate.rms < ROUNDING * size:
             most_stalls = 1
             fall = SMALL
@@ -540,7 +546,7 @@ def compare(job: Job, request: float, runs: list[Trajectory]) -> Search:
         if (
             stalls >= 2
             and not phase_returns
-            and _evaluations(runs) + next_evaluations > better.affordable_evaluations
+            and _sum_of_evaluations(runs) + next_evaluations > better.affordable_evaluations
         ):
             return best, error._replace(reason=Reason.LEAST.format(most=MOST_COST))
         setting = next_setting
@@ -548,12 +554,12 @@ def compare(job: Job, request: float, runs: list[Trajectory]) -> Search:
     return best, error._replace(reason=Reason.NOT_REACHED.format(runs=RUNS))
 
 
-def _estimate(job: Job, run: Trajectory) -> Search:
+def _search_estimate(job: Job, run: Trajectory) -> Search:
     """Estimate the error of a run by a better run."""
-    better = _BetterRun(job, SMALL**6 * size_of(job.scene))
-    if contact := (yield from better.contact(run)):
+    better = _BetterRun(job, SMALL**6 * longer_side(job.scene))
+    if contact := (yield from better.reason_of_contact(run)):
         return run, Estimate(reason=contact)
-    return run, (yield from better.error_of(run))
+    return run, (yield from better.measure_error(run))
 
 
 class _BetterRun:
@@ -562,22 +568,22 @@ class _BetterRun:
     def __init__(self, job: Job, tolerance: float) -> None:
         options = replace(job.options, integrator="dop853", precision="double", backend="cpu")
         self._job = _without_frames(job, options=options, dt=None)
-        self._smallest = _smallest(self._job)
+        self._smallest = _smallest_tolerance(self._job)
         self._tolerance = tolerance
         self._run: Trajectory | None = None
         self._looser_run: Trajectory | None = None
 
-    def run(self) -> Attempt:
+    def make_run(self) -> Attempt:
         if self._run is None:
-            self._run = yield from _at_tolerance(self._job, self._tolerance)
+            self._run = yield from _run_at_tolerance(self._job, self._tolerance)
         return self._run
 
     @property
-    def agreement(self) -> float:
+    def distance_of_better_runs(self) -> float:
         """Distance of the better run from the looser one before it [m], rms; inf without one."""
         if self._run is None or self._looser_run is None:
             return math.inf
-        return rms(self._run.x[-1] - self._looser_run.x[-1])
+        return rms_distance(self._run.x[-1] - self._looser_run.x[-1])
 
     @property
     def affordable_evaluations(self) -> float:
@@ -586,26 +592,28 @@ class _BetterRun:
         fall = (self._tolerance / self._smallest) ** (1 / ORDER)
         return float(MOST_COST * self._run.evaluations * fall)
 
-    def contact(self, run: Trajectory) -> Generator[Job, Trajectory, str]:
+    def reason_of_contact(self, run: Trajectory) -> Generator[Job, Trajectory, str]:
         """Say why a response of a sphere in one of two runs leaves no estimate, or return ""."""
-        if run.contacts:
+        if run.has_contacts:
             return Reason.CONTACT
-        better = yield from self.run()
-        return Reason.MISSED if better.contacts else ""
+        better = yield from self.make_run()
+        return Reason.MISSED if better.has_contacts else ""
 
-    def error_of(self, run: Trajectory) -> Generator[Job, Trajectory, Estimate]:
+    def measure_error(self, run: Trajectory) -> Generator[Job, Trajectory, Estimate]:
         """Measure the distance from a better run whose own error does not matter."""
         while True:
-            better = yield from self.run()
-            error = Estimate.of(run.x[-1], better.x[-1], MARGIN)
+            better = yield from self.make_run()
+            error = Estimate.from_better_positions(run.x[-1], better.x[-1], MARGIN)
             growth = 1.0  # error of the looser better run over the sum of its local errors
             if self._looser_run is not None:
-                growth = max(self.agreement / max(self._looser_run.local_error, 1e-300), 1.0)
+                growth = max(
+                    self.distance_of_better_runs / max(self._looser_run.local_error, 1e-300), 1.0
+                )
             part = SMALL * error.rms / max(growth * better.local_error, 1e-300)
-            if part >= 1 or error.rms <= self._smallest or not self.tighten(part):
+            if part >= 1 or error.rms <= self._smallest or not self.tighten_tolerance(part):
                 return error
 
-    def tighten(self, part: float) -> bool:
+    def tighten_tolerance(self, part: float) -> bool:
         """Give the better run a smaller tolerance, and return whether there is one.
 
         It is well below this part of the present tolerance.

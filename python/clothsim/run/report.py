@@ -22,17 +22,17 @@ _SUMS = {
 _PARTS = ("kinetic", "elastic", "gravity", "force", "contact", "total")
 
 
-def report(
+def make_report(
     run: Trajectory,
-    stopped: str = "",
+    reason_of_end: str = "",
     controlled: ControlledRun | None = None,
-    asked: float = math.nan,
-    unknown: str = Reason.NOT_ASKED,
+    requested_error: float = math.nan,
+    reason_unknown: str = Reason.NOT_ASKED,
 ) -> dict[str, Any]:
     """Report on a run.
 
-    `stopped` says why it ended early, `controlled` has the outcome of its error estimate, if any,
-    and `unknown` says why the error of a whole run is not known.
+    `reason_of_end` says why it ended early, `controlled` has the outcome of its error estimate, if
+    any, and `reason_unknown` says why the error of a whole run is not known.
     """
     scene = run.scene
     state = run.state
@@ -40,10 +40,10 @@ def report(
     watched = run.watched
     if controlled:
         error = controlled.error
-    elif stopped:
-        error = Estimate(reason=Reason.ENDED_EARLY.format(stopped=stopped))
+    elif reason_of_end:
+        error = Estimate(reason=Reason.ENDED_EARLY.format(stopped=reason_of_end))
     else:
-        error = Estimate(reason=unknown)
+        error = Estimate(reason=reason_unknown)
     estimate = error._asdict()
     reason = watched.get("reason", "")  # why extremes are not known
     time = watched["first_contact"]
@@ -59,12 +59,15 @@ def report(
         "wall_time": run.wall_time,
         "steps_per_second": run.steps / run.wall_time if run.wall_time > 0 else math.inf,
         "dt": run.step,
-        "stopped": stopped,
+        "stopped": reason_of_end,
         "residual": math.nan,
         "reason": Reason.NO_REST_ASKED,
         "error_estimate": estimate,
-        "tolerance": {"asked": asked, "reached": bool(estimate["rms"] <= asked)},
-        "energy": {**_energy_gain(scene, watched), **_energies(run)},
+        "tolerance": {
+            "asked": requested_error,
+            "reached": bool(estimate["rms"] <= requested_error),
+        },
+        "energy": {**_energy_gain(scene, watched), **_energies_at_ends(run)},
         "force_work": works.get("function", 0.0),
         "wind_work": works.get("wind", 0.0),
         "penetration": {
@@ -88,7 +91,7 @@ def report(
     }
 
 
-def _energies(run: Trajectory) -> dict[str, Any]:
+def _energies_at_ends(run: Trajectory) -> dict[str, Any]:
     """Return the energies at the start and at the end; NaN and a reason if they are not finite."""
     plan = cached_plan(run.scene, run.options)
     energies: dict[str, Any] = {}

@@ -24,9 +24,10 @@ from ..measure import energy, largest_stretch, penetration
 from ..model.obstacle import Plane, Sphere
 from ..model.scene import Scene, cloth_text, spheres_text
 from ..typing import Force
+from .frames import Frames
 from .reasons import Reason
 from .report import join_reports
-from .trajectory import Continuation, Frames
+from .trajectory import Continuation
 
 if TYPE_CHECKING:
     import xarray
@@ -168,7 +169,7 @@ class Run:
         return replace(more, **arrays, report=join_reports(self.report, more.report))
 
     def __repr__(self) -> str:
-        return "\n".join(_lines(self))
+        return "\n".join(_summary_lines(self))
 
     @check.check_names
     def resume(
@@ -212,9 +213,9 @@ class Run:
         >>> both.t.tolist(), both.report["steps"]
         ([0.0, 0.02, 0.05], 500)
         """
-        from .simulate import resume
+        from .simulate import resume_run
 
-        return resume(self, duration, every, times, fps, force, callback, progress)
+        return resume_run(self, duration, every, times, fps, force, callback, progress)
 
     def at(self, row: int, column: int) -> dict[str, Floats]:
         """Return the motion of a mass point over the stored frames.
@@ -306,7 +307,7 @@ class Run:
                     f"got {check.value_text(sphere)}"
                 )
             spheres = (spheres[check.integer("sphere", sphere, minimum=0, maximum=last)],)
-        return deepest(spheres, self.x, self.t)
+        return greatest_depths(spheres, self.x, self.t)
 
     def stretch(self) -> dict[str, Floats]:
         """Measure the stretch of the most stretched spring of each frame.
@@ -616,7 +617,7 @@ def load_run(path: str | os.PathLike[str]) -> Run:
         return run
 
 
-def deepest(spheres: Iterable[Sphere | Plane], x: Floats, t: Floats) -> dict[str, Floats]:
+def greatest_depths(spheres: Iterable[Sphere | Plane], x: Floats, t: Floats) -> dict[str, Floats]:
     """Return the greatest depths of points and of triangles in any sphere, shape (frames,) [m]."""
     depths = {name: np.zeros(len(t)) for name in ("points", "triangles")}
     for sphere in spheres:
@@ -642,7 +643,7 @@ def _check_arrays(run: Run) -> None:
     check.check_all("t", run.t, np.diff(run.t, prepend=-np.inf) > 0, "increasing times")
 
 
-def _lines(run: Run) -> list[str]:
+def _summary_lines(run: Run) -> list[str]:
     """Return the lines of `print`; frames of a user's own have the first two."""
     scene = run.scene
     t = run.t

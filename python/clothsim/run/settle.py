@@ -28,9 +28,9 @@ from ..methods.bound import stable_dt, stable_dt_in_layer
 from ..model.scene import Scene
 from ..typing import Force
 from .reasons import Reason
-from .report import report
+from .report import make_report
 from .result import Run
-from .simulate import interrupted
+from .simulate import raise_interrupted
 from .trajectory import Continuation, Trajectory
 
 # This method takes the longest step for one force evaluation.
@@ -153,16 +153,16 @@ def settle(
     force = check_force(force)
     force_at_t = None if force is None else ForceAtTime(force, t)
     options = Options(_INTEGRATOR, threads=threads)
-    relaxation = _Relaxation(scene_at(scene, t), tolerance, most, t, options, force_at_t)
+    relaxation = _Relaxation(scene_at_rest(scene, t), tolerance, most, t, options, force_at_t)
     with ProgressBar(check.boolean("progress", progress), total=most) as bar:
         try:
-            reason = relaxation.run(bar.bar)
+            reason = relaxation.relax(bar.bar)
         except KeyboardInterrupt:
-            interrupted(lambda: relaxation.result("interrupted"))
-    return relaxation.result(reason)
+            raise_interrupted(lambda: relaxation.make_run("interrupted"))
+    return relaxation.make_run(reason)
 
 
-def scene_at(scene: Scene, t: float) -> Scene:
+def scene_at_rest(scene: Scene, t: float) -> Scene:
     """Return the scene with all that moves stopped at its place at a time [s]."""
     wind = scene.wind
     if wind and wind.motion:
@@ -204,14 +204,14 @@ class _Relaxation:
         self._scale = self._force_scale()
         self._slow = math.sqrt(self._scale / float(self._mass.max()) / max(scene.cloth.size))
         self._start = scene.initial_position
-        damped_scene = self._with_drag(self._slow)
+        damped_scene = self._scene_with_drag(self._slow)
         limits = [stable_dt(damped_scene, _INTEGRATOR)]
         for k, layer in enumerate(layers):
             depth = layer.layer(damped_scene.cloth)["thickness"] / 2
             limits.append(stable_dt_in_layer(damped_scene, _INTEGRATOR, k, depth))
         stable = _STEP * min(limits)
         self._dt = stable if math.isfinite(stable) else 0.1 / self._slow
-        self._state = self._state_of(damped_scene, self._start)
+        self._state = self._make_state(damped_scene, self._start)
         self._steps = 0
         self._seconds = 0.0
         self._best = self._start
@@ -227,7 +227,7 @@ class _Relaxation:
         springs = max(scene.cloth.family_stiffness.values(), default=0.0) * min(scene.cloth.spacing)
         return weight or force or springs or 1.0
 
-    def _with_drag(self, omega: float) -> Scene:
+    def _scene_with_drag(self, omega: float) -> Scene:
         """Return the scene that relaxes.
 
         Drag damps motion of the frequency `omega` [1/s], and spring damping the fastest modes.
@@ -239,7 +239,7 @@ class _Relaxation:
         }
         return self._plain.replace(cloth=cloth.replace(damping=damping, drag=2 * omega * mean))
 
-    def _state_of(self, scene: Scene, x: Floats) -> State:
+    def _make_state(self, scene: Scene, x: Floats) -> State:
         options = Options(integrator=_INTEGRATOR, threads=self._options.threads)
         v = np.zeros_like(x)
         return State.from_arguments(scene, x, v, 0.0, options, self._force, quiet=TIME_STEP)
@@ -249,7 +249,7 @@ class _Relaxation:
 
         It is the momentum after the responses of a short step from rest, over the step.
         """
-        probe = self._state_of(self._plain, x)
+        probe = self._make_state(self._plain, x)
         dt = _PROBE * self._dt
         try:
             probe.advance(1, dt)
@@ -259,17 +259,17 @@ class _Relaxation:
         force = self._mass * v / dt
         return float(np.linalg.norm(force, axis=-1)[self._free].max(initial=0.0)) / self._scale
 
-    def run(self, bar: Any) -> str:
+    def relax(self, bar: Any) -> str:
         """Relax the cloth, and return "" at rest, else why it does not rest."""
         begin = time.perf_counter()
         try:
-            return self._relax(bar)
+            return self._relax_in_steps(bar)
         except (UnstableError, ContactError) as error:
             return str(error)
         finally:
             self._seconds = time.perf_counter() - begin
 
-    def _relax(self, bar: Any) -> str:
+    def _relax_in_steps(self, bar: Any) -> str:
         last_state: tuple[Floats, Floats] | None = None
         estimates = 0
         while self._residual > self._tolerance:
@@ -284,17 +284,17 @@ class _Relaxation:
             if bar is not None:
                 bar.update(count)
             x, _ = self._state.positions_and_velocities()
-            if self._is_away(x):
+            if self._has_left_its_place(x):
                 return Reason.MOVES_AWAY
             state = x, acceleration(self._plain, x, np.zeros_like(x), force=self._force)
             if last_state is not None:
-                self._damp(last_state, state)
+                self._adapt_drag(last_state, state)
             last_state = state
             if estimates % _ESTIMATES_OF_RESIDUAL == 0 or self._steps >= self._most:
-                self._compare(x, self._measure_residual(x))
+                self._keep_best_state(x, self._measure_residual(x))
         return ""
 
-    def _compare(self, x: Floats, residual: float) -> None:
+    def _keep_best_state(self, x: Floats, residual: float) -> None:
         """Keep the state if it is the best so far."""
         if residual < self._residual:
             self._best = x
@@ -304,7 +304,7 @@ class _Relaxation:
             self._mark = residual
             self._steps_at_mark = self._steps
 
-    def _damp(self, first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> None:
+    def _adapt_drag(self, first: tuple[Floats, Floats], second: tuple[Floats, Floats]) -> None:
         """Damp motion between two states critically, by the frequency of Rayleigh's quotient.
 
         A state is given by its positions and accelerations.
@@ -317,9 +317,9 @@ class _Relaxation:
         # down.
         omega = math.sqrt(max(0.0, -float((change * response).sum()) / square))
         rate = min(max(omega, _SLOWEST * self._slow), _FASTEST * self._slow)
-        self._state.set_scene(self._with_drag(rate))
+        self._state.set_scene(self._scene_with_drag(rate))
 
-    def _is_away(self, x: Floats) -> bool:
+    def _has_left_its_place(self, x: Floats) -> bool:
         """Tell whether a cloth without pins has left its place."""
         if not self._free.all():
             return False
@@ -332,7 +332,7 @@ class _Relaxation:
             > _TRAVEL * max(self.scene.cloth.size) + farthest
         )
 
-    def result(self, reason: str) -> Run:
+    def make_run(self, reason: str) -> Run:
         """Return a run that ends with the best state."""
         x = np.array([self._start, self._best])
         v = np.zeros_like(x)
@@ -357,7 +357,7 @@ class _Relaxation:
             saved=None,
             continuation=Continuation(self._t),
         )
-        values = report(run, unknown=Reason.AT_REST)
+        values = make_report(run, reason_unknown=Reason.AT_REST)
         values["residual"] = self._residual if math.isfinite(self._residual) else math.nan
         values["reason"] = reason
         values["impulse"] = [[math.nan] * 3 for _ in self.scene.spheres]

@@ -22,11 +22,13 @@ from ..methods.bound import least_rtol_of_rkc2
 from ..methods.integrators import check_integrator_name, warn_of_order
 from ..model.scene import Scene
 from ..typing import Backend, Force, Integrator, Kernel, Precision
-from .error_control import estimate_of, size_of, solve
+from .error_control import estimate_error_of_run, longer_side, run_to_error
+from .frames import Frames
 from .reasons import Reason
-from .report import report
+from .recording import Failure, Recording, StopRun, Watch
+from .report import make_report
 from .result import Run
-from .trajectory import Failure, Frames, Job, Recording, StopRun, Trajectory, Watch
+from .trajectory import Job, Trajectory
 
 _DEFAULT_RTOL = 1e-3  # Where neither a step nor a tolerance is given.
 # A duration over the time of its end that is above the rounding of the clock by a thousand times.
@@ -160,7 +162,7 @@ def simulate(
     scenes = list_scenes(scene)
     if batched and (dt is None or callback is not None or estimate_error or backend == "gpu"):
         forces = force_of_each_scene(force, scenes, batched) or [None] * len(scenes)
-        return _one_by_one(
+        return _simulate_one_by_one(
             scenes,
             forces,
             duration=duration,
@@ -182,9 +184,9 @@ def simulate(
         )
     duration = check.number("duration", duration, minimum=0, exclusive=True)
     t = check.number("t", t)
-    _check_end(t, duration)
-    request = _requested_error(scenes[0], dt, rtol, atol)
-    frames = Frames.of(every, times, fps, t, duration)
+    _check_end_time(t, duration)
+    request = _tolerance_in_metres(scenes[0], dt, rtol, atol)
+    frames = Frames.from_arguments(every, times, fps, t, duration)
     if integrator is None:
         integrator = "rk4" if dt is not None or backend == "gpu" else "auto"
     integrator = check_integrator_name(integrator, "auto", fixed=dt is not None)
@@ -207,30 +209,32 @@ def simulate(
     _check_callback(callback)
     force_of_each_scene(force, scenes, batched)
     if integrator == "auto":
-        relative = _DEFAULT_RTOL if request is None else request / size_of(scenes[0])
+        relative = _DEFAULT_RTOL if request is None else request / longer_side(scenes[0])
         chosen = "rkc2" if relative >= least_rtol_of_rkc2(scenes[0]) else "dop853"
         options = replace(options, integrator=chosen, precision="double")
     if options.precision == "single":
         check_state_arrays(*initial_arrays(scenes, batched), scenes, batched, "single")
     job = Job(scenes, batched, duration, options, t, frames, force, dt)
-    tolerance = _DEFAULT_RTOL * size_of(scenes[0]) if request is None else request
+    tolerance = _DEFAULT_RTOL * longer_side(scenes[0]) if request is None else request
 
     def compute(watch: Watch) -> Run | list[Run]:
         if batched:
             runs, errors = run_batch(job, watch)
-            return _raise_first([errors[k] for k in sorted(errors)], runs)
+            return _raise_first_error([errors[k] for k in sorted(errors)], runs)
         if dt is None:
-            controlled = solve(job, tolerance, watch, auto=integrator == "auto")
-            run = _run(controlled.trajectory, controlled=controlled, asked=tolerance)
+            controlled = run_to_error(job, tolerance, watch, auto=integrator == "auto")
+            run = _run_of_trajectory(
+                controlled.trajectory, controlled=controlled, requested_error=tolerance
+            )
             # After a response of the paper's, a call that asked for no error gets none.
             if request is not None or controlled.error.reason != Reason.CONTACT:
                 _warn_of_error(run)
             return run
-        trajectory = Recording(job, watch).run().trajectory()
-        estimated = estimate_of(job, trajectory) if estimate_error else None
-        return _run(trajectory, controlled=estimated)
+        trajectory = Recording(job, watch).run_to_end().trajectory()
+        estimated = estimate_error_of_run(job, trajectory) if estimate_error else None
+        return _run_of_trajectory(trajectory, controlled=estimated)
 
-    return _follow(compute, job, callback, progress)
+    return _compute_under_watch(compute, job, callback, progress)
 
 
 def _warn_of_error(run: Run) -> None:
@@ -247,11 +251,11 @@ Runs = TypeVar("Runs", bound=Run | list[Run])
 
 def run_batch(job: Job, watch: Watch | None = None) -> tuple[list[Run], dict[int, Failure]]:
     """Return runs side by side, at a fixed step, and errors of those that end early, by member."""
-    recording = Recording(job, watch or Watch()).run()
-    return _runs(recording), {k: error for k, (error, _) in recording.failed.items()}
+    recording = Recording(job, watch or Watch()).run_to_end()
+    return _runs_of_recording(recording), {k: error for k, (error, _) in recording.failed.items()}
 
 
-def _one_by_one(
+def _simulate_one_by_one(
     scenes: list[Scene], forces: list[Force | None], duration: float, **options: Any
 ) -> list[Run]:
     """Return the runs of a call that cannot take its scenes side by side."""
@@ -267,18 +271,18 @@ def _one_by_one(
         except RunInterrupted as interrupt:
             interrupt.run = [*runs, interrupt.run]
             raise
-    return _raise_first(errors, runs)
+    return _raise_first_error(errors, runs)
 
 
-def _raise_first(errors: list[Failure], runs: list[Run]) -> list[Run]:
+def _raise_first_error(errors: list[Failure], runs: list[Run]) -> list[Run]:
     if not errors:
         return runs
     errors[0].runs = runs
     raise errors[0]
 
 
-def _run(trajectory: Trajectory, stopped: str = "", **accuracy: Any) -> Run:
-    """Return the public form of a run; `accuracy` is what `report` takes about its error."""
+def _run_of_trajectory(trajectory: Trajectory, reason_of_end: str = "", **accuracy: Any) -> Run:
+    """Return the public form of a run; `accuracy` is what `make_report` takes about its error."""
     state = trajectory.state
     final = None
     if trajectory.saved is not None or not state.batched:
@@ -288,17 +292,17 @@ def _run(trajectory: Trajectory, stopped: str = "", **accuracy: Any) -> Run:
         np.array(trajectory.t),
         trajectory.x,
         trajectory.v,
-        report(trajectory, stopped, **accuracy),
+        make_report(trajectory, reason_of_end, **accuracy),
         final,
         trajectory.continuation,
     )
 
 
-def _runs(recording: Recording, reason: str = "") -> list[Run]:
+def _runs_of_recording(recording: Recording, reason: str = "") -> list[Run]:
     """Return the runs so far; they ended for the `reason`, or for that of a member's own error."""
     errors = {k: error for k, (error, _) in recording.failed.items()}
     runs = [
-        _run(trajectory, _reason(errors[k]) if k in errors else reason)
+        _run_of_trajectory(trajectory, _reason_of_end(errors[k]) if k in errors else reason)
         for k, trajectory in enumerate(recording.trajectories())
     ]
     for k, error in errors.items():
@@ -306,43 +310,45 @@ def _runs(recording: Recording, reason: str = "") -> list[Run]:
     return runs
 
 
-def _reason(error: Failure) -> str:
+def _reason_of_end(error: Failure) -> str:
     return "unstable" if isinstance(error, UnstableError) else "contact"
 
 
-def _follow(compute: Callable[[Watch], Runs], job: Job, callback: Any, progress: bool) -> Runs:
+def _compute_under_watch(
+    compute: Callable[[Watch], Runs], job: Job, callback: Any, progress: bool
+) -> Runs:
     """Return what `compute` does, or the runs up to an early end, at least their first frames."""
     bar = ProgressBar.for_simulated_time(progress, job.duration)
     watch = Watch(callback, bar.bar)
 
-    def so_far(reason: str) -> Any:
+    def runs_so_far(reason: str) -> Any:
         recording = watch.recording or Recording(job, Watch())
-        runs = _runs(recording, reason)
+        runs = _runs_of_recording(recording, reason)
         return runs if recording.state.batched else runs[0]
 
     try:
         with bar:
             return compute(watch)
     except StopRun:
-        return cast(Runs, so_far("callback"))  # the callback was called for a frame of it
+        return cast(Runs, runs_so_far("callback"))  # the callback was called for a frame of it
     except (UnstableError, ContactError) as error:
-        error.run = error.run or so_far(_reason(error))
+        error.run = error.run or runs_so_far(_reason_of_end(error))
         raise
     except Exception as error:  # of the user's force or callback
         if watch.recording is not None:
-            error.run = so_far("error")  # type: ignore[attr-defined]
+            error.run = runs_so_far("error")  # type: ignore[attr-defined]
         raise
     except KeyboardInterrupt:
-        interrupted(lambda: so_far("interrupted"))
+        raise_interrupted(lambda: runs_so_far("interrupted"))
 
 
-def interrupted(so_far: Callable[[], Any]) -> NoReturn:
+def raise_interrupted(so_far: Callable[[], Any]) -> NoReturn:
     """Raise RunInterrupted with the run so far. A second Ctrl-C is held back meanwhile."""
     with Interrupts():
         raise RunInterrupted(so_far()) from None
 
 
-def resume(
+def resume_run(
     run: Run,
     duration: float,
     every: Any,
@@ -361,12 +367,12 @@ def resume(
             "and of load_run can"
         )
     duration = check.number("duration", duration, minimum=0, exclusive=True)
-    _check_end(past.start, past.seconds + duration)
+    _check_end_time(past.start, past.seconds + duration)
     if past.dt is not None:
         check.check_step_count(duration, past.dt)
     frames = past.frames
     if not (every is None and times is None and fps is None):
-        frames = Frames.of(every, times, fps, past.start + past.seconds, duration)
+        frames = Frames.from_arguments(every, times, fps, past.start + past.seconds, duration)
     _check_callback(callback)
     check_force(force)
     if past.forced and force is None:
@@ -384,12 +390,14 @@ def resume(
     )
 
     def compute(watch: Watch) -> Run:
-        return _run(Recording(job, watch).run().trajectory(), unknown=Reason.RESUMED)
+        return _run_of_trajectory(
+            Recording(job, watch).run_to_end().trajectory(), reason_unknown=Reason.RESUMED
+        )
 
-    return _follow(compute, job, callback, progress)
+    return _compute_under_watch(compute, job, callback, progress)
 
 
-def _check_end(t: float, duration: float) -> None:
+def _check_end_time(t: float, duration: float) -> None:
     if duration < _LEAST:
         raise ValueError(f"duration must be at least {_LEAST:g} s, got {duration!r}")
     end = t + duration
@@ -419,11 +427,11 @@ def checked_tolerances(dt: Any, rtol: Any, atol: Any) -> tuple[float | None, flo
     return rtol, atol
 
 
-def _requested_error(
+def _tolerance_in_metres(
     scene: Scene, dt: float | None, rtol: float | None, atol: float | None
 ) -> float | None:
     """Return the error that is asked for [m], or None."""
     if rtol is None and atol is None:
         return None
     rtol, atol = checked_tolerances(dt, rtol, atol)
-    return (atol or 0.0) + (rtol or 0.0) * size_of(scene)
+    return (atol or 0.0) + (rtol or 0.0) * longer_side(scene)

@@ -158,7 +158,9 @@ def max_stable_dt(
     return _SAFETY * spectral_limit(integrator, scene, x, v, time)
 
 
-def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operator, Operator]:
+def tangent_products(
+    scene: Scene, x: Floats, v: Floats, t: float = 0.0
+) -> tuple[Operator, Operator]:
     """Make functions that multiply vectors of shape (n, 3 points) with K [1/s^2] and C [1/s] at a
     state.
 
@@ -200,13 +202,13 @@ def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operato
     damping = table["damping"]
     place = np.concatenate([i, j])
 
-    def to_points(force: Floats) -> Floats:
+    def sum_at_points(force: Floats) -> Floats:
         """Sum up forces of shape (n, springs, 3) at the points."""
         ends = np.concatenate([force, -force], axis=1)
         at_points = [[np.bincount(place, part[:, k], len(x)) for k in range(3)] for part in ends]
         return np.reshape(np.swapaxes(at_points, 1, 2) * scale, (len(force), -1))
 
-    def between_ends(y: Floats) -> Floats:
+    def spring_differences(y: Floats) -> Floats:
         y = y.reshape(len(y), -1, 3) * scale
         return np.subtract(y[:, j], y[:, i])
 
@@ -221,27 +223,29 @@ def tangent(scene: Scene, x: Floats, v: Floats, t: float = 0.0) -> tuple[Operato
             plan, x.reshape(*cloth.shape, 3), v.reshape(*cloth.shape, 3), t
         )
 
-    def contact(y: Floats, blocks: Floats) -> Floats:
+    def multiply_contact_blocks(y: Floats, blocks: Floats) -> Floats:
         at_points = y.reshape(len(y), -1, 3) * scale
         return np.asarray((np.einsum("pij,npj->npi", blocks, at_points) * scale).reshape(y.shape))
 
-    def stiffness(y: Floats) -> Floats:
-        u = between_ends(y)
+    def multiply_stiffness(y: Floats) -> Floats:
+        u = spring_differences(y)
         radial = axial * (u * n).sum(axis=2) + damping * (u * turning).sum(axis=2)
-        force = to_points(lateral[:, None] * u + radial[..., None] * n)
-        return -force if layers is None else contact(y, layers[0]) - force
+        force = sum_at_points(lateral[:, None] * u + radial[..., None] * n)
+        return -force if layers is None else multiply_contact_blocks(y, layers[0]) - force
 
-    def damping_(y: Floats) -> Floats:
-        radial = damping * (between_ends(y) * n).sum(axis=2)
-        force = -to_points(radial[..., None] * n)
+    def multiply_damping(y: Floats) -> Floats:
+        radial = damping * (spring_differences(y) * n).sum(axis=2)
+        force = -sum_at_points(radial[..., None] * n)
         for points, blocks in acting:
-            force = force + _product(points, blocks, y, scale)
-        return force if layers is None else force + contact(y, layers[1])
+            force = force + _multiply_point_blocks(points, blocks, y, scale)
+        return force if layers is None else force + multiply_contact_blocks(y, layers[1])
 
-    return stiffness, damping_
+    return multiply_stiffness, multiply_damping
 
 
-def _product(points: npt.NDArray[np.int64], blocks: Floats, y: Floats, scale: Floats) -> Floats:
+def _multiply_point_blocks(
+    points: npt.NDArray[np.int64], blocks: Floats, y: Floats, scale: Floats
+) -> Floats:
     """Multiply vectors of shape (n, 3 points) with a matrix of blocks between points."""
     target, source = points.T
     by_source = (y.reshape(len(y), -1, 3) * scale)[:, source]
@@ -256,7 +260,7 @@ def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats, t: float
     With dopri5 and more than 400 free coordinates it may miss slow modes of little damping, which
     grow by up to some 1e-3 a step.
     """
-    operators = tangent(scene, x, v, t)
+    operators = tangent_products(scene, x, v, t)
     free = np.flatnonzero(np.repeat(~scene.cloth.pinned.ravel(), 3))
     size = 3 * scene.cloth.pinned.size
     if not len(free):
@@ -268,12 +272,14 @@ def spectral_limit(integrator: str, scene: Scene, x: Floats, v: Floats, t: float
     start = np.zeros((min(_BLOCK, len(free)), size))
     start[:, free] = np.random.default_rng(0).normal(size=(len(start), len(free)))
     space = Subspace(*operators, len(free))
-    limit, leaders = space.search(start, lambda _: _by_modes(integrator, space))
+    limit, leaders = space.search_limit(start, lambda _: _limit_by_modes(integrator, space))
     if METHODS[integrator].family != "splitting" or not np.isfinite(limit):
         return limit
     space = Subspace(*operators, len(free))
     start = np.concatenate([start, leaders])
-    return space.search(start, lambda guess: _by_steps(integrator, space, guess or limit))[0]
+    return space.search_limit(
+        start, lambda guess: _limit_by_step_matrix(integrator, space, guess or limit)
+    )[0]
 
 
 class SpaceLimit(NamedTuple):
@@ -296,7 +302,9 @@ class Subspace:
         self.rows: list[Floats] = []  # the basis, and its products with K and C
         self.products = 0
 
-    def search(self, start: Floats, examine: Callable[[float], SpaceLimit]) -> tuple[float, Floats]:
+    def search_limit(
+        self, start: Floats, examine: Callable[[float], SpaceLimit]
+    ) -> tuple[float, Floats]:
         """Extend the space until the limit of `examine` no longer changes, and return the limit and
         the modes that set it.
         """
@@ -307,54 +315,56 @@ class Subspace:
             step = examine(limits[-1])
             limits.append(step.limit)
             recent = limits[1:][-_ROUNDS:]
-            leaders = _sums(_parts(step.modes[:_BLOCK]), self.rows[0])
+            leaders = _weighted_sums(_stack_real_and_imaginary(step.modes[:_BLOCK]), self.rows[0])
             settled = len(recent) == _ROUNDS and max(recent) <= min(recent) * (1 + _SETTLED)
             full = len(self.rows[0]) >= self.size or self.products >= _MOST_PRODUCTS
             if full or not np.isfinite(step.limit) or (settled and step.for_cloth):
                 break
-            extension = _parts(step.outside)
+            extension = _stack_real_and_imaginary(step.outside)
             if len(self.rows[0]) + len(extension) > _MOST_VECTORS:
-                basis = _orthonormal(_parts(step.modes), np.empty((0, len(self.rows[0]))))
-                self.rows = [_sums(basis, rows) for rows in self.rows]
+                basis = _orthonormal_rest(
+                    _stack_real_and_imaginary(step.modes), np.empty((0, len(self.rows[0])))
+                )
+                self.rows = [_weighted_sums(basis, rows) for rows in self.rows]
         return min(recent), leaders
 
     def _extend(self, vectors: Floats) -> bool:
-        new = _orthonormal(vectors, self.rows[0])
+        new = _orthonormal_rest(vectors, self.rows[0])
         if not len(new):
             return False
         self.products += len(new)
         parts = (new, *(product(new) for product in self.operators))
         self.rows = [np.concatenate([rows, part]) for rows, part in zip(self.rows, parts)]
-        self.k, self.c = (_dots(self.rows[0], product) for product in self.rows[1:])
+        self.k, self.c = (_dot_products(self.rows[0], product) for product in self.rows[1:])
         return True
 
 
-def _parts(rows: npt.NDArray[Any]) -> Floats:
+def _stack_real_and_imaginary(rows: npt.NDArray[Any]) -> Floats:
     """Stack the real parts of rows, then their imaginary parts."""
     return np.concatenate([rows.real, rows.imag])
 
 
 # Products this flat gain nothing from the threads of a BLAS, which `@` would start: they wait for
 # each other where processors are busy.
-def _dots(a: Any, b: Any) -> Any:
+def _dot_products(a: Any, b: Any) -> Any:
     return np.einsum("ik,jk->ij", a, b)
 
 
-def _sums(weights: Any, vectors: Any) -> Any:
+def _weighted_sums(weights: Any, vectors: Any) -> Any:
     return np.einsum("ij,jk->ik", weights, vectors)
 
 
-def _orthonormal(vectors: Floats, basis: Floats) -> Floats:
+def _orthonormal_rest(vectors: Floats, basis: Floats) -> Floats:
     """Return the part of `vectors` outside the span of orthonormal `basis`, as orthonormal rows."""
     rest: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
     for _ in range(2):  # Twice is enough to be orthogonal to the last bit.
-        rest = rest - _sums(_dots(rest, basis), basis)
+        rest = rest - _weighted_sums(_dot_products(rest, basis), basis)
         columns, triangle = np.linalg.qr(rest.T)
         rest = columns.T[np.abs(np.diag(triangle)) > 1e-10]
     return rest
 
 
-def modes(k: Floats, c: Floats) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+def solve_modes(k: Floats, c: Floats) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Solve for the 2 n eigenvalues mu of y'' + C y' + K y = 0 [1/s] and eigenvectors (columns)."""
     m = len(k)
     # This speed balances the two halves.
@@ -369,7 +379,7 @@ def limiting_modes(
     """Return limits, eigenvalues and eigenvectors (rows) of the modes of (K, C), smallest limit
     first.
     """
-    mu, z = modes(k, c)
+    mu, z = solve_modes(k, c)
     wave = np.abs(mu.imag) > 1e-9 * np.abs(mu)
     # A wave has omega^2 = |mu|^2 and delta = -2 Re mu. A mode that decays without waves has its own
     # damping. The time step does not cause growth of the exact motion.
@@ -381,14 +391,14 @@ def limiting_modes(
     return limits[worst], mu[worst], z.T[worst]
 
 
-def _by_modes(integrator: str, space: Subspace) -> SpaceLimit:
+def _limit_by_modes(integrator: str, space: Subspace) -> SpaceLimit:
     """Return the largest step at which every single mode is stable."""
     limits, mu, z = limiting_modes(integrator, space.k, space.c)
     limit = float(limits.min(initial=np.inf))
     mode = z[:_BLOCK]
     rate = mu[:_BLOCK, None]
     parts = (rate**2 * mode, mode, rate * mode)
-    outside = sum(_sums(part, rows) for part, rows in zip(parts, space.rows))
+    outside = sum(_weighted_sums(part, rows) for part, rows in zip(parts, space.rows))
     # |mu|^2 is off by no more than the residual, so the limit by no more than half of that part.
     size = np.abs(rate[:, 0]) ** 2 * np.linalg.norm(mode, axis=1)
     residual = np.linalg.norm(outside, axis=1) / size
@@ -396,20 +406,23 @@ def _by_modes(integrator: str, space: Subspace) -> SpaceLimit:
     return SpaceLimit(limit, modes=z, outside=outside, for_cloth=bool(reaches.all()))
 
 
-def _by_steps(integrator: str, space: Subspace, guess: float) -> SpaceLimit:
+def _limit_by_step_matrix(integrator: str, space: Subspace, guess: float) -> SpaceLimit:
     """Return the largest step at which the step matrix of a splitting method is stable."""
-    limit = _limit_in(integrator, space.k, space.c, guess)
+    limit = _search_step_matrix_limit(integrator, space.k, space.c, guess)
     if not np.isfinite(limit):
         return SpaceLimit(limit, modes=space.k[:0], outside=space.k[:0], for_cloth=True)
     values, vectors = np.linalg.eig(
-        matrix(integrator, space.k, space.c, limit * (1 + 10 * _PRECISION))
+        step_matrix(integrator, space.k, space.c, limit * (1 + 10 * _PRECISION))
     )
     sides = [np.flatnonzero((sign * values.real >= 0) & (values.imag >= 0)) for sign in _GROWTH]
     largest = [side[np.argsort(-np.abs(values[side]))[:_FOLLOWED]] for side in sides]
     indices = np.concatenate(largest)
     values = values[indices, None]
     z = vectors[:, indices].T
-    x, w = (_sums(_parts(part), space.rows[0]) for part in np.split(z, 2, axis=1))
+    x, w = (
+        _weighted_sums(_stack_real_and_imaginary(part), space.rows[0])
+        for part in np.split(z, 2, axis=1)
+    )
 
     def acceleration(x: Floats, w: Floats) -> Floats:
         stiffness, damping = space.operators
@@ -430,20 +443,22 @@ def _by_steps(integrator: str, space: Subspace, guess: float) -> SpaceLimit:
     )
 
 
-def matrix(integrator: str, k: Floats, c: Floats, h: float) -> Floats:
+def step_matrix(integrator: str, k: Floats, c: Floats, h: float) -> Floats:
     """Compute the step matrix S(h) of dense K and C, shape (2 n, 2 n)."""
     x, w = np.split(np.eye(2 * len(k)), 2, axis=1)
     x, w, _ = splitting_step(integrator, lambda x, w: -h * h * x @ k.T - h * w @ c.T, x, w)
     return np.concatenate([x, w], axis=1).T
 
 
-def faulty(integrator: str, k: Floats, c: Floats, flow: npt.NDArray[Any], h: float) -> bool:
+def step_amplifies_modes(
+    integrator: str, k: Floats, c: Floats, flow: npt.NDArray[Any], h: float
+) -> bool:
     """Tell whether a step of h [s] amplifies modes that do not grow in the equation, with dense K
     [1/s^2] and C [1/s].
 
     `flow` has the eigenvalues mu of the equation, whose modes go as e^(mu t) [1/s].
     """
-    step = matrix(integrator, k, c, h)
+    step = step_matrix(integrator, k, c, h)
     values = np.linalg.eigvals(step)
     real = np.abs(values.imag) <= 1e-9 * np.abs(values)
     if (values[real].real > 1 + _GROWTH[1]).any():
@@ -460,22 +475,24 @@ def faulty(integrator: str, k: Floats, c: Floats, flow: npt.NDArray[Any], h: flo
     exact = np.exp((flow * h).real.clip(max=50.0) + 1j * (flow * h).imag)
     waves = values[~real | (values.real < 0)]
     for sign, growth in _GROWTH.items():
-        if _count(waves, sign, growth) > _count(exact, sign, growth / 2):
+        if _count_growing_values(waves, sign, growth) > _count_growing_values(
+            exact, sign, growth / 2
+        ):
             return True
     return False
 
 
-def _count(values: npt.NDArray[Any], sign: int, growth: float) -> int:
+def _count_growing_values(values: npt.NDArray[Any], sign: int, growth: float) -> int:
     """Count the eigenvalues of a step that grow by more than `growth`, with that sign of Re."""
     return int(np.count_nonzero((np.abs(values) > 1 + growth) & (sign * values.real >= 0)))
 
 
-def _limit_in(integrator: str, k: Floats, c: Floats, guess: float) -> float:
+def _search_step_matrix_limit(integrator: str, k: Floats, c: Floats, guess: float) -> float:
     """Search for the limit in a space: the first rising step that is unstable, then bisection."""
-    mu, _ = modes(k, c)
+    mu, _ = solve_modes(k, c)
     if not np.abs(mu).max(initial=0) > 0:
         return np.inf
-    unstable = partial(faulty, integrator, k, c, mu)
+    unstable = partial(step_amplifies_modes, integrator, k, c, mu)
     low = 0.7 * guess
     while unstable(low):
         low *= 0.5

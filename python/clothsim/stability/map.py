@@ -117,8 +117,8 @@ def stability_map(
     xr: Any = import_from_extra("xarray", "stability_map")
     check.instance("scene", scene, Scene)
     integrator = check_integrator_name(Options(integrator, precision).integrator, fixed=True)
-    stiffness = _positive("stiffness", stiffness)
-    dt = _positive("dt", dt)
+    stiffness = _check_positive_values("stiffness", stiffness)
+    dt = _check_positive_values("dt", dt)
     steps = check.integer("steps", steps, minimum=1)
     threads = Options(threads=threads).threads or available_thread_count()
     scenes = [
@@ -126,7 +126,7 @@ def stability_map(
     ]
     x, v = scene.initial_position, scene.initial_velocity
 
-    def cell(place: tuple[int, int]) -> bool:
+    def cell_is_stable(place: tuple[int, int]) -> bool:
         return is_stable(
             scenes[place[0]], x, v, dt[place[1]], steps, integrator=integrator, precision=precision
         )
@@ -137,7 +137,7 @@ def stability_map(
         ThreadPoolExecutor(threads) as pool,
     ):
         places = list(np.ndindex(stable.shape))
-        for place, result in zip(places, pool.map(cell, places)):
+        for place, result in zip(places, pool.map(cell_is_stable, places)):
             stable[place] = result
             bar.advance()
     limit = np.array([spectral_limit(integrator, member, x, v) for member in scenes])
@@ -157,7 +157,7 @@ def stability_map(
     return dataset
 
 
-def _positive(name: str, value: npt.ArrayLike) -> Floats:
+def _check_positive_values(name: str, value: npt.ArrayLike) -> Floats:
     accepted = "a one-dimensional array of finite numbers > 0"
     numbers = check.array(name, value, kind=accepted)
     if numbers.ndim != 1 or not numbers.size:

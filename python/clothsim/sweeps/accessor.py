@@ -17,7 +17,7 @@ from ..run.result import Run
 from ..run.simulate import simulate
 from ..typing import Force
 from .grid import Axis, Grid
-from .member import Maker, SweepOptions
+from .member import MemberMaker, SweepOptions
 from .store import ATTRIBUTE
 
 
@@ -99,7 +99,7 @@ class ClothsimAccessor:
         settings["force"] = force
         if every is not None:
             settings["every"] = every
-        grid = Grid([_axis(entry) for entry in identity["over"]])
+        grid = Grid([_axis_from_data(entry) for entry in identity["over"]])
         indices = self._dataset.sel(selection)["member"]
         for name, size in indices.sizes.items():
             if size != 1:
@@ -107,8 +107,8 @@ class ClothsimAccessor:
                     f"a member needs one value of {name!r}, got {size}: give member({name}=...)"
                 )
         index = indices.item()
-        make = Maker(Scene.from_dict(identity["scene"]), SweepOptions(**settings))
-        member = make(index, grid.values(index))
+        make = MemberMaker(Scene.from_dict(identity["scene"]), SweepOptions(**settings))
+        member = make(index, grid.member_values(index))
         options = {**member.settings, "dt": member.dt}
         try:
             return simulate(member.scene, every=settings["every"], **options)
@@ -123,10 +123,11 @@ class ClothsimAccessor:
         return Scene.from_dict(self.provenance["identity"]["scene"])
 
 
-def _axis(entry: Mapping[str, Any]) -> Axis:
-    """Make an axis from its plain data, as `Grid.describe` returns it."""
+def _axis_from_data(entry: Mapping[str, Any]) -> Axis:
+    """Make an axis from its plain data, as `Grid.plain_axes` returns it."""
     columns = [
-        [_value(name, value) for value in values] for name, values in entry["values"].items()
+        [_swept_value_from_data(name, value) for value in values]
+        for name, values in entry["values"].items()
     ]
     places = tuple(
         dict(zip(entry["values"], row, strict=True)) for row in zip(*columns, strict=True)
@@ -134,7 +135,7 @@ def _axis(entry: Mapping[str, Any]) -> Axis:
     return Axis(entry["dimension"], places, tuple(entry["labels"]) if "labels" in entry else None)
 
 
-def _value(name: str, value: Any) -> Any:
+def _swept_value_from_data(name: str, value: Any) -> Any:
     """Make a swept value from its plain form."""
     if isinstance(value, Mapping) and "sha256" in value:
         raise ValueError(

@@ -22,14 +22,14 @@ from ..model.record import Record
 _MOST_ENTRIES = 64
 
 
-def plain(value: Any) -> Any:
+def plain_data(value: Any) -> Any:
     """Convert `value` to data for JSON; equal values give equal data."""
     if value is None or isinstance(value, (bool, int, float, str)):
         return value.item() if isinstance(value, np.generic) else value
     if isinstance(value, Record):
-        return plain(value.to_dict())
+        return plain_data(value.to_dict())
     if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
+        return {str(key): plain_data(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray) and value.size > _MOST_ENTRIES:
         return {
             "shape": list(value.shape),
@@ -39,30 +39,30 @@ def plain(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
+        return [plain_data(entry) for entry in value]
     raise TypeError(
         "a swept value must be a number, text, sequence, array, or part of a scene, got "
         f"{check.value_text(value)}"
     )
 
 
-def digest(value: Any) -> str:
+def digest_text(value: Any) -> str:
     """Make a short text that is equal for equal values alone."""
-    return hashlib.sha256(json.dumps(plain(value), sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(plain_data(value), sort_keys=True).encode()).hexdigest()
 
 
-def label(value: Any) -> str:
+def coordinate_label(value: Any) -> str:
     """Make a short text of `value` for a coordinate."""
     if isinstance(value, (bool, int, float, str)):
         return f"{value:g}" if isinstance(value, float) else str(value)
     if isinstance(value, (list, tuple)) and value:
         for kind, separator in ((str, "+"), (int, "x"), ((int, float), ",")):
             if all(isinstance(entry, kind) for entry in value):
-                return separator.join(map(label, value))
+                return separator.join(map(coordinate_label, value))
     if isinstance(value, Mapping) and value:
-        return ",".join(f"{key}={label(entry)}" for key, entry in value.items())
-    text = json.dumps(plain(value))
-    return text if len(text) <= 24 else f"{type(value).__name__} {digest(value)[:8]}"
+        return ",".join(f"{key}={coordinate_label(entry)}" for key, entry in value.items())
+    text = json.dumps(plain_data(value))
+    return text if len(text) <= 24 else f"{type(value).__name__} {digest_text(value)[:8]}"
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Axis:
     def __len__(self) -> int:
         return len(self.places)
 
-    def column(self, name: str) -> list[Any]:
+    def values_of(self, name: str) -> list[Any]:
         return [place[name] for place in self.places]
 
 
@@ -99,7 +99,7 @@ class Grid:
                 f"over must name each thing once, got {sorted(repeats)} more than once"
             )
 
-    def values(self, index: int) -> dict[str, Any]:
+    def member_values(self, index: int) -> dict[str, Any]:
         """Return the swept values of a member, by name."""
         values = dict[str, Any]()
         for axis, length in zip(reversed(self.axes), reversed(self.shape), strict=True):
@@ -116,25 +116,29 @@ class Grid:
         for axis in self.axes:
             for name in axis.names:
                 labels = axis.labels if axis.dimension == name else None
-                coordinates |= _coordinates(name, axis.dimension, axis.column(name), labels)
+                coordinates |= _label_coordinates(
+                    name, axis.dimension, axis.values_of(name), labels
+                )
             if axis.dimension not in axis.names:
                 coordinates[axis.dimension] = axis.dimension, np.arange(len(axis))
         coordinates["member"] = self.dimensions, np.arange(self.size).reshape(self.shape)
         return coordinates
 
-    def describe(self) -> list[dict[str, Any]]:
+    def plain_axes(self) -> list[dict[str, Any]]:
         """Return the grid as plain data, to be compared with another."""
         return [
             {
                 "dimension": axis.dimension,
                 **({"labels": list(axis.labels)} if axis.labels else {}),
-                "values": {name: [plain(v) for v in axis.column(name)] for name in axis.names},
+                "values": {
+                    name: [plain_data(v) for v in axis.values_of(name)] for name in axis.names
+                },
             }
             for axis in self.axes
         ]
 
 
-def _coordinates(
+def _label_coordinates(
     name: str, dimension: str, values: list[Any], labels: Sequence[str] | None
 ) -> dict[str, Any]:
     attrs: dict[str, Any] = {"long_name": name.replace("_", " ")}
@@ -146,7 +150,7 @@ def _coordinates(
     are_numbers = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in numbers)
     if labels is None and are_numbers and any(v is not None for v in values):
         return {name: (dimension, np.array(numbers), attrs)}
-    texts = list(labels or map(label, values))
+    texts = list(labels or map(coordinate_label, values))
     if dimension == name and len(set(texts)) < len(texts):
         texts = [f"{text} #{k}" for k, text in enumerate(texts)]
     coordinates = {name: (dimension, np.array(texts), attrs)}
@@ -161,11 +165,11 @@ def make_grid(over: Any) -> Grid:
     if over is None:
         return Grid(())
     if isinstance(over, Mapping):
-        return Grid([_axis(key, values) for key, values in over.items()])
-    return Grid([_samples(over)])
+        return Grid([_make_axis(key, values) for key, values in over.items()])
+    return Grid([_make_samples_axis(over)])
 
 
-def _axis(key: Any, values: Any) -> Axis:
+def _make_axis(key: Any, values: Any) -> Axis:
     """Make the axis of a name, or of names with zipped values."""
     is_zip = isinstance(key, tuple)
     labels = None
@@ -175,7 +179,7 @@ def _axis(key: Any, values: Any) -> Axis:
     if isinstance(values, Mapping) and not is_zip:
         labels = tuple(map(str, values))
         values = list(values.values())
-    rows = [row if is_zip else (row,) for row in _values(f"over[{key!r}]", values)]
+    rows = [row if is_zip else (row,) for row in _list_values(f"over[{key!r}]", values)]
     for k, row in enumerate(rows):
         if not isinstance(row, (tuple, list)) or len(row) != len(names):
             requirement = f"{len(names)} value{'s' * (len(names) > 1)} in each row"
@@ -185,11 +189,11 @@ def _axis(key: Any, values: Any) -> Axis:
     return Axis("_".join(names), tuple(dict(zip(names, row, strict=True)) for row in rows), labels)
 
 
-def _samples(over: Any) -> Axis:
+def _make_samples_axis(over: Any) -> Axis:
     """Make the axis of samples: mappings, or a table with ``to_dict("records")``."""
     if hasattr(over, "to_dict") and not isinstance(over, Record):
         over = over.to_dict("records")
-    samples = _values("over", over)
+    samples = _list_values("over", over)
     for k, sample in enumerate(samples):
         if not isinstance(sample, Mapping) or not sample:
             requirement = "a mapping of names to values or a sequence of mappings"
@@ -199,23 +203,25 @@ def _samples(over: Any) -> Axis:
         if set(sample) != set(samples[0]):
             names = f"{sorted(sample)} at index {k} and {sorted(samples[0])} before"
             raise ValueError(f"over must give every sample the same names, got {names}")
-    places = [{check_sweep_name(n): _scalar(v) for n, v in sample.items()} for sample in samples]
+    places = [
+        {check_sweep_name(n): _python_scalar(v) for n, v in sample.items()} for sample in samples
+    ]
     return Axis("sample", tuple(places))
 
 
-def _values(name: str, values: Any) -> list[Any]:
+def _list_values(name: str, values: Any) -> list[Any]:
     if (
         isinstance(values, (str, bytes, Record))
         or not isinstance(values, Iterable)
         or getattr(values, "ndim", 1) == 0
     ):
         raise TypeError(f"{name} must be a sequence of values, got {check.value_text(values)}")
-    result = list(map(_scalar, values))
+    result = list(map(_python_scalar, values))
     if not result:
         raise ValueError(f"{name} must have at least one value, got none")
     return result
 
 
-def _scalar(value: Any) -> Any:
+def _python_scalar(value: Any) -> Any:
     """Convert a NumPy scalar to a Python number, and return other values unchanged."""
     return value.item() if isinstance(value, np.generic) else value

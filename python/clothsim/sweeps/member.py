@@ -15,8 +15,8 @@ from ..methods.bound import stable_dt, stable_dt_or_error
 from ..methods.integrators import check_integrator_name
 from ..model.fields import RUN, change_scene
 from ..model.scene import Scene
+from ..run.frames import checked_frame_interval
 from ..run.simulate import checked_tolerances
-from ..run.trajectory import checked_every
 
 PENDING, DONE, UNSTABLE, FAILED = range(4)
 STATUS = ("pending", "done", "unstable", "failed")
@@ -44,7 +44,7 @@ class SweepOptions:
             values["dt"] = check.number("dt", self.dt, minimum=0, exclusive=True)
         if self.integrator is not None:
             values["integrator"] = check_integrator_name(self.integrator, "auto")
-        values["every"] = checked_every(self.every)
+        values["every"] = checked_frame_interval(self.every)
         values["force"] = check_force(self.force)
 
 
@@ -63,7 +63,7 @@ class Member:
     max_stable_dt: float
 
 
-class Maker:
+class MemberMaker:
     """A maker of members of a scene and swept values.
 
     Members with equal run values share their `settings`.
@@ -92,7 +92,7 @@ class Maker:
         key = repr(run)
         settings = self._settings_of.get(key)
         if settings is None:
-            settings = self._settings(run)
+            settings = self._make_settings(run)
             self._settings_of[key] = settings
         dt = settings["dt"]
         integrator = settings["integrator"]
@@ -103,7 +103,7 @@ class Maker:
         )
         return Member(index, scene, settings, dt, limit)
 
-    def _settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
+    def _make_settings(self, run: Mapping[str, Any]) -> dict[str, Any]:
         """Check the arguments of `simulate` of members with the swept values `run`.
 
         A choice that is None is left to `simulate`.

@@ -2,9 +2,9 @@
 
 The reference is the solution in double with which `cs.reference` checks its own. Its bound is twice
 the change by the last halving of the step, plus a unit in the last place. After a contact the
-motion is chaotic, and there is no solution to compare with (`incomparable`). It depends on the
-cloth alone, never on other members of a sweep. Members that differ in numerics share it, and each
-process keeps the last references.
+motion is chaotic, and there is no solution to compare with (`reason_without_error`). It depends on
+the cloth alone, never on other members of a sweep. Members that differ in numerics share it, and
+each process keeps the last references.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ class EndReference(NamedTuple):
     contact: bool  # whether a sphere has responded
 
 
-def reference_of(
+def compute_reference(
     scene: Scene, duration: float, threads: int | None = 1, force: Force | None = None
 ) -> EndReference:
     """Compute the reference of a scene; with a force each time, else once in a process."""
     if force is None:
         return _cached_reference(scene, duration, threads)
-    return _reference(scene, duration, threads, force)
+    return _solve_reference(scene, duration, threads, force)
 
 
 @functools.lru_cache(maxsize=64)
 def _cached_reference(scene: Scene, duration: float, threads: int | None) -> EndReference:
-    return _reference(scene, duration, threads, None)
+    return _solve_reference(scene, duration, threads, None)
 
 
-def _reference(
+def _solve_reference(
     scene: Scene, duration: float, threads: int | None, force: Force | None
 ) -> EndReference:
     solution = solve_in_double(scene, [duration], threads, force)
@@ -56,7 +56,7 @@ def _reference(
     return EndReference(x, error, solution.finest.contact)
 
 
-def incomparable(run: Run, reference: EndReference) -> str:
+def reason_without_error(run: Run, reference: EndReference) -> str:
     """Say why the run cannot be compared with the reference, or return ""."""
     contact = not math.isnan(run.report["first_contact"]["time"])
     if not (contact or reference.contact):
@@ -69,14 +69,14 @@ def incomparable(run: Run, reference: EndReference) -> str:
     )
 
 
-def _error(run: Run, reference: EndReference) -> tuple[float, ...]:
-    if incomparable(run, reference):
+def _errors_at_end(run: Run, reference: EndReference) -> tuple[float, ...]:
+    if reason_without_error(run, reference):
         return math.nan, math.nan, math.nan
     distance = largest_and_rms_distances(run.x[-1], reference.x)
     return float(distance["max"]), float(distance["rms"]), reference.error
 
 
-def _sag(run: Run, _: Any) -> tuple[float]:
+def _measure_rest_sag(run: Run, _: Any) -> tuple[float]:
     """Measure the sag of the rest state, which does not depend on the run; NaN if there is none."""
     gravity = run.scene.gravity
     pull = np.linalg.norm(gravity)
@@ -86,7 +86,7 @@ def _sag(run: Run, _: Any) -> tuple[float]:
     return (float(((rest.x[-1] - rest.x[0]) @ gravity).max() / pull),)
 
 
-def _impulse(run: Run, _: Any) -> tuple[float, ...]:
+def _total_contact_impulse(run: Run, _: Any) -> tuple[float, ...]:
     x, y, z = np.reshape(run.report["impulse"], (-1, 3)).sum(axis=0)
     return math.hypot(x, y, z), x, y, z
 
@@ -100,7 +100,7 @@ class Metric(NamedTuple):
 
 METRICS = {
     "error": Metric(
-        _error,
+        _errors_at_end,
         {
             "error": ("largest distance of a mass point from the reference at the end", "m"),
             "error_rms": ("rms distance of the mass points from the reference at the end", "m"),
@@ -140,14 +140,15 @@ METRICS = {
         {"steps_per_second": ("steps over the member's share of its batch's time", "1/s")},
     ),
     "sag": Metric(
-        _sag, {"sag": ("largest way along gravity from the initial to the rest state", "m")}
+        _measure_rest_sag,
+        {"sag": ("largest way along gravity from the initial to the rest state", "m")},
     ),
     "first_contact": Metric(
         lambda run, _: (run.report["first_contact"]["time"],),
         {"first_contact": ("end of the first step that a sphere changed", "s")},
     ),
     "impulse": Metric(
-        _impulse,
+        _total_contact_impulse,
         {"impulse": ("length of the impulse on all spheres together", "N s")}
         | {f"impulse_{k}": (f"impulse on all spheres together along {k}", "N s") for k in "xyz"},
     ),
@@ -162,7 +163,7 @@ RESERVED = ("status", "max_stable_dt", "unstable_step", "unstable_time", "messag
 Metrics = Mapping[str, Callable[[Run], Any] | None]
 
 
-def variables_of(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Any]:
+def compute_variables(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Any]:
     """Compute the variables of a user's function of a run."""
     result = function(run)
     parts = {name: result}
@@ -193,13 +194,13 @@ def choose_metrics(metrics: Any) -> Metrics:
     for name, metric in pairs:
         if callable(metric):
             name = name or getattr(metric, "__name__", None) or type(metric).__name__
-            choice[_function_name(name, metric)] = metric
+            choice[_check_function_name(name, metric)] = metric
         else:
             choice[check.choice("metrics", metric, METRICS)] = None
     return choice
 
 
-def _function_name(name: Any, function: Any) -> str:
+def _check_function_name(name: Any, function: Any) -> str:
     """Return `name` if a function may give its variable that name."""
     if not isinstance(name, str) or not name.isidentifier():
         raise ValueError(
@@ -213,7 +214,7 @@ def _function_name(name: Any, function: Any) -> str:
     return name
 
 
-def describe(name: str, function: Any) -> str:
+def metric_identity(name: str, function: Any) -> str:
     """Make a text that identifies a metric in a store."""
     if function is None:
         return name

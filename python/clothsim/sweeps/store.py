@@ -63,23 +63,25 @@ class Results:
         self._attrs = {ATTRIBUTE: json.dumps(store.description if store else description)}
         self._variables: dict[str, tuple[tuple[str, ...], np.ndarray, Mapping[str, Any]]] = {}
         flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
-        self._add("status", np.int8, PENDING, {"long_name": "what became of the member", **flags})
-        self._add(
+        self._add_variable(
+            "status", np.int8, PENDING, {"long_name": "what became of the member", **flags}
+        )
+        self._add_variable(
             "max_stable_dt",
             float,
             np.nan,
             {"long_name": "guaranteed stable time step", "units": "s"},
         )
-        self._add(
+        self._add_variable(
             "unstable_step",
             np.int64,
             -1,
             {"long_name": "step at which it diverged, -1: never", "units": "1"},
         )
-        self._add(
+        self._add_variable(
             "unstable_time", float, np.nan, {"long_name": "time at which it diverged", "units": "s"}
         )
-        self._add(
+        self._add_variable(
             "message",
             object,
             "",
@@ -91,24 +93,26 @@ class Results:
                 if unit:
                     attrs["units"] = unit
                 if name == "stable":
-                    self._add(name, np.bool_, False, attrs)
+                    self._add_variable(name, np.bool_, False, attrs)
                 else:
-                    self._add(name, float, np.nan, attrs)
-        dataset = None if store is None else store.load(self._variables)
+                    self._add_variable(name, float, np.nan, attrs)
+        dataset = None if store is None else store.read_values(self._variables)
         if dataset is not None:
-            self._resume(dataset)
+            self._take_stored_values(dataset)
 
-    def _resume(self, dataset: xarray.Dataset) -> None:
+    def _take_stored_values(self, dataset: xarray.Dataset) -> None:
         """Take the values of a store."""
         for key, values in dataset.data_vars.items():
             name = str(key)
             if name not in self._variables:  # A user's function adds its own with the first result.
                 own = values.dims[len(self.grid.shape) :]
                 sizes = {str(dimension): values.sizes[dimension] for dimension in own}
-                self._add(name, float, np.nan, values.attrs, **sizes)
+                self._add_variable(name, float, np.nan, values.attrs, **sizes)
             self[name][...] = values.values.reshape(self[name].shape)
 
-    def _add(self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], **own: int) -> None:
+    def _add_variable(
+        self, name: str, dtype: Any, fill: Any, attrs: Mapping[str, Any], **own: int
+    ) -> None:
         """Add a variable; `own` has its own dimensions and their lengths."""
         if name in self._coordinates:
             raise ValueError(
@@ -125,11 +129,11 @@ class Results:
         return self._variables[name][1]
 
     @property
-    def pending(self) -> np.ndarray:
+    def members_to_run(self) -> np.ndarray:
         """Indices of the members to run: pending members and failed members."""
         return np.flatnonzero((self["status"] == PENDING) | (self["status"] == FAILED))
 
-    def record(self, records: Sequence[MemberRecord]) -> None:
+    def take_records(self, records: Sequence[MemberRecord]) -> None:
         """Take the results of members.
 
         Their status comes last, so that a member that is marked as done is complete.
@@ -139,16 +143,16 @@ class Results:
             for name, value in record.values.items():
                 columns.setdefault(name, {})[record.index] = value
         for name, values in columns.items():
-            self._put(name, [*values], [*values.values()])
+            self._put_values(name, [*values], [*values.values()])
         for name in ("max_stable_dt", "unstable_step", "unstable_time", "message", "status"):
             array = self[name]
             for record in records:
                 array[record.index] = getattr(record, name)
 
-    def _put(self, name: str, indices: list[int], values: list[Any]) -> None:
+    def _put_values(self, name: str, indices: list[int], values: list[Any]) -> None:
         if name not in self._variables:
             own = {f"{name}_{k}": length for k, length in enumerate(np.shape(values[0]))}
-            self._add(name, float, np.nan, {"long_name": name.replace("_", " ")}, **own)
+            self._add_variable(name, float, np.nan, {"long_name": name.replace("_", " ")}, **own)
         array = self[name]
         shapes = {getattr(value, "shape", ()) for value in values} - {array.shape[1:]}
         if shapes:
@@ -158,12 +162,12 @@ class Results:
             )
         array[indices] = values
 
-    def flush(self, final: bool = False) -> None:
+    def write_to_store(self, final: bool = False) -> None:
         """Write the results to the store; unless `final`, only now and then."""
-        if self.store is not None and (final or self.store.due):
-            self.store.write(self.dataset())
+        if self.store is not None and (final or self.store.write_is_due):
+            self.store.write_values(self.make_dataset())
 
-    def dataset(self) -> xarray.Dataset:
+    def make_dataset(self) -> xarray.Dataset:
         """Return the results as a Dataset."""
         variables = {}
         for name, (own, values, attrs) in self._variables.items():
@@ -175,7 +179,7 @@ class Results:
 
 
 class Store:
-    """The zarr group of one sweep at `path`, with a lock on its folder until `close`.
+    """The zarr group of one sweep at `path`, with a lock on its folder until `release_lock`.
 
     `description` has its identity. A ValueError refuses a folder that is not a store, is being
     written, or is of another sweep, with the differences.
@@ -190,11 +194,11 @@ class Store:
         if not exists and path.exists() and any(path.iterdir()):
             raise ValueError(f"store {str(path)!r} is no store of a sweep")
         path.mkdir(parents=True, exist_ok=True)
-        self._lock = _lock(path)
+        self._lock = _lock_folder(path)
         try:
             if exists:
-                self.description = read_attrs(path)
-                texts = differences(self.description["identity"], description["identity"])
+                self.description = read_description(path)
+                texts = list_differences(self.description["identity"], description["identity"])
                 if len(texts) > 6:
                     texts = [*texts[:6], f"and {len(texts) - 6} more"]
                 if texts:
@@ -206,19 +210,21 @@ class Store:
                     path, zarr_format=3, attributes={ATTRIBUTE: json.dumps(description)}
                 )
         except BaseException:
-            self.close()
+            self.release_lock()
             raise
 
-    def load(self, names: Iterable[str]) -> xarray.Dataset | None:
+    def read_values(self, names: Iterable[str]) -> xarray.Dataset | None:
         """Read the values, with the variables `names`; None where nothing was written yet."""
-        return read(self.path, names) if (self.path / "status" / "zarr.json").exists() else None
+        if not (self.path / "status" / "zarr.json").exists():
+            return None
+        return read_dataset(self.path, names)
 
     @property
-    def due(self) -> bool:
+    def write_is_due(self) -> bool:
         """Tell whether it is time to write."""
         return time.monotonic() >= self._next_write
 
-    def write(self, dataset: xarray.Dataset) -> None:
+    def write_values(self, dataset: xarray.Dataset) -> None:
         """Write all values, those of "status" last."""
         begin = time.monotonic()
         codecs = {"compressors": (self._zarr.codecs.ZstdCodec(), self._zarr.codecs.Crc32cCodec())}
@@ -243,7 +249,7 @@ class Store:
         end = time.monotonic()
         self._next_write = end + max(_SECONDS_BETWEEN_WRITES, (end - begin) / _SHARE_OF_WRITES)
 
-    def close(self) -> None:
+    def release_lock(self) -> None:
         """Release the lock, in processes forked from this one too."""
         if self._lock is not None:
             fcntl.flock(self._lock, fcntl.LOCK_UN)
@@ -251,7 +257,7 @@ class Store:
             self._lock = None
 
 
-def _lock(path: Path) -> int | None:
+def _lock_folder(path: Path) -> int | None:
     """Lock a folder, and return the lock's descriptor; None where the system has no locks."""
     if fcntl is None:
         return None
@@ -265,7 +271,7 @@ def _lock(path: Path) -> int | None:
     return handle
 
 
-def read_attrs(path: Path) -> dict[str, Any]:
+def read_description(path: Path) -> dict[str, Any]:
     """Read what the store at `path` says of its sweep; a ValueError refuses other folders."""
     try:
         attributes = json.loads((path / "zarr.json").read_bytes())["attributes"]
@@ -280,7 +286,7 @@ def read_attrs(path: Path) -> dict[str, Any]:
     return description
 
 
-def read(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
+def read_dataset(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
     """Read the values of a store, with the variables `names`.
 
     A ValueError names a variable that is damaged or lacks a chunk.
@@ -313,7 +319,7 @@ def read(path: Path, names: Iterable[str] = ()) -> xarray.Dataset:
     return dataset
 
 
-def differences(stored: Any, new: Any, path: str = "") -> list[str]:
+def list_differences(stored: Any, new: Any, path: str = "") -> list[str]:
     """List the differences of two plain values, as "path (value in the store, value given)"."""
     if isinstance(stored, list) and isinstance(new, list):
         stored = dict(enumerate(stored))
@@ -321,7 +327,7 @@ def differences(stored: Any, new: Any, path: str = "") -> list[str]:
     if isinstance(stored, dict) and isinstance(new, dict):
         texts = []
         for key in {**stored, **new}:
-            texts += differences(stored.get(key), new.get(key), f"{path}.{key}".lstrip("."))
+            texts += list_differences(stored.get(key), new.get(key), f"{path}.{key}".lstrip("."))
         return texts
     stored_text = json.dumps(stored)
     new_text = json.dumps(new)
@@ -366,7 +372,7 @@ def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     path = check.path("path", path)
     if not path.is_dir():
         raise ValueError(f"path must be the folder of a store, got {str(path)!r}")
-    read_attrs(path)
+    read_description(path)
     if not (path / "status" / "zarr.json").exists():
         raise ValueError(f"path {str(path)!r} is a store that was stopped before it had anything")
-    return read(path)
+    return read_dataset(path)

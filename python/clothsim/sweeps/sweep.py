@@ -30,21 +30,23 @@ from ..methods.bound import stable_dt
 from ..methods.integrators import warn_of_order
 from ..model.fields import NUMERICS, RUN
 from ..model.scene import Scene
+from ..run.frames import Frames
+from ..run.recording import PAUSE, Failure
 from ..run.result import Run
 from ..run.simulate import run_batch, simulate
-from ..run.trajectory import PAUSE, Failure, Frames, Job
+from ..run.trajectory import Job
 from ..typing import Force, Integrator, Kernel, Precision
-from .grid import Grid, make_grid, plain
-from .member import DONE, FAILED, PENDING, UNSTABLE, Maker, Member, MemberRecord, SweepOptions
+from .grid import Grid, make_grid, plain_data
+from .member import DONE, FAILED, PENDING, UNSTABLE, Member, MemberMaker, MemberRecord, SweepOptions
 from .metrics import (
     DEFAULT_METRICS,
     METRICS,
     Metrics,
     choose_metrics,
-    describe,
-    incomparable,
-    reference_of,
-    variables_of,
+    compute_reference,
+    compute_variables,
+    metric_identity,
+    reason_without_error,
 )
 from .store import SCHEMA, Results, Store
 
@@ -165,18 +167,18 @@ def sweep(
     choice = choose_metrics(metrics)
     options = SweepOptions(duration, dt, integrator, precision, kernel, every, rtol, atol, force)
     _check_grid(grid, options)
-    make = Maker(scene, options)
-    members = checked_members(make, grid)
+    make = MemberMaker(scene, options)
+    members = make_probe_members(make, grid)
     workers = Workers(executor, threads)
     settings = dict(vars(options))
-    settings["metrics"] = [describe(name, metric) for name, metric in choice.items()]
+    settings["metrics"] = [metric_identity(name, metric) for name, metric in choice.items()]
     if force is not None:
-        settings["force"] = describe("force", force)
+        settings["force"] = metric_identity("force", force)
     identity = {
         "version": build_config()["version"],
         "scene": scene.to_dict(),
-        "over": grid.describe(),
-        "settings": plain(settings),
+        "over": grid.plain_axes(),
+        "settings": plain_data(settings),
     }
     description = {"schema": SCHEMA, "identity": identity, **provenance()}
     archive = None
@@ -184,12 +186,12 @@ def sweep(
         if store is not None:
             archive = Store(check.path("store", store), description)
         results = Results(grid, choice, description, archive)
-        work = tasks(make, grid, choice, options, results.pending, workers, members)
-        _run(workers, work, results, progress)
+        work = deal_tasks(make, grid, choice, options, results.members_to_run, workers, members)
+        _run_tasks(workers, work, results, progress)
     finally:
         workers.close()
         if archive is not None:
-            archive.close()
+            archive.release_lock()
     has_failed = results["status"] == FAILED
     if has_failed.any():
         first = results["message"][has_failed][0]
@@ -197,7 +199,7 @@ def sweep(
             f"{int(has_failed.sum())} of {has_failed.size} members failed; the first: {first}",
             RuntimeWarning,
         )
-    return results.dataset()
+    return results.make_dataset()
 
 
 def _check_grid(grid: Grid, options: SweepOptions) -> None:
@@ -211,14 +213,14 @@ def _check_grid(grid: Grid, options: SweepOptions) -> None:
             )
 
 
-def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bool) -> None:
+def _run_tasks(workers: Workers, tasks: Iterator[Task], results: Results, progress: bool) -> None:
     members = results.grid.size
-    initial = members - len(results.pending)
+    initial = members - len(results.members_to_run)
     bar = ProgressBar(progress, total=members, initial=initial, unit="member", desc="sweep")
 
     def record(records: Sequence[MemberRecord]) -> None:
-        results.record(records)
-        results.flush()
+        results.take_records(records)
+        results.write_to_store()
         bar.advance(len(records))
 
     error: BaseException | None = None
@@ -228,7 +230,7 @@ def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bo
         error = failure
     with Interrupts():  # A second Ctrl-C waits.
         bar.close()
-        results.flush(final=True)
+        results.write_to_store(final=True)
         if isinstance(error, KeyboardInterrupt):
             status = results["status"]
             advice = "were done; give a store to keep them"
@@ -241,7 +243,7 @@ def _run(workers: Workers, tasks: Iterator[Task], results: Results, progress: bo
             raise error
 
 
-def checked_members(make: Maker, grid: Grid) -> dict[int, Member]:
+def make_probe_members(make: MemberMaker, grid: Grid) -> dict[int, Member]:
     """Make members, by their index, among which every swept value occurs."""
     indices = np.arange(grid.size)
     if grid.size > _MOST_CHECKED:
@@ -253,7 +255,7 @@ def checked_members(make: Maker, grid: Grid) -> dict[int, Member]:
             for step, n in zip(steps, grid.shape, strict=True)
         ]
         indices = np.unique(np.concatenate([[0], *offsets]))
-    members = {index: _member(make, grid, index) for index in indices.tolist()}
+    members = {index: _make_member(make, grid, index) for index in indices.tolist()}
     for member in members.values():
         name = member.settings["integrator"]
         if name not in ("auto", None) and warn_of_order(name, member.scene):
@@ -261,9 +263,9 @@ def checked_members(make: Maker, grid: Grid) -> dict[int, Member]:
     return members
 
 
-def _member(make: Maker, grid: Grid, index: int) -> Member:
+def _make_member(make: MemberMaker, grid: Grid, index: int) -> Member:
     """Make the member with an index; a ValueError or TypeError names what cannot be run."""
-    values = grid.values(index)
+    values = grid.member_values(index)
     try:
         return make(index, values)
     except (ValueError, TypeError) as error:
@@ -283,8 +285,8 @@ class Task:
     threads: int | None = 1
 
 
-def tasks(
-    make: Maker,
+def deal_tasks(
+    make: MemberMaker,
     grid: Grid,
     metrics: Metrics,
     options: SweepOptions,
@@ -305,23 +307,25 @@ def tasks(
         most = max(1, min(LARGEST_BATCH, len(pending) // (_LEAST_TASKS * workers.count)))
         names = [name for name in grid.names if name in ("shape", "scene", *RUN)]
 
-    def kind(index: int) -> str:
+    def describe_kind(index: int) -> str:
         """Describe the values in which members of a task are equal."""
-        values = grid.values(index)
+        values = grid.member_values(index)
         if "scene" in names and not needs_references:
             values["scene"] = values["scene"].cloth.shape
         return repr([values[name] for name in names])
 
     every = options.every if any(metrics.values()) else None  # Metrics by name need no frames.
-    threads = workers.threads_of(len(pending))
+    threads = workers.threads_per_task(len(pending))
     indices = pending.tolist()
     groups = [indices]
     if names:
-        groups = [list(group) for _, group in groupby(sorted(indices, key=kind), kind)]
+        groups = [
+            list(group) for _, group in groupby(sorted(indices, key=describe_kind), describe_kind)
+        ]
     for group in groups:
         for first in range(0, len(group), most):
             batch = [
-                members.pop(index) if index in members else _member(make, grid, index)
+                members.pop(index) if index in members else _make_member(make, grid, index)
                 for index in group[first : first + most]
             ]
             yield Task(batch, metrics, every, threads)
@@ -340,13 +344,13 @@ def run_task(task: Task, pause: Callable[[], None] | None = None) -> list[Member
     token = PAUSE.set(pause)
     try:
         with suppress(Stopped):
-            records.extend(_records(task))
+            records.extend(_run_members(task))
     finally:
         PAUSE.reset(token)
     return records
 
 
-def _records(task: Task) -> Iterator[MemberRecord]:
+def _run_members(task: Task) -> Iterator[MemberRecord]:
     """Run members side by side where they share a call, else one by one."""
     batches = dict[Any, list[Member]]()
     for member in task.members:
@@ -357,16 +361,18 @@ def _records(task: Task) -> Iterator[MemberRecord]:
         batches.setdefault(key, []).append(member)
     for members in batches.values():
         try:
-            runs, errors = _runs(members, task)
+            runs, errors = _run_batch(members, task)
         except (ValueError, TypeError) as error:
             message = f"{type(error).__name__}: {error}"
             yield from [MemberRecord(member.index, FAILED, message=message) for member in members]
             continue
         for k, (member, run) in enumerate(zip(members, runs, strict=True)):
-            yield _record(member, run, errors.get(k), task)
+            yield _make_record(member, run, errors.get(k), task)
 
 
-def _runs(members: Sequence[Member], task: Task) -> tuple[Sequence[Run], Mapping[int, Failure]]:
+def _run_batch(
+    members: Sequence[Member], task: Task
+) -> tuple[Sequence[Run], Mapping[int, Failure]]:
     """Run the members of a batch, and return errors of those that did not come to their end."""
     settings = members[0].settings
     dt = members[0].dt
@@ -392,7 +398,7 @@ def _runs(members: Sequence[Member], task: Task) -> tuple[Sequence[Run], Mapping
     return run_batch(job)
 
 
-def _record(member: Member, run: Run, error: Failure | None, task: Task) -> MemberRecord:
+def _make_record(member: Member, run: Run, error: Failure | None, task: Task) -> MemberRecord:
     record = MemberRecord(member.index, DONE, max_stable_dt=member.max_stable_dt)
     if error is not None:
         record.status = UNSTABLE
@@ -406,17 +412,17 @@ def _record(member: Member, run: Run, error: Failure | None, task: Task) -> Memb
     reference = None
     if "error" in task.metrics:
         settings = member.settings
-        reference = reference_of(
+        reference = compute_reference(
             member.scene, settings["duration"], task.threads, settings["force"]
         )
-        record.message = incomparable(run, reference)
+        record.message = reason_without_error(run, reference)
     for name, function in task.metrics.items():
         try:
             if function is None:
                 metric = METRICS[name]
                 record.values.update(zip(metric.variables, metric.compute(run, reference)))
             else:
-                record.values |= variables_of(name, function, run)
+                record.values |= compute_variables(name, function, run)
         except Stopped:
             raise
         except Exception as failure:  # A user's function may raise any; other members go on.
@@ -449,12 +455,12 @@ class Workers:
             requirement = "None, a concurrent.futures.Executor or a dask.distributed Client"
             raise TypeError(f"executor must be {requirement}, got {check.value_text(executor)}")
 
-    def _pause(self) -> None:
+    def _stop_after_sweep(self) -> None:
         """Stop a task on a thread of this process where the sweep has ended."""
         if self._stop.is_set():
             raise Stopped
 
-    def threads_of(self, members: int) -> int | None:
+    def threads_per_task(self, members: int) -> int | None:
         """Return the threads of each task: one, or all threads (None) for a single member."""
         if not self.own:
             return self.threads or 1
@@ -468,7 +474,7 @@ class Workers:
         """
         from concurrent.futures import FIRST_COMPLETED, wait
 
-        run = partial(run_task, pause=self._pause) if self.own else run_task
+        run = partial(run_task, pause=self._stop_after_sweep) if self.own else run_task
         futures: set[Future[list[MemberRecord]]] = set()
         try:
             while True:

@@ -16,7 +16,7 @@ from ..base.build import available_thread_count
 from ..base.extras import import_from_extra
 from ..engine.state import check_start_time
 from ..model.scene import Scene
-from ..run.result import deepest
+from ..run.result import greatest_depths
 from .camera import Camera, camera_for, extremes, eye_of, is_wide, nearest
 from .label import LEAST_WIDTH, Pixels, labelled
 from .raster import CLOTH_FRONT, DARK_SPHERE, GROUND, PIN, SPHERE, Ball, Plane, render
@@ -71,7 +71,7 @@ class Drawing:
             )
         self.values = values_of(style.color, scene, x, v)
         self.by_depth = isinstance(style.color, str) and style.color == "depth"
-        shown = deepest(scene.spheres, x, t)["triangles"] if self.by_depth else self.values
+        shown = greatest_depths(scene.spheres, x, t)["triangles"] if self.by_depth else self.values
         if shown is None and style.limits is not None:
             raise ValueError(
                 f'limits must be None with color="faces", got {check.value_text(style.limits)}'
