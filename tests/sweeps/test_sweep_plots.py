@@ -138,14 +138,14 @@ def test_heat_maps(swept):
     )
     axes = framed.clothsim.plot("heatmap")  # it takes one number a member
     assert np.array_equal(axes.get_lines()[0].get_ydata(), framed.height)
-    assert plots.suggested(swept.drop_vars("error")) == "stability"
-    assert plots.suggested(swept.isel(dt=[0]).drop_vars("error")) == "heatmap"
+    assert plots.suggest_kind(swept.drop_vars("error")) == "stability"
+    assert plots.suggest_kind(swept.isel(dt=[0]).drop_vars("error")) == "heatmap"
     renamed = swept.drop_vars("error").assign(energy_drift=swept.largest_stretch)
     for metric in ("largest_stretch", "penetration", "sag"):  # the more telling one comes later
         renamed[metric] = swept.largest_stretch * 1
         axes = renamed.isel(dt=[0]).clothsim.plot()
         assert axes.get_ylabel().startswith(metric.replace("_", " "))
-    assert plots.suggested(renamed) == "heatmap"
+    assert plots.suggest_kind(renamed) == "heatmap"
     renamed["sag"] = renamed.sag * np.nan  # of scenes that do not rest
     assert renamed.isel(dt=[0]).clothsim.plot().get_ylabel().startswith("penetration")
 
@@ -170,10 +170,10 @@ def test_a_heat_map_marks_errors_below_the_reference(swept):
 @pytest.mark.parametrize(
     ("draw", "message"),
     [
-        (lambda ds: plots.convergence(ds.drop_vars("error")), "needs the metric 'error'"),
-        (lambda ds: plots.stability(ds.isel(stiffness=0)), "beside dt"),
-        (lambda ds: plots.heatmap(ds, "eror"), "'error'"),
-        (lambda ds: plots.heatmap(ds.expand_dims(mass=[1, 2])), "two dimensions"),
+        (lambda ds: plots.draw_error(ds.drop_vars("error")), "needs the metric 'error'"),
+        (lambda ds: plots.draw_stability(ds.isel(stiffness=0)), "beside dt"),
+        (lambda ds: plots.draw_heatmap(ds, "eror"), "'error'"),
+        (lambda ds: plots.draw_heatmap(ds.expand_dims(mass=[1, 2])), "two dimensions"),
         (lambda ds: ds.clothsim.plot("pie"), "kind must be"),
     ],
 )

@@ -20,7 +20,7 @@ from matplotlib import pyplot
 def test_the_palette_is_that_of_every_figure_and_page():
     assert min(distance(a, b) for a, b in combinations(style.COLORS, 2)) >= LEAST
     assert SHADING["colors"] == style.COLORS
-    styles = [tuple(map(str, style.style(k).values())) for k in range(72)]
+    styles = [tuple(map(str, style.line_style(k).values())) for k in range(72)]
     assert len(set(styles)) == 72
 
 

@@ -11,7 +11,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.viewing.exports import FORMATS, Clip, export
-from clothsim.viewing.formats.gltf import linear
+from clothsim.viewing.formats.gltf import linear_light_of_color
 from clothsim.viewing.raster import CLOTH_FRONT, SPHERE
 
 FPS = 50
@@ -162,7 +162,11 @@ def test_usd_says_what_its_numbers_mean(run, tmp_path, z_up):
         prim, material = stage.GetPrimAtPath(f"/run/{name}"), name.split("_")[0]
         bound = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
         assert bound.GetPath() == f"/run/materials/{material}"
-        close(np.array(UsdGeom.Mesh(prim).GetDisplayColorAttr().Get()[0]), linear(color), 1e-7)
+        close(
+            np.array(UsdGeom.Mesh(prim).GetDisplayColorAttr().Get()[0]),
+            linear_light_of_color(color),
+            1e-7,
+        )
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/run/cloth"))
     assert mesh.GetPointsAttr().GetTimeSamples() == list(range(11))
     for k in range(11):
@@ -230,7 +234,7 @@ def test_glb_by_pygltflib(run, tmp_path):
     own /= np.linalg.norm(own, axis=-1, keepdims=True)
     assert ((own * first["NORMAL"][TRIANGLES[:, 0]]).sum(-1) < 0.9999999).all()
     close(np.linalg.norm(first["NORMAL"], axis=-1), 1.0, 2 * SINGLE)
-    drawn = [linear(CLOTH_FRONT), linear(SPHERE)]
+    drawn = [linear_light_of_color(CLOTH_FRONT), linear_light_of_color(SPHERE)]
     assert [m.pbrMetallicRoughness.baseColorFactor[:3] for m in file.materials] == [
         list(color) for color in drawn
     ]
@@ -325,7 +329,7 @@ def test_frames_between_stored_ones_of_a_cubic_motion_are_exact():
     )
     clip = Clip(run, 30, False)
     assert len(clip) == 19
-    for frame in clip.frames():
+    for frame in clip.make_frames():
         t = frame.number / 30
         np.testing.assert_allclose(frame.positions[:, 1], t**3 - 2 * t**2 + t, atol=1e-14)
         np.testing.assert_allclose(frame.velocities[:, 1], 3 * t**2 - 4 * t + 1, atol=1e-13)
@@ -353,7 +357,7 @@ def test_frames_between_stored_ones_stay_outside_a_sphere_and_move_driven_pins()
     cloth = cs.Cloth((9, 9), pins={(0, 0): cs.Linear((0.0, 0.3, 0.0)), (0, 8): None})
     sphere = cs.Sphere((0.5, -0.27, 0.5), 0.25)
     run = cs.simulate(cs.Scene(cloth, sphere), 0.4, dt=1e-3, every=0.02)
-    for frame in Clip(run, 137, False).frames():
+    for frame in Clip(run, 137, False).make_frames():
         assert frame.positions[0] == pytest.approx((0, 0.3 * frame.time, 0), abs=1e-12)
         assert np.linalg.norm(frame.positions - sphere.center, axis=-1).min() > sphere.radius
 

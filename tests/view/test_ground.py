@@ -7,10 +7,10 @@ import json
 import clothsim as cs
 import numpy as np
 import pytest
-from clothsim.viewing.camera import camera_for
+from clothsim.viewing.camera import make_camera
 from clothsim.viewing.exports import Clip
-from clothsim.viewing.formats.meshes import bodies
-from clothsim.viewing.plots.run import curves
+from clothsim.viewing.formats.meshes import frame_bodies
+from clothsim.viewing.plots.run import curves_over_frames
 
 GAP = 0.49  # m below the flat sheet
 CLOTH = cs.Cloth((24, 24), mass=0.3, stiffness=200.0, damping=0.02)
@@ -78,7 +78,7 @@ def test_a_small_sphere_is_framed_while_it_is_near():
     t = np.linspace(0, 1, 51)
     x = np.broadcast_to(cloth.rest_positions, (51, 6, 6, 3))
     one, two = (
-        camera_for("front", cs.Scene(cloth, spheres), x, t) for spheres in (near, [near, passing])
+        make_camera("front", cs.Scene(cloth, spheres), x, t) for spheres in (near, [near, passing])
     )
     assert 0.55 < one.height < 0.8  # m, of which 0.55 at the target
     assert two.width < 6  # m; the sphere flies 50 m
@@ -104,11 +104,11 @@ def test_cloth_below_a_plane_is_red():
 @pytest.mark.parametrize("z_up", [False, True])
 def test_a_plane_is_touched_and_exported_as_a_square_three_times_as_wide_as_the_scene(z_up):
     run = cs.simulate(cs.Scene(LOOSE, WALL), 1.0, dt=4e-5, fps=10)
-    contacts = curves(run)["contacts"]
+    contacts = curves_over_frames(run)["contacts"]
     assert contacts[0] == 0 and contacts[-1] == LOOSE.shape[0] * LOOSE.shape[1]
     clip = Clip(run, None, z_up)
     for k in (0, len(clip) - 1):
-        _, square = bodies(clip, clip[k])
+        _, square = frame_bodies(clip, clip[k])
         assert square.name == "plane_0"
         places = square.positions[:, [0, 2, 1]] * [1, 1, -1] if z_up else square.positions
         assert np.abs(WALL.height(places, run.t[k])).max() < 1e-12

@@ -6,7 +6,7 @@ import clothsim as cs
 import numpy as np
 import pytest
 from clothsim.run.result import Run
-from clothsim.viewing.page import pack
+from clothsim.viewing.page import pack_frames
 from pages import frames, pixels, seek
 
 FRAMES = 300
@@ -68,7 +68,7 @@ def test_packed_values_are_right_where_differences_overflow():
     rng = np.random.default_rng(2)
     x = rng.uniform(-1, 3, (5, 2, 3, 3))
     values = rng.uniform(0, 2, (5, 6))
-    packed = pack(x, [values], [1.0])
+    packed = pack_frames(x, [values], [1.0])
     data = np.frombuffer(zlib.decompress(packed.data), np.uint8).astype(int)
     count = x.size
     z = data[:count] + 256 * data[count : 2 * count]
@@ -79,7 +79,7 @@ def test_packed_values_are_right_where_differences_overflow():
         q[k] += 2 * q[k - 1] - q[k - 2]
     q = (q % 65536).reshape(5, 3, 6).transpose(0, 2, 1).reshape(x.shape)
     assert np.abs(packed.low + packed.step * q - x).max() <= packed.precision * 1.0001
-    assert pack(x * (1, 0, 1), [], []).precision <= packed.precision  # a flat sheet
+    assert pack_frames(x * (1, 0, 1), [], []).precision <= packed.precision  # a flat sheet
     levels = np.cumsum(data[2 * count :].reshape(5, 6), axis=0) % 256
     assert np.abs(levels / 255 - np.sqrt(values.clip(0, 1))).max() < 0.5001 / 255
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from clothsim.run.result import greatest_depths
 from clothsim.viewing import camera, raster
-from clothsim.viewing.scale import scale_of, values_of
+from clothsim.viewing.scale import make_scale, point_values
 from colors import check_lines, distance
 from commands import python
 
@@ -54,7 +54,7 @@ def test_depth_is_that_of_each_place_of_the_cloth(shape):
     depth, radius = 0.04, 0.25
     scene = cs.Scene(cs.Cloth(shape, pins=()), cs.Sphere((0.5, -radius + depth, 0.5), radius))
     pixels = cs.picture(scene, camera=ABOVE, width=550, color="depth", ground=False).pixels / 255
-    scale = scale_of("depth", np.array([depth]), None)
+    scale = make_scale("depth", np.array([depth]), None)
     assert scale.low == 0 and scale.high == depth and not scale.open_end
     for away in (0.005, 0.06, 0.1, 0.125):
         here = pixels[round(275 + 500 * away / 2**0.5), round(275 + 500 * away / 2**0.5)]
@@ -97,7 +97,9 @@ def test_colours_are_distinct_for_any_colour_vision():
     assert (
         min(distance(a, b) for a, b in combinations(colors, 2)) > 20
     )  # 2.3 is a just noticeable difference
-    inside, outside = (scale_of("depth", np.ones(1), None).colors(np.array(k)) for k in (1.0, 0.0))
+    inside, outside = (
+        make_scale("depth", np.ones(1), None).colors(np.array(k)) for k in (1.0, 0.0)
+    )
     assert (
         min(distance(a, b) for a, b in combinations((inside, outside, raster.DARK_SPHERE), 2)) > 20
     )
@@ -131,7 +133,7 @@ def test_a_row_without_a_surface_shows_its_points():
 def test_an_array_colours_each_mass_point_by_the_scale():
     values = np.add.outer(np.zeros(32), np.arange(32.0))
     pixels = cs.picture(FLAT, camera=ABOVE, width=550, color=values).pixels
-    scale = scale_of(values, values, None)
+    scale = make_scale(values, values, None)
     for column in (0.5, 10.5, 20.5, 30.5):  # between grid lines
         x = round(550 * (0.5 + (column / 31 - 0.5) / 1.1))
         assert hue(pixels[275 + 8, x]) == pytest.approx(
@@ -151,12 +153,12 @@ def test_named_colours_follow_the_measure_on_one_scale(run, name):
     found = (
         run.penetration()["triangles"]
         if name == "depth"
-        else values_of(name, run.scene, run.x, run.v)
+        else point_values(name, run.scene, run.x, run.v)
     )
     for k in (0, 5, 10):
         assert found[k].max() == pytest.approx(measure(k), abs=1e-12)
     # The scale of a run is that of all its frames; a state alone has its own.
-    scale = scale_of(name, found, None)
+    scale = make_scale(name, found, None)
     own = cs.picture(run.scene, run.x[3], v=run.v[3], color=name, width=200).pixels
     same = run.picture(3, color=name, width=200, limits=(scale.low, scale.high)).pixels
     assert np.array_equal(run.picture(3, color=name, width=200).pixels, same)

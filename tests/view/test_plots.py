@@ -11,7 +11,7 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("scipy")
 pytest.importorskip("xarray")
 
-from clothsim.viewing.plots.fit import value_text
+from clothsim.viewing.plots.fit import value_with_error
 from clothsim.viewing.plots.points import distant_points
 from clothsim.viewing.plots.style import label_lines, separate_ticks
 from colors import check_lines
@@ -67,7 +67,7 @@ def test_points_of_a_motion_are_far_from_each_other():
     ],
 )
 def test_a_value_has_the_digits_of_its_error(value, error, text):
-    assert value_text(value, error, "N/m") == text
+    assert value_with_error(value, error, "N/m") == text
 
 
 def test_a_fit_draws_data_residuals_values_and_correlations(data):
@@ -82,7 +82,7 @@ def test_a_fit_draws_data_residuals_values_and_correlations(data):
     errors = [result.errors[name] / result.values[name] for name in ("stiffness", "drag")]
     np.testing.assert_allclose(spans, np.outer(errors, [-100, 100]))
     names = [text.get_text() for text in values.get_yticklabels()]
-    assert names[0] == "stiffness\n" + value_text(
+    assert names[0] == "stiffness\n" + value_with_error(
         result.values["stiffness"], result.errors["stiffness"], "N/m"
     )
     assert values.get_xlabel() == "error [% of the value or scale]"

@@ -16,10 +16,10 @@ from ..base.files import as_json, npz_path
 from ..base.progress import is_wanted_by_command, print_above_bars
 from ..model import fields
 from ..viewing.animation import FORMATS as FILMS
-from ..viewing.animation import animate, film_path
+from ..viewing.animation import animate, check_film_path
 from ..viewing.exports import FORMATS as EXPORTS
-from ..viewing.exports import export, file_and_format
-from ..viewing.picture import file_path
+from ..viewing.exports import check_export_path, export
+from ..viewing.picture import check_file_path
 
 FPS = 60  # frames a second that a run stores for pages, films and exports without --every or --fps
 
@@ -128,13 +128,13 @@ def _check_output_files(args: argparse.Namespace, scene: cs.Scene) -> None:
     """Refuse files that cannot be written before the scene is simulated."""
     for name in ("out", "html", "picture", "save_scene"):
         if getattr(args, name):
-            file_path(f"--{name.replace('_', '-')}", getattr(args, name))
+            check_file_path(f"--{name.replace('_', '-')}", getattr(args, name))
     if args.out:
         args.out = npz_path(args.out, "--out")
     if args.film:
-        film_path("--film", args.film)
+        check_film_path("--film", args.film)
     if args.export:
-        file_and_format(scene, args.export, "--export")
+        check_export_path(scene, args.export, "--export")
 
 
 def _add_scene_arguments(command: argparse.ArgumentParser) -> None:

@@ -37,8 +37,8 @@ from ..run.result import Run
 from ..run.simulate import simulate
 from ..stability.limit import max_stable_dt
 from ..viewing.notebook import Frame
-from ..viewing.page import fill, json_text, page_body, page_text, web_file
-from ..viewing.picture import file_path
+from ..viewing.page import fill_web_file, json_for_script, page_body, page_text, read_web_file
+from ..viewing.picture import check_file_path
 from .shader import (
     CONTACT_SIZE,
     FIRST_SPRING,
@@ -81,7 +81,7 @@ def write_live_page(
     scene: Scene, path: str | Path, dt: float | None = None, title: str | None = None
 ) -> Path:
     """Write the page of `Scene.to_live_html`."""
-    path = file_path("path", path)
+    path = check_file_path("path", path)
     return write_bytes(path, _page_text(scene, dt, title).encode())
 
 
@@ -137,14 +137,14 @@ def _page_text(scene: Scene, dt: float | None = None, title: str | None = None) 
         f"<option{' selected' if k == data['method'] else ''}>{name}</option>"
         for k, name in enumerate(data.pop("names"))
     )
-    live = fill(
+    live = fill_web_file(
         "live.html",
         methods="".join(names),
         state=_compressed_text(_planes_of_initial_state(scene).astype("<f8").tobytes()),
         toml=_compressed_text(_toml_template(scene).encode()),
-        data=json_text(data),
+        data=json_for_script(data),
     )
-    code = "\n".join(map(web_file, ("solver.js", "live.js")))
+    code = "\n".join(map(read_web_file, ("solver.js", "live.js")))
     stored = _short_run(scene, usual)
     return page_text(
         title,

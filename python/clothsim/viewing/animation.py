@@ -15,7 +15,7 @@ from ..base import Floats, check, files
 from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
 from .label import Pixels
-from .picture import Drawing, file_path, style_of
+from .picture import Drawing, check_file_path, make_style
 
 # Effort, 0 to 6; at 4 a film of 181 pictures is 2 % smaller and takes 1.5 times as long, at 6 15
 # times.
@@ -52,7 +52,7 @@ class Film:
             self._advance()
         return self._pixels
 
-    def durations(self, tick: int) -> list[int]:
+    def durations_in_ms(self, tick: int) -> list[int]:
         """Return milliseconds of each picture: multiples of `tick` whose errors do not add up."""
         ends = np.round(np.arange(len(self) + 1) * 1000 / self.fps / tick).astype(int) * tick
         return [int(d) for d in np.diff(ends)]
@@ -67,7 +67,7 @@ def animate(
     **style: Any,
 ) -> Path:
     """Write a film, as `Run.animate` does; with `progress`, a bar counts pictures."""
-    path = film_path("path", path)
+    path = check_film_path("path", path)
     suffix = path.suffix.lower()
     fps = check.number(
         "fps", fps, minimum=0, exclusive=True, maximum=GIF_FPS if suffix == ".gif" else 240
@@ -78,10 +78,10 @@ def animate(
             f"a film needs at least 3 stored frames, this run has {len(run.t)}: "
             "simulate with every= (seconds or steps between frames)"
         )
-    drawing = Drawing(run.scene, run.x, run.v, run.t, style_of(style))
+    drawing = Drawing(run.scene, run.x, run.v, run.t, make_style(style))
     if suffix == ".mp4":  # H.264 halves the resolution of colour, so it wants even sides
         drawing.width -= drawing.width % 2
-    shown = shown_frames(run.t, fps, speed)
+    shown = nearest_frames(run.t, fps, speed)
     seconds = float(run.t[-1] - run.t[0])
     write = {".gif": _write_gif, ".webp": _write_webp, ".mp4": _write_mp4}[suffix]
     with (
@@ -92,16 +92,18 @@ def animate(
     return path
 
 
-def film_path(name: str, value: Any) -> Path:
+def check_film_path(name: str, value: Any) -> Path:
     """Check that the film `value` can be written: its format, folder and program."""
-    path = file_path(name, value)
+    path = check_file_path(name, value)
     if path.suffix.lower() not in FORMATS:
         raise ValueError(f"{name} must end in one of {', '.join(FORMATS)}, got {str(path)!r}")
-    _ffmpeg() if path.suffix.lower() == ".mp4" else import_from_extra("PIL.Image", "a film", "plot")
+    _find_ffmpeg() if path.suffix.lower() == ".mp4" else import_from_extra(
+        "PIL.Image", "a film", "plot"
+    )
     return path
 
 
-def shown_frames(t: Floats, fps: float, speed: float) -> list[int]:
+def nearest_frames(t: Floats, fps: float, speed: float) -> list[int]:
     """Return the nearest stored frame for each picture of a film."""
     count = max(2, round((t[-1] - t[0]) / speed * fps) + 1)
     times = np.minimum(t[0] + np.arange(count) * speed / fps, t[-1])
@@ -136,7 +138,7 @@ def _write_webp(path: Path, film: Film) -> None:
     options = {
         "save_all": True,
         "append_images": [_Reel(image, film)],
-        "duration": film.durations(1),
+        "duration": film.durations_in_ms(1),
         "loop": 0,
     }
     first.save(path, format="WEBP", quality=85, method=WEBP_METHOD, **options)
@@ -150,10 +152,10 @@ def _write_gif(part: Path, film: Film) -> None:
         import_from_extra(f"PIL.{name}", "a film", "plot")
         for name in ("Image", "GifImagePlugin", "ImageChops")
     )
-    palette = _common_palette(image, film)
+    palette = _make_common_palette(image, film)
     last = None
     with part.open("wb") as file:
-        for k, duration in enumerate(film.durations(10)):
+        for k, duration in enumerate(film.durations_in_ms(10)):
             frame = image.fromarray(film[k]).quantize(palette=palette, dither=image.Dither.NONE)
             if last is None:
                 file.writelines(gif.getheader(frame.copy(), info={"loop": 0})[0])
@@ -169,7 +171,7 @@ def _write_gif(part: Path, film: Film) -> None:
         file.write(b";")
 
 
-def _common_palette(image: Any, film: Film) -> Any:
+def _make_common_palette(image: Any, film: Film) -> Any:
     """Return a palette of 255 colours for the whole film, from eight of its pictures."""
     chosen = sorted({film.shown[k] for k in np.linspace(0, len(film) - 1, 8).astype(int)})
     # Of wide pictures a part of the pixels: all of them hold Ctrl-C back for half a second.
@@ -178,7 +180,7 @@ def _common_palette(image: Any, film: Film) -> Any:
     return image.fromarray(sheet).quantize(255, method=image.Quantize.MEDIANCUT)
 
 
-def _ffmpeg() -> str:
+def _find_ffmpeg() -> str:
     """Return the program on the PATH, or that of the package imageio-ffmpeg."""
     program = which("ffmpeg")
     if program is not None:
@@ -200,7 +202,7 @@ def _write_mp4(path: Path, film: Film) -> None:
         f"{film.fps!r} -i -"
     )
     target = "-an -vcodec libx264 -pix_fmt yuv420p -crf 18 -movflags +faststart"
-    command = [_ffmpeg(), *source.split(), *target.split(), str(path.absolute())]
+    command = [_find_ffmpeg(), *source.split(), *target.split(), str(path.absolute())]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as ffmpeg:
         assert ffmpeg.stdin is not None and ffmpeg.stderr is not None
         try:

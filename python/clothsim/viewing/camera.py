@@ -134,7 +134,7 @@ class Camera:
         return cls(direction, (x, y, z), float(max(width, height)), float(height))
 
 
-def direction_of(value: Any) -> tuple[float, float, float]:
+def view_direction(value: Any) -> tuple[float, float, float]:
     """Return the direction for a name or a vector."""
     if isinstance(value, str):
         return DIRECTIONS[check.choice("camera", value, DIRECTIONS)]
@@ -154,12 +154,12 @@ def is_wide(sphere: Any, scene: Any) -> bool:
     return bool(2 * sphere.radius >= max(scene.cloth.size))
 
 
-def nearest(plane: Any, place: npt.ArrayLike, t: float = 0.0) -> Floats:
+def nearest_place_on_plane(plane: Any, place: npt.ArrayLike, t: float = 0.0) -> Floats:
     """Return the place of a `Plane` that is nearest to another [m]."""
     return np.asarray(np.asarray(place, float) - plane.height(place, t) * plane.unit_normal)
 
 
-def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[Floats]:
+def _framed_points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[Floats]:
     """Yield what a picture frames, along `axes`, shape (3, n): the mass points, and the outline of
     each sphere near them.
 
@@ -186,34 +186,38 @@ def _points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Iterator[F
             yield (centers[:, near, None] + ends[:, None]).reshape(3, -1)
 
 
-def extremes(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> tuple[Floats, Floats]:
+def extremes_along_axes(
+    scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats
+) -> tuple[Floats, Floats]:
     """Return the ends along `axes` of cloth and spheres near it at all times."""
-    low, high = zip(*((part.min(axis=1), part.max(axis=1)) for part in _points(scene, x, t, axes)))
+    low, high = zip(
+        *((part.min(axis=1), part.max(axis=1)) for part in _framed_points(scene, x, t, axes))
+    )
     return np.min(low, axis=0), np.max(high, axis=0)
 
 
-def eye_of(camera: Camera, scene: Any) -> Floats:
+def eye_position(camera: Camera, scene: Any) -> Floats:
     """Return the position of the eye [m]; for an orthographic view, that of a perspective view."""
     usual = DISTANCE * max(camera.width, camera.height, *scene.cloth.size)
     return np.asarray(camera.target + (camera.distance or usual) * camera.axes()[2])
 
 
-def reach(scene: Any, x: Floats, t: npt.ArrayLike, target: Floats) -> float:
-    """Return a distance from `target` that holds all of `extremes` [m]."""
-    low, high = extremes(scene, x, t, np.eye(3))
+def distance_to_extremes(scene: Any, x: Floats, t: npt.ArrayLike, target: Floats) -> float:
+    """Return a distance from `target` that holds all of `extremes_along_axes` [m]."""
+    low, high = extremes_along_axes(scene, x, t, np.eye(3))
     return float(np.linalg.norm(np.maximum(high - target, target - low)))
 
 
-def camera_for(value: Any, scene: Any, x: Floats, t: npt.ArrayLike) -> Camera:
+def make_camera(value: Any, scene: Any, x: Floats, t: npt.ArrayLike) -> Camera:
     """Return the camera for the argument `camera` and states x, shape (frames, rows, columns, 3).
 
     A direction gives a perspective view of the cloth and the spheres near it at all times `t`.
     """
     if isinstance(value, Camera):
         return value
-    direction = direction_of("corner" if value is None else value)
+    direction = view_direction("corner" if value is None else value)
     axes = Camera(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
-    low, high = extremes(scene, x, t, axes)
+    low, high = extremes_along_axes(scene, x, t, axes)
     farthest = max(np.abs(low).max(), np.abs(high).max())
     if not farthest <= FARTHEST:
         raise ValueError(
@@ -222,7 +226,7 @@ def camera_for(value: Any, scene: Any, x: Floats, t: npt.ArrayLike) -> Camera:
         )
     camera = Camera.around(direction, np.stack([low, high]) @ axes)
     distance, middle = DISTANCE * max(camera.width, camera.height), axes @ camera.target
-    parts = (part - middle[:, None] for part in _points(scene, x, t, axes))
+    parts = (part - middle[:, None] for part in _framed_points(scene, x, t, axes))
     sides = np.max(
         [np.abs(places[:2] * distance / (distance - places[2])).max(axis=1) for places in parts],
         axis=0,

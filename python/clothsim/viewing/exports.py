@@ -19,8 +19,8 @@ from ..base.extras import import_from_extra
 from ..base.progress import ProgressBar
 from ..engine.options import Options, cached_plan
 from ..model.mesh import triangles
-from .camera import extremes
-from .picture import file_path
+from .camera import extremes_along_axes
+from .picture import check_file_path
 
 # Suffix -> module of `formats`.
 FORMATS = {".usdc": "usd", ".usda": "usd", ".glb": "gltf"} | dict.fromkeys(
@@ -36,11 +36,11 @@ FARTHEST = 1e38  # m from the origin; files have float32
 VISIBLE, USELESS = 0.1, 1.0
 
 
-def file_and_format(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType]:
+def check_export_path(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType]:
     """Return the file of an export of a run of `scene`, and the module that writes it; `name` names
     `path` in messages.
     """
-    path = file_path(name, path)
+    path = check_file_path(name, path)
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise ValueError(f"{name} must end in one of {', '.join(FORMATS)}, got {str(path)!r}")
@@ -64,7 +64,7 @@ def export(
     """Export a run, as `Run.export` does; its files come to their places once all are complete.
     With `progress`, a bar counts frames.
     """
-    path, module = file_and_format(run.scene, path)
+    path, module = check_export_path(run.scene, path)
     fps = (
         None
         if fps is None
@@ -124,10 +124,10 @@ class Clip:
         if fps is None:
             self.times = np.asarray(run.t - run.t[0])
             steps = np.diff(self.times)
-            self.fps = _rate(steps)
+            self.fps = _frames_per_second(steps)
             self.rate = self.fps
             if self.fps is None and len(steps) > 2 and steps[-1] < steps[0]:
-                self.rate = _rate(steps[:-1])
+                self.rate = _frames_per_second(steps[:-1])
         else:
             self.fps = self.rate = fps
             self.times = np.arange(int(duration * fps * (1 + SAME_TIME)) + 1) / fps
@@ -154,7 +154,7 @@ class Clip:
     def __len__(self) -> int:
         return len(self.times)
 
-    def frames(self) -> Iterator[Frame]:
+    def make_frames(self) -> Iterator[Frame]:
         for k in range(len(self)):
             yield self[k]
             self.advance()
@@ -164,47 +164,49 @@ class Clip:
         if stored >= 0:
             x, v = self._run.x[stored], self._run.v[stored]
         else:
-            x, v = between(self._run, gap, gap + 1, float(self.times[k] + self._run.t[0]))
-        x, v = self._turned(x.reshape(-1, 3)), self._turned(v.reshape(-1, 3))
-        return Frame(k, float(self.times[k]), x, v, self.centers(k))
+            x, v = interpolate_state(self._run, gap, gap + 1, float(self.times[k] + self._run.t[0]))
+        x, v = self._in_axes_of_file(x.reshape(-1, 3)), self._in_axes_of_file(v.reshape(-1, 3))
+        return Frame(k, float(self.times[k]), x, v, self.sphere_centers(k))
 
-    def centers(self, k: int) -> Floats:
+    def sphere_centers(self, k: int) -> Floats:
         """Return the centres of the spheres in frame `k`, shape (spheres, 3) [m]."""
         t = self.times[k] + self._run.t[0]
-        return self._turned(np.array([s.center_at(t) for s in self.spheres]).reshape(-1, 3))
+        return self._in_axes_of_file(
+            np.array([s.center_at(t) for s in self.spheres]).reshape(-1, 3)
+        )
 
-    def name(self, k: int) -> str:
+    def obstacle_name(self, k: int) -> str:
         """Return the name of sphere or plane `k` in files."""
         return f"{type(self.spheres[k]).__name__.lower()}_{k}"
 
     @cached_property
-    def box(self) -> tuple[Floats, Floats]:
+    def bounding_box(self) -> tuple[Floats, Floats]:
         """Lowest and highest place of the cloth and of spheres near it in the whole run."""
-        ends = extremes(self.scene, self._run.x, self._run.t, np.eye(3))
-        low, high = np.sort([self._turned(end) for end in ends], axis=0)
+        ends = extremes_along_axes(self.scene, self._run.x, self._run.t, np.eye(3))
+        low, high = np.sort([self._in_axes_of_file(end) for end in ends], axis=0)
         return low, high
 
-    def normal(self, k: int) -> Floats:
+    def plane_normal(self, k: int) -> Floats:
         """Return the unit normal of a plane."""
-        return self._turned(self.spheres[k].unit_normal)
+        return self._in_axes_of_file(self.spheres[k].unit_normal)
 
-    def depth(self, k: int, places: Floats) -> Floats:
+    def depth_below_obstacle(self, k: int, places: Floats) -> Floats:
         """Return the depth below sphere or plane `k` of places from its centre [m]."""
         radius = self.spheres[k].radius
         return (
-            -(places @ self.normal(k))
+            -(places @ self.plane_normal(k))
             if np.isinf(radius)
             else radius - np.linalg.norm(places, axis=-1)
         )
 
-    def _turned(self, vectors: Floats) -> Floats:
+    def _in_axes_of_file(self, vectors: Floats) -> Floats:
         return (
             np.stack([vectors[..., 0], -vectors[..., 2], vectors[..., 1]], -1)
             if self.z_up
             else vectors
         )
 
-    def normals(self, positions: Floats) -> Floats:
+    def point_normals(self, positions: Floats) -> Floats:
         """Return the unit normals of the mass points: the area-weighted mean of their triangles'
         normals, or y where it is 0.
         """
@@ -217,14 +219,14 @@ class Clip:
         return np.where(length > 0, normals / np.where(length > 0, length, 1.0), [0.0, 1.0, 0.0])
 
 
-def _rate(steps: Floats) -> float | None:
+def _frames_per_second(steps: Floats) -> float | None:
     """Return the frames per second of equal steps [s], else None."""
     if not len(steps) or np.ptp(steps) > EVEN * steps.max():
         return None
     return float(f"{len(steps) / steps.sum():.12g}")
 
 
-def between(run: Any, first: int, second: int, t: float) -> tuple[Floats, Floats]:
+def interpolate_state(run: Any, first: int, second: int, t: float) -> tuple[Floats, Floats]:
     """Return the positions and velocities at a time `t` [s] between two stored frames."""
     begin = float(run.t[first])
     length = float(run.t[second]) - begin
@@ -248,7 +250,8 @@ def _check_interpolation(run: Any, fps: float) -> None:
             f"frames a second, got {len(run.t)} frames; {cure}"
         )
     ways = (
-        between(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k] for k in range(1, len(run.t) - 1)
+        interpolate_state(run, k - 1, k + 1, float(run.t[k]))[0] - run.x[k]
+        for k in range(1, len(run.t) - 1)
     )
     error = max(float(np.linalg.norm(way, axis=-1).max()) for way in ways)
     spacing = min(run.scene.cloth.spacing)

@@ -16,7 +16,7 @@ INK = (40, 40, 40)
 LEAST_WIDTH = 320  # pixels; in a narrower picture the label cannot be read
 
 
-def nice_length(most: float) -> float:
+def round_length(most: float) -> float:
     """Return the largest of 1, 2 and 5 times a power of ten that is at most `most`."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(k * power for k in (1, 2, 5) if k * power <= most * (1 + 1e-9))
@@ -30,7 +30,7 @@ def length_in_words(length: float) -> str:
     return f"{length:g} m"
 
 
-def titled(pixels: Pixels, title: str) -> Pixels:
+def add_title(pixels: Pixels, title: str) -> Pixels:
     """Return the picture below a strip with its title, or as much of it as there is room for."""
     image, pen, fonts = (
         import_from_extra(f"PIL.{name}", "a picture of several runs", "plot")
@@ -49,7 +49,7 @@ def titled(pixels: Pixels, title: str) -> Pixels:
     return np.concatenate([np.asarray(strip), pixels])
 
 
-def labelled(
+def add_label(
     pixels: Pixels, t: float, pixels_per_metre: float, scale: Scale | None, note: str = ""
 ) -> Pixels:
     """Return the picture above a strip that shows the time [s], a length, and the colour scale.
@@ -70,7 +70,7 @@ def labelled(
     if note:
         draw.text((edge, 10 * cell), note, INK, font, anchor="ls")
     draw.text((edge, base), f"t = {t:.4f} s", INK, font, anchor="ls")
-    length = nice_length(0.17 * width / pixels_per_metre)
+    length = round_length(0.17 * width / pixels_per_metre)
     left = 0.26 * width
     right = left + length * pixels_per_metre
     line = max(1, round(0.8 * cell))

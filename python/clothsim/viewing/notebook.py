@@ -18,7 +18,7 @@ from .picture import Picture, picture
 WIDTH = 400  # pixels; beside the lines of a run in a notebook
 
 
-def bundle(text: str, picture: Picture) -> dict[str, Any]:
+def mime_bundle(text: str, picture: Picture) -> dict[str, Any]:
     """Return data by MIME type: HTML of text and picture, and the picture (for nbconvert)."""
     png = b64encode(picture._repr_png_()).decode("ascii")
     html = (
@@ -32,21 +32,23 @@ def bundle(text: str, picture: Picture) -> dict[str, Any]:
 
 
 def run_bundle(run: Run) -> dict[str, Any]:
-    """Return the `bundle` of a run: its text and a picture of its last frame."""
-    return bundle(str(run), run.picture(width=WIDTH))
+    """Return the `mime_bundle` of a run: its text and a picture of its last frame."""
+    return mime_bundle(str(run), run.picture(width=WIDTH))
 
 
 def runs_html(runs: Mapping[str, Run]) -> str:
     """Return the labels and pictures of the last frames, side by side."""
-    cells = (bundle(label, run.picture(width=WIDTH))["text/html"] for label, run in runs.items())
+    cells = (
+        mime_bundle(label, run.picture(width=WIDTH))["text/html"] for label, run in runs.items()
+    )
     box = '<div style="display: inline-block; vertical-align: top"'
     boxes = (cell.replace("inline-block", "block").replace("<div", box) for cell in cells)
     return f"<div>{''.join(boxes)}</div>"
 
 
 def scene_bundle(scene: Scene) -> dict[str, Any]:
-    """Return the `bundle` with the account of a scene's work and a picture of its initial state."""
-    return bundle(str(scene.explain()), picture(scene, width=WIDTH))
+    """Return the `mime_bundle` of a scene: an account of its work, and its initial state."""
+    return mime_bundle(str(scene.explain()), picture(scene, width=WIDTH))
 
 
 class Frame:

@@ -2,7 +2,7 @@
 
 The page uses WebGL directly. A snapshot of k3d shows only one scene, without curves and without
 cloth inside a sphere in red. Everything is inside the file, and its content security policy forbids
-requests. `pack` says how frames are stored.
+requests. `pack_frames` says how frames are stored.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from ..run.difference import Difference
 from ..run.difference import difference as difference_of
 from ..run.result import Run
 from . import raster
-from .camera import DIRECTIONS, Camera, camera_for, reach
-from .label import titled
+from .camera import DIRECTIONS, Camera, distance_to_extremes, make_camera
+from .label import add_title
 from .notebook import Frame, runs_html
-from .picture import PIN_SIZE, Picture, file_path, picture
-from .plots.run import curves
+from .picture import PIN_SIZE, Picture, check_file_path, picture
+from .plots.run import curves_over_frames
 from .plots.style import COLORS
 from .scale import HEAT, TOP_PART, VIRIDIS, point_stretch
 
@@ -81,7 +81,7 @@ class Comparison:
 
     def __init__(self, runs: Mapping[str, Run], difference: bool = False) -> None:
         self.runs, self.difference = dict(runs), difference
-        self._distances = _differences(self.runs) if difference else []
+        self._distances = _differences_to_first(self.runs) if difference else []
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
         """Write one self-contained page that plays the runs side by side, with one slider and their
@@ -90,9 +90,9 @@ class Comparison:
         docs/look.md shows its controls. `title` is the heading, by default the labels. Rounding and
         errors are those of `Run.to_html`.
         """
-        path = file_path("path", path)
+        path = check_file_path("path", path)
         title = " and ".join(self.runs) if title is None else check.instance("title", title, str)
-        return write_bytes(path, self._page(title).encode())
+        return write_bytes(path, self._page_html(title).encode())
 
     def show(self, height: int = 600) -> Frame:
         """Return the page for a notebook cell; `height` is 300 to 4000 pixels."""
@@ -100,7 +100,7 @@ class Comparison:
             " and ".join(self.runs),
             check.integer("height", height, minimum=300, maximum=4000),
         )
-        return Frame(self._page(title), f"<{title}, to be played in a notebook>", height)
+        return Frame(self._page_html(title), f"<{title}, to be played in a notebook>", height)
 
     def picture(
         self, t: float | None = None, path: str | Path | None = None, **style: Any
@@ -112,9 +112,9 @@ class Comparison:
         (Pillow, extra "plot"). `path` is a file to write as well, `style` are further arguments of
         `Run.picture`.
         """
-        path = None if path is None else file_path("path", path)
-        cameras = [camera_for(None, run.scene, run.x, run.t) for run in self.runs.values()]
-        style = {"camera": common_view(cameras), **style}
+        path = None if path is None else check_file_path("path", path)
+        cameras = [make_camera(None, run.scene, run.x, run.t) for run in self.runs.values()]
+        style = {"camera": common_camera(cameras), **style}
         times = (None if t is None else min(t, float(run.t[-1])) for run in self.runs.values())
         images = [run.picture(t=t, **style).pixels for run, t in zip(self.runs.values(), times)]
         height = max(map(len, images))  # the label of a run "as printed" has a further line
@@ -123,13 +123,15 @@ class Comparison:
             for image in images
         ]
         if len(padded) > 1:
-            padded = [titled(image, label) for image, label in zip(padded, self.runs, strict=True)]
+            padded = [
+                add_title(image, label) for image, label in zip(padded, self.runs, strict=True)
+            ]
         joined = Picture(np.concatenate(padded, axis=1))
         if path is not None:
             joined.save(path)
         return joined
 
-    def _page(self, title: str) -> str:
+    def _page_html(self, title: str) -> str:
         return page_text(title, page_body(title, self.runs, self._distances))
 
     def _repr_html_(self) -> str:
@@ -181,7 +183,7 @@ def compare(runs: Mapping[str, Run], *, difference: bool = False) -> Comparison:
     return Comparison(runs, difference)
 
 
-def _differences(runs: Mapping[str, Run]) -> list[Difference]:
+def _differences_to_first(runs: Mapping[str, Run]) -> list[Difference]:
     """Return the differences of the further runs to the first, at all their times."""
     (first, base), *others = runs.items()
     if not others:
@@ -198,7 +200,7 @@ def _differences(runs: Mapping[str, Run]) -> list[Difference]:
     return distances
 
 
-def _title_of(scene: Scene) -> str:
+def _title_of_scene(scene: Scene) -> str:
     """Return the name of a ready scene, or what the scene has."""
     responses = ", ".join(dict.fromkeys(sphere.response for sphere in scene.spheres))
     ready = {
@@ -217,7 +219,7 @@ def comparison_of(run: Run, title: str | None = None) -> Comparison:
     `Run.show`.
     """
     return Comparison(
-        {_title_of(run.scene) if title is None else check.instance("title", title, str): run}
+        {_title_of_scene(run.scene) if title is None else check.instance("title", title, str): run}
     )
 
 
@@ -225,12 +227,12 @@ def page_body(
     title: str, runs: Mapping[str, Run], distances: Sequence[Mapping[str, Any]] = (), more: str = ""
 ) -> str:
     """Return the body of a page that plays runs, with `more` below its controls; `distances` are
-    those of `_differences`.
+    those of `_differences_to_first`.
     """
-    cameras = [camera_for(None, run.scene, run.x, run.t) for run in runs.values()]
-    meta, data = _contents(runs, cameras, distances)
+    cameras = [make_camera(None, run.scene, run.x, run.t) for run in runs.values()]
+    meta, data = _settings_and_frames(runs, cameras, distances)
     posters = [
-        poster(r.scene, r.x[-1], float(r.t[-1]), camera)
+        poster_html(r.scene, r.x[-1], float(r.t[-1]), camera)
         for r, camera in zip(runs.values(), cameras, strict=True)
     ]
     panels = "".join(
@@ -238,27 +240,27 @@ def page_body(
         f"<b>{escape(label) if len(runs) > 1 else ''}</b> "
         f'<span id="says-{k}"></span>'
         f'</figcaption><div class="stage">{posters[k]}<canvas id="canvas-{k}" '
-        f'tabindex="0" role="application" aria-label="{_bodies([runs[label].scene])} of '
+        f'tabindex="0" role="application" aria-label="{_names_of_bodies([runs[label].scene])} of '
         f'{escape(label or title)}. {TURNED_BY}">'
         "</canvas></div></figure>"
         for k, label in enumerate(runs)
     )
     size = len(runs) if len(runs) <= 4 else MOST_RUNS
     return (
-        f"<header><h1>{escape(title)}</h1>{_views()}</header>\n"
+        f"<header><h1>{escape(title)}</h1>{_view_buttons_html()}</header>\n"
         f'<p id="problem" hidden></p>\n<div id="runs" class="of-{size}">{panels}</div>\n'
-        f"{_controls(meta, runs)}{_sparse(runs)}{more}"
-        f'<div id="curves"></div>\n{_help(meta, runs)}\n'
+        f"{_controls_html(meta, runs)}{_note_of_missing_frames(runs)}{more}"
+        f'<div id="curves"></div>\n{_help_html(meta, runs)}\n'
         f"{data}"
-        f'<script type="application/json" id="meta">{json_text(meta)}</script>\n'
+        f'<script type="application/json" id="meta">{json_for_script(meta)}</script>\n'
     )
 
 
 def page_text(title: str, body: str, scripts_after: str = "") -> str:
     """Return a self-contained page that makes no request; `scripts_after` follow its scripts."""
-    code = "\n".join(map(web_file, ("draw.js", "orbit.js", "charts.js", "page.js")))
-    shading, style = json_text(SHADING), web_file("page.css")
-    return fill(
+    code = "\n".join(map(read_web_file, ("draw.js", "orbit.js", "charts.js", "page.js")))
+    shading, style = json_for_script(SHADING), read_web_file("page.css")
+    return fill_web_file(
         "frame.html",
         title=escape(title),
         style=style,
@@ -269,17 +271,17 @@ def page_text(title: str, body: str, scripts_after: str = "") -> str:
     )
 
 
-def web_file(name: str) -> str:
+def read_web_file(name: str) -> str:
     """Return the text of a file of web/."""
     return (files(__package__) / "web" / name).read_text(encoding="utf-8")
 
 
-def fill(name: str, **values: str) -> str:
+def fill_web_file(name: str, **values: str) -> str:
     """Return a file of web/ with its $names replaced."""
-    return Template(web_file(name)).substitute(values)
+    return Template(read_web_file(name)).substitute(values)
 
 
-def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
+def _controls_html(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
     duration = max(float(run.t[-1] - run.t[0]) for run in runs.values())
     usual = max(s for s in SPEEDS if s <= max(min(1.0, duration / SHORTEST), SPEEDS[0]))
     speeds = "".join(
@@ -288,17 +290,17 @@ def _controls(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
         "x</option>"
         for s in SPEEDS
     )
-    below = " or ".join(_kinds([run.scene for run in runs.values()]))
+    below = " or ".join(_obstacle_kinds([run.scene for run in runs.values()]))
     texts = {"depth": f"depth below a {below}", "difference": f"difference to {next(iter(runs))}"}
     modes = "".join(
         f'<option value="{name}">{escape(texts.get(name, name))}</option>'
         for name in ("faces", "stretch", "speed", "depth", "difference")
         if name == "faces" or name in meta["tops"]
     )
-    return fill("controls.html", speeds=speeds, modes=modes)
+    return fill_web_file("controls.html", speeds=speeds, modes=modes)
 
 
-def _sparse(runs: Mapping[str, Run]) -> str:
+def _note_of_missing_frames(runs: Mapping[str, Run]) -> str:
     """Return a sentence where a run has no frames between the first and the last."""
     short = [label for label, run in runs.items() if len(run) <= 2]
     if not short:
@@ -310,7 +312,7 @@ def _sparse(runs: Mapping[str, Run]) -> str:
     )
 
 
-def _views() -> str:
+def _view_buttons_html() -> str:
     buttons = "".join(
         f'<button type="button" data-direction="{json.dumps(DIRECTIONS[name])}">{name}</button>'
         for name in VIEWS
@@ -318,26 +320,26 @@ def _views() -> str:
     return f'<span class="views">view {buttons}</span>'
 
 
-def _kinds(scenes: Sequence[Scene]) -> list[str]:
+def _obstacle_kinds(scenes: Sequence[Scene]) -> list[str]:
     """Return what cloth meets in the scenes: "sphere", "plane", both or nothing."""
     kinds = {obstacle._kind for scene in scenes for obstacle in scene.spheres}
     return sorted(kinds, reverse=True)
 
 
-def _bodies(scenes: Sequence[Scene]) -> str:
+def _names_of_bodies(scenes: Sequence[Scene]) -> str:
     """Return what is drawn of scenes, in words."""
-    *others, last = ["Cloth", *(f"{kind}s" for kind in _kinds(scenes))]
+    *others, last = ["Cloth", *(f"{kind}s" for kind in _obstacle_kinds(scenes))]
     return f"{', '.join(others)} and {last}" if others else last
 
 
-def _help(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
-    below = " or ".join(_kinds([run.scene for run in runs.values()]))
+def _help_html(meta: Mapping[str, Any], runs: Mapping[str, Run]) -> str:
+    below = " or ".join(_obstacle_kinds([run.scene for run in runs.values()]))
     red = f"Red: cloth below the surface of a {below}. " if "depth" in meta["tops"] else ""
     micron = 1e6 * max(run["precision"] for run in meta["runs"])
     return f'<p class="small">{HELP} {red}Positions are stored to {micron:.2g} um.</p>'
 
 
-def _contents(
+def _settings_and_frames(
     runs: Mapping[str, Run], cameras: list[Camera], distances: Sequence[Mapping[str, Any]]
 ) -> tuple[dict[str, Any], str]:
     """Return the settings of the page, and its script elements with the frames."""
@@ -345,7 +347,7 @@ def _contents(
     values["speed"] = [
         np.array([np.linalg.norm(v, axis=-1).ravel() for v in run.v]) for run in runs.values()
     ]
-    lines = [curves(run) for run in runs.values()]
+    lines = [curves_over_frames(run) for run in runs.values()]
     if distances:
         distances_of_runs = [d["distance"].reshape(len(d["t"]), -1) for d in distances]
         values["difference"] = [np.zeros_like(values["speed"][0]), *distances_of_runs]
@@ -365,21 +367,22 @@ def _contents(
     entries = []
     data = ""
     for k, (label, run) in enumerate(runs.items()):
-        packed = pack(
+        packed = pack_frames(
             run.x, [each[k] for each in values.values()], [tops[name]["max"] for name in values]
         )
         base64 = b64encode(packed.data).decode("ascii")
         data += f'<script type="application/octet-stream" id="data-{k}">{base64}</script>\n'
         cloth = run.scene.cloth
         spheres = [
-            as_ball(s, run.t if s.motion else run.t[:1], run.x[0], cloth) for s in run.scene.spheres
+            obstacle_settings(s, run.t if s.motion else run.t[:1], run.x[0], cloth)
+            for s in run.scene.spheres
         ]
         entries.append(
             {
                 "label": label,
                 "data": f"data-{k}",
                 "shape": cloth.shape,
-                "t": _rounded(run.t, 9),
+                "t": _round_for_json(run.t, 9),
                 "low": packed.low.tolist(),
                 "step": packed.step.tolist(),
                 "precision": packed.precision,
@@ -387,18 +390,18 @@ def _contents(
                 "pins": np.flatnonzero(cloth.pinned).tolist(),
                 "dots": [] if min(cloth.shape) > 1 else np.flatnonzero(~cloth.pinned).tolist(),
                 "dotSize": PIN_SIZE * max(cloth.size),
-                "curves": {name: _rounded(values, 6) for name, values in lines[k].items()},
+                "curves": {name: _round_for_json(values, 6) for name, values in lines[k].items()},
             }
         )
     return {
         "tops": tops,
         "names": list(values),
-        "camera": _camera(runs, cameras),
+        "camera": _camera_settings(runs, cameras),
         "runs": entries,
     }, data
 
 
-def common_view(views: list[Camera]) -> Camera:
+def common_camera(views: list[Camera]) -> Camera:
     """Return a view of all of `views`, except far wider ones, beside which the others would be
     small.
     """
@@ -413,10 +416,13 @@ def common_view(views: list[Camera]) -> Camera:
     )
 
 
-def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
+def _camera_settings(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
     """Return the view of the page, and a distance from its target that holds all runs."""
-    view = common_view(views)
-    far = 1.05 * max(reach(run.scene, run.x, run.t, np.array(view.target)) for run in runs.values())
+    view = common_camera(views)
+    far = 1.05 * max(
+        distance_to_extremes(run.scene, run.x, run.t, np.array(view.target))
+        for run in runs.values()
+    )
     return {
         "direction": view.direction,
         "target": view.target,
@@ -426,28 +432,28 @@ def _camera(runs: Mapping[str, Run], views: list[Camera]) -> dict[str, Any]:
     }
 
 
-def poster(scene: Scene, x: np.ndarray, t: float, camera: Camera) -> str:
+def poster_html(scene: Scene, x: np.ndarray, t: float, camera: Camera) -> str:
     """Return a state as a picture, for readers without scripts, WebGL or WebGPU."""
     png = picture(scene, x, t, camera=camera, width=POSTER_WIDTH)._repr_png_()
     return (
-        f'<img alt="{_bodies([scene])} at t = {t:g} s" '
+        f'<img alt="{_names_of_bodies([scene])} at t = {t:g} s" '
         f'src="data:image/png;base64,{b64encode(png).decode("ascii")}">'
     )
 
 
-def _rounded(values: Any, digits: int) -> list[float | None]:
+def _round_for_json(values: Any, digits: int) -> list[float | None]:
     """Return numbers for JSON; numbers that are not finite become null."""
     flat = np.asarray(values, float)
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in flat]
 
 
-def json_text(meta: Mapping[str, Any]) -> str:
+def json_for_script(meta: Mapping[str, Any]) -> str:
     """Return JSON for a script element."""
     # "</script>" in a label would end the element.
     return json.dumps(meta, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-class Packed(NamedTuple):
+class PackedFrames(NamedTuple):
     """`data` holds the frames; `low` and `step` [m] have one entry per axis."""
 
     data: bytes
@@ -460,7 +466,7 @@ class Packed(NamedTuple):
         return float(self.step.max() / 2)
 
 
-def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
+def pack_frames(x: Floats, scalars: list[Floats], tops: list[float]) -> PackedFrames:
     """Pack positions, shape (frames, rows, columns, 3), in 16 bits, and values, shape (frames,
     points), in 8 bits, deflated.
 
@@ -493,25 +499,25 @@ def pack(x: Floats, scalars: list[Floats], tops: list[float]) -> Packed:
             levels = np.round(255 * np.sqrt(np.clip(frame / (top or 1.0), 0, 1))).astype(np.uint8)
             data.append(deflate.compress((levels - last_levels).tobytes()))
             last_levels = levels
-    return Packed(b"".join([*data, deflate.flush()]), low, step)
+    return PackedFrames(b"".join([*data, deflate.flush()]), low, step)
 
 
-def as_ball(sphere: Sphere | Plane, t: Floats, x: Floats, cloth: Cloth) -> dict[str, Any]:
+def obstacle_settings(sphere: Sphere | Plane, t: Floats, x: Floats, cloth: Cloth) -> dict[str, Any]:
     """Return a sphere of the page: radius and centres. A plane becomes a sphere so large that it
     looks flat below the cloth's start, with the directions of its grid's lines.
     """
     radius = sphere.radius
     centers = sphere.center_at(t)
     if not isinstance(sphere, Plane):
-        return {"radius": radius, "centers": [_rounded(c, 15) for c in centers]}
+        return {"radius": radius, "centers": [_round_for_json(c, 15) for c in centers]}
     radius = FLAT * max(cloth.size)
-    lines = raster.lines_of(sphere.unit_normal)
+    lines = raster.grid_directions(sphere.unit_normal)
     # By whole steps to the cloth's start, so that lines of the grid stay where they are.
     step = 10 * raster.PLANE_CELL
     way = lines @ (x.mean(axis=(0, 1)) - sphere.center_at(0.0))
     centers = centers + step * np.round(way / step) @ lines - radius * sphere.unit_normal
     return {
         "radius": radius,
-        "centers": [_rounded(c, 15) for c in centers],
-        "lines": [_rounded(line, 15) for line in lines],
+        "centers": [_round_for_json(c, 15) for c in centers],
+        "lines": [_round_for_json(line, 15) for line in lines],
     }

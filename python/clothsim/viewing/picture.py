@@ -17,10 +17,17 @@ from ..base.extras import import_from_extra
 from ..engine.state import check_start_time
 from ..model.scene import Scene
 from ..run.result import greatest_depths
-from .camera import Camera, camera_for, extremes, eye_of, is_wide, nearest
-from .label import LEAST_WIDTH, Pixels, labelled
+from .camera import (
+    Camera,
+    extremes_along_axes,
+    eye_position,
+    is_wide,
+    make_camera,
+    nearest_place_on_plane,
+)
+from .label import LEAST_WIDTH, Pixels, add_label
 from .raster import CLOTH_FRONT, DARK_SPHERE, GROUND, PIN, SPHERE, Ball, Plane, render
-from .scale import scale_of, values_of
+from .scale import make_scale, point_values
 
 WIDEST = 8192  # pixels; a square picture of this width takes 200 MB
 PIN_SIZE = 0.013  # radius of a drawn pin, as a part of the cloth's longer side
@@ -60,8 +67,8 @@ class Drawing:
                 f"width must be at least {LEAST_WIDTH} with label=True, got {style.width}"
             )
         self.shadow = check.boolean("ground", style.ground)
-        self.planes = _ground(scene, x, t) if self.shadow else []
-        self.camera: Camera = camera_for(style.camera, scene, x, t)
+        self.planes = _make_ground(scene, x, t) if self.shadow else []
+        self.camera: Camera = make_camera(style.camera, scene, x, t)
         height = self.width * self.camera.height / self.camera.width
         if not height <= WIDEST:
             raise ValueError(
@@ -69,20 +76,23 @@ class Drawing:
                 f"width={self.width}, which are {WIDEST} pixels, got height "
                 f"{self.camera.height:g} m and width {self.camera.width:g} m"
             )
-        self.values = values_of(style.color, scene, x, v)
+        self.values = point_values(style.color, scene, x, v)
         self.by_depth = isinstance(style.color, str) and style.color == "depth"
         shown = greatest_depths(scene.spheres, x, t)["triangles"] if self.by_depth else self.values
         if shown is None and style.limits is not None:
             raise ValueError(
                 f'limits must be None with color="faces", got {check.value_text(style.limits)}'
             )
-        self.scale = None if shown is None else scale_of(style.color, shown, style.limits)
+        self.scale = None if shown is None else make_scale(style.color, shown, style.limits)
 
     def pixels(self, k: int) -> Pixels:
         """Return the picture of frame `k`, shape (height, width, 3)."""
         x, t, cloth = self.x[k], float(self.t[k]), self.scene.cloth
         size = PIN_SIZE * max(cloth.size)
-        centers, eye = [s.center_at(t) for s in self.scene.spheres], eye_of(self.camera, self.scene)
+        centers, eye = (
+            [s.center_at(t) for s in self.scene.spheres],
+            eye_position(self.camera, self.scene),
+        )
         balls = [
             Ball(center, s.radius, DARK_SPHERE if self.by_depth else SPHERE)
             for s, center in zip(self.scene.spheres, centers)
@@ -92,7 +102,7 @@ class Drawing:
         shade = DARK_SPHERE if self.by_depth else GROUND
         walls = [
             Plane(
-                nearest(s, self.camera.target, t),
+                nearest_place_on_plane(s, self.camera.target, t),
                 PLANE_REACH * self.camera.width,
                 s.unit_normal,
                 shade,
@@ -125,14 +135,14 @@ class Drawing:
         if not self.label:
             return drawn
         note = "as printed" if any(sphere.as_printed for sphere in self.scene.spheres) else ""
-        return labelled(drawn, t, self.width / self.camera.width, self.scale, note)
+        return add_label(drawn, t, self.width / self.camera.width, self.scale, note)
 
 
-def _ground(scene: Any, x: Floats, t: Floats) -> list[Plane]:
+def _make_ground(scene: Any, x: Floats, t: Floats) -> list[Plane]:
     """Return a ground below all that is framed; none where a wide sphere is ground or wall."""
     if any(is_wide(sphere, scene) for sphere in scene.spheres):
         return []
-    low, high = extremes(scene, x, t, np.eye(3))
+    low, high = extremes_along_axes(scene, x, t, np.eye(3))
     size = float(np.linalg.norm(high - low))
     return [
         Plane(
@@ -175,7 +185,7 @@ class Picture:
         ...     cs.picture(cs.scenes.paper_static(), width=64).save(folder + "/cloth.png").name
         'cloth.png'
         """
-        path = file_path("path", path)
+        path = check_file_path("path", path)
         if path.suffix.lower() == ".png":
             files.write_bytes(path, self._repr_png_())
         else:
@@ -196,7 +206,7 @@ class Picture:
         height, width, _ = self.pixels.shape
         chunks = (
             (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
-            (b"IDAT", b"".join(_compressed(self.pixels.reshape(height, 3 * width)))),
+            (b"IDAT", b"".join(_compress_rows(self.pixels.reshape(height, 3 * width)))),
             (b"IEND", b""),
         )
         packed = (
@@ -214,7 +224,7 @@ class Picture:
         return f"<Picture of {width} x {height} pixels>"
 
 
-def _compressed(rows: Pixels) -> Iterator[bytes]:
+def _compress_rows(rows: Pixels) -> Iterator[bytes]:
     """Return the stream of rows by the filter Sub, which packs pictures of a cloth 3 % better than
     a choice for each row.
     """
@@ -227,7 +237,7 @@ def _compressed(rows: Pixels) -> Iterator[bytes]:
     yield packer.flush()
 
 
-def file_path(name: str, value: Any) -> Path:
+def check_file_path(name: str, value: Any) -> Path:
     """Return `value` as the path of a file in a folder that is there."""
     path = check.path(name, value, "the path of a file")
     if not path.parent.is_dir():
@@ -316,9 +326,9 @@ def picture(
     t = 0.0 if t is None and x is None else check_start_time(t, [scene])
     x = scene.initial_position if x is None else check.array("x", x, (*scene.cloth.shape, 3))
     v = None if v is None else check.array("v", v, (*scene.cloth.shape, 3))[None]
-    path = None if path is None else file_path("path", path)
+    path = None if path is None else check_file_path("path", path)
     style = Style(camera, width, color, limits, label, ground)
-    return _drawn(Drawing(scene, x[None], v, np.array([t]), style), 0, path)
+    return _draw_frame(Drawing(scene, x[None], v, np.array([t]), style), 0, path)
 
 
 def picture_of_run(
@@ -338,17 +348,17 @@ def picture_of_run(
         if frame is None
         else check.integer("frame", frame, minimum=-count, maximum=count - 1) % count
     )
-    path = None if path is None else file_path("path", path)
-    return _drawn(Drawing(run.scene, run.x, run.v, run.t, style_of(style)), k, path)
+    path = None if path is None else check_file_path("path", path)
+    return _draw_frame(Drawing(run.scene, run.x, run.v, run.t, make_style(style)), k, path)
 
 
-def style_of(arguments: Mapping[str, Any]) -> Style:
+def make_style(arguments: Mapping[str, Any]) -> Style:
     """Return the style of `Run.picture` and `Run.animate`, of the names that it has."""
     check.refuse_unknown_arguments("picture", arguments, Style._fields)
     return Style(**arguments)
 
 
-def _drawn(drawing: Drawing, k: int, path: Path | None) -> Picture:
+def _draw_frame(drawing: Drawing, k: int, path: Path | None) -> Picture:
     picture = Picture(drawing.pixels(k))
     if path is not None:
         picture.save(path)

@@ -60,7 +60,7 @@ class Plane(NamedTuple):
     node: npt.ArrayLike | None = None
 
 
-def lines_of(normal: npt.ArrayLike) -> Floats:
+def grid_directions(normal: npt.ArrayLike) -> Floats:
     """Return unit vectors along the lines of a plane's grid, as rows: level, and up the slope."""
     n = np.asarray(normal, float)
     level = np.cross((0.0, 1.0, 0.0), n)
@@ -116,32 +116,32 @@ def render(
         grid_shade=GRID_SHADE,
         plane_grid=(PLANE_CELL, PLANE_LINE, PLANE_SHADE),
         shadow=shadow,
-        depth_colors=[] if depth is None else depth.rgb(),
+        depth_colors=[] if depth is None else depth.stop_colors(),
         depth_range=(0.0, 1.0) if depth is None else (depth.low, depth.high),
     )
     return _core.render(
         view=view,
         shading=shading,
         points=points,
-        screen=_on_screen(points, camera, axes, scale, SAMPLES * width, SAMPLES * height),
-        normals=_normals(points),
+        screen=_project_on_screen(points, camera, axes, scale, SAMPLES * width, SAMPLES * height),
+        normals=_point_normals(points),
         colors=None if colors is None else np.ascontiguousarray(colors, float),
         balls=[[*np.asarray(b.center), b.radius, *b.color, b.solid] for b in balls],
-        planes=[_row_of(plane) for plane in planes],
+        planes=[_plane_values_for_core(plane) for plane in planes],
         threads=threads,
     )
 
 
-def _row_of(plane: Plane) -> list[float]:
+def _plane_values_for_core(plane: Plane) -> list[float]:
     """Return a plane as the core reads it (cpp/bindings/bind_picture.cpp)."""
     grid = np.zeros((3, 3))
     if plane.node is not None:
-        grid = np.vstack([lines_of(plane.normal), plane.node])
+        grid = np.vstack([grid_directions(plane.normal), plane.node])
     values = (plane.point, plane.normal, plane.radius, plane.color, plane.solid, grid)
     return [float(value) for part in values for value in np.ravel(part)]
 
 
-def _on_screen(
+def _project_on_screen(
     points: Floats, camera: Camera, axes: Floats, scale: float, width: int, height: int
 ) -> Floats:
     """Return samples to the right and down, and nearness; see Sheet in cpp/picture/picture.hpp."""
@@ -156,7 +156,7 @@ def _on_screen(
     )
 
 
-def _normals(points: Floats) -> Floats:
+def _point_normals(points: Floats) -> Floats:
     if min(points.shape[:2]) < 2:
         return np.zeros_like(points)
     along_rows, along_columns = np.gradient(points, axis=(0, 1))

@@ -38,7 +38,7 @@ class Scale:
     stops: tuple[str, ...] = VIRIDIS
     open_end: bool = False  # True if a value lies above `high`
 
-    def rgb(self) -> Floats:
+    def stop_colors(self) -> Floats:
         """Return the colours of the stops as RGB in [0, 1]."""
         stops = [[int(stop[k : k + 2], 16) for k in (0, 2, 4)] for stop in self.stops]
         return np.array(stops) / 255
@@ -47,11 +47,11 @@ class Scale:
         """Return the colours of values, shape (..., 3), 0 to 1."""
         part = (np.asarray(values, float) - self.low) / ((self.high - self.low) or 1.0)
         places = np.linspace(0, 1, len(self.stops))
-        colors = np.stack([np.interp(part, places, stop) for stop in self.rgb().T], -1)
+        colors = np.stack([np.interp(part, places, stop) for stop in self.stop_colors().T], -1)
         return np.where(np.isfinite(part)[..., None], colors, UNKNOWN)
 
 
-def values_of(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats | None:
+def point_values(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats | None:
     """Return the value of each mass point, or None where points have none.
 
     States have the shape (frames, rows, columns, 3).
@@ -73,7 +73,7 @@ def values_of(color: Any, scene: Any, x: Floats, v: Floats | None) -> Floats | N
     return np.broadcast_to(values.astype(float), x.shape[:-1])
 
 
-def scale_of(color: Any, values: Floats, limits: Any) -> Scale:
+def make_scale(color: Any, values: Floats, limits: Any) -> Scale:
     """Return the scale of all `values`: between `limits` [SI] if there are any.
 
     Without limits, the scale of a named value begins at 0.

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ...base.build import build_config
 from ..exports import Clip
 from ..raster import CLOTH_FRONT, SPHERE
-from .meshes import surface
+from .meshes import obstacle_mesh
 
 FLOAT, UNSIGNED = 5126, 5125
 VERTICES, INDICES = 34962, 34963
@@ -28,7 +28,7 @@ KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 TILT = 2e-3
 
 
-def linear(color: npt.NDArray[np.float64]) -> tuple[float, float, float]:
+def linear_light_of_color(color: npt.NDArray[np.float64]) -> tuple[float, float, float]:
     """Return an sRGB colour in linear light, as materials have it."""
     red, green, blue = np.where(
         color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4
@@ -36,15 +36,18 @@ def linear(color: npt.NDArray[np.float64]) -> tuple[float, float, float]:
     return red, green, blue
 
 
-MATERIALS = {"cloth": (linear(CLOTH_FRONT), 0.9), "sphere": (linear(SPHERE), 0.5)}
+MATERIALS = {
+    "cloth": (linear_light_of_color(CLOTH_FRONT), 0.9),
+    "sphere": (linear_light_of_color(SPHERE), 0.5),
+}
 """Name -> colour and roughness."""
 
 
 def write(clip: Clip, path: Path) -> list[Path]:
     file = _File()
-    times = file.accessor(clip.times, bounds=True)
-    nodes = [_cloth(file, clip, times)]
-    nodes += [_sphere(file, clip, times, k) for k in range(len(clip.spheres))]
+    times = file.add_accessor(clip.times, bounds=True)
+    nodes = [_add_cloth(file, clip, times)]
+    nodes += [_add_obstacle(file, clip, times, k) for k in range(len(clip.spheres))]
     file.write(path, nodes)
     return [path]
 
@@ -75,11 +78,11 @@ class _File:
         self._parts: list[bytes] = []
         self._length = 0
 
-    def add(self, name: str, entry: dict[str, Any]) -> int:
+    def add_entry(self, name: str, entry: dict[str, Any]) -> int:
         self.json[name].append(entry)
         return len(self.json[name]) - 1
 
-    def accessor(
+    def add_accessor(
         self, values: npt.NDArray[Any], target: int | None = None, bounds: bool = False
     ) -> int:
         """Add an accessor of float32, or of uint32 if `values` are integers; return its number."""
@@ -89,7 +92,7 @@ class _File:
         self._parts.append(data.tobytes())
         self._length += data.nbytes
         entry: dict[str, Any] = {
-            "bufferView": self.add(
+            "bufferView": self.add_entry(
                 "bufferViews", view | ({} if target is None else {"target": target})
             ),
             "componentType": UNSIGNED if is_integer else FLOAT,
@@ -101,9 +104,9 @@ class _File:
                 "min": np.atleast_1d(data.min(axis=0)).tolist(),
                 "max": np.atleast_1d(data.max(axis=0)).tolist(),
             }
-        return self.add("accessors", entry)
+        return self.add_entry("accessors", entry)
 
-    def mesh(
+    def add_mesh(
         self,
         name: str,
         positions: Any,
@@ -113,28 +116,28 @@ class _File:
         targets: Any = None,
     ) -> int:
         attributes = {
-            "POSITION": self.accessor(positions, VERTICES, True),
-            "NORMAL": self.accessor(normals, VERTICES),
+            "POSITION": self.add_accessor(positions, VERTICES, True),
+            "NORMAL": self.add_accessor(normals, VERTICES),
         }
         if uv is not None:
-            attributes["TEXCOORD_0"] = self.accessor(uv, VERTICES)
-        indices = self.accessor(corners.ravel(), INDICES)
+            attributes["TEXCOORD_0"] = self.add_accessor(uv, VERTICES)
+        indices = self.add_accessor(corners.ravel(), INDICES)
         primitive = {
             "attributes": attributes,
             "indices": indices,
             "material": list(MATERIALS).index(name),
         }
         if targets is None:
-            return self.add("meshes", {"name": name, "primitives": [primitive]})
+            return self.add_entry("meshes", {"name": name, "primitives": [primitive]})
         primitive["targets"] = targets
-        return self.add(
+        return self.add_entry(
             "meshes", {"name": name, "primitives": [primitive], "weights": [0.0] * len(targets)}
         )
 
-    def animate(self, node: int, path: str, times: int, values: npt.NDArray[Any]) -> None:
+    def add_animation(self, node: int, path: str, times: int, values: npt.NDArray[Any]) -> None:
         animation = self.json["animations"][0]
         animation["samplers"].append(
-            {"input": times, "output": self.accessor(values), "interpolation": "LINEAR"}
+            {"input": times, "output": self.add_accessor(values), "interpolation": "LINEAR"}
         )
         sampler = len(animation["samplers"]) - 1
         animation["channels"].append({"sampler": sampler, "target": {"node": node, "path": path}})
@@ -153,34 +156,36 @@ class _File:
             file.writelines(self._parts)
 
 
-def _cloth(file: _File, clip: Clip, times: int) -> int:
+def _add_cloth(file: _File, clip: Clip, times: int) -> int:
     """Return the mesh of the first frame. Other frames are added as differences, one at a time."""
     targets: list[dict[str, int]] = []
-    for frame in clip.frames():
-        positions, normals = frame.positions, clip.normals(frame.positions)
+    for frame in clip.make_frames():
+        positions, normals = frame.positions, clip.point_normals(frame.positions)
         if frame.number == 0:
             tilted = normals + TILT * np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
             first = positions, tilted / np.linalg.norm(tilted, axis=-1, keepdims=True)
             continue
-        displacements = file.accessor(positions - first[0], VERTICES, True)
+        displacements = file.add_accessor(positions - first[0], VERTICES, True)
         targets.append(
-            {"POSITION": displacements, "NORMAL": file.accessor(normals - first[1], VERTICES)}
+            {"POSITION": displacements, "NORMAL": file.add_accessor(normals - first[1], VERTICES)}
         )
     # The origin of textures is their upper left corner. glTF has no empty list of targets.
-    mesh = file.mesh("cloth", *first, clip.triangles, clip.uv * [1, -1] + [0, 1], targets or None)
-    node = file.add("nodes", {"name": "cloth", "mesh": mesh})
+    mesh = file.add_mesh(
+        "cloth", *first, clip.triangles, clip.uv * [1, -1] + [0, 1], targets or None
+    )
+    node = file.add_entry("nodes", {"name": "cloth", "mesh": mesh})
     if targets:
-        file.animate(node, "weights", times, np.eye(len(clip), len(targets), -1).ravel())
+        file.add_animation(node, "weights", times, np.eye(len(clip), len(targets), -1).ravel())
     return node
 
 
-def _sphere(file: _File, clip: Clip, times: int, k: int) -> int:
-    vertices, corners, normals, _ = surface(clip, k)
-    mesh = file.mesh("sphere", vertices, normals, corners)
-    centers = np.array([clip.centers(n)[k] for n in range(len(clip))])
-    node = file.add(
-        "nodes", {"name": clip.name(k), "mesh": mesh, "translation": centers[0].tolist()}
+def _add_obstacle(file: _File, clip: Clip, times: int, k: int) -> int:
+    vertices, corners, normals, _ = obstacle_mesh(clip, k)
+    mesh = file.add_mesh("sphere", vertices, normals, corners)
+    centers = np.array([clip.sphere_centers(n)[k] for n in range(len(clip))])
+    node = file.add_entry(
+        "nodes", {"name": clip.obstacle_name(k), "mesh": mesh, "translation": centers[0].tolist()}
     )
     if np.ptp(centers, axis=0).any():
-        file.animate(node, "translation", times, centers)
+        file.add_animation(node, "translation", times, centers)
     return node

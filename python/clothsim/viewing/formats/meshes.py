@@ -37,7 +37,7 @@ class Body(NamedTuple):
 
 
 @cache
-def unit_ball() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
+def unit_ball_mesh() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
     """Return the vertices, which are also the normals, triangles whose normals point outwards, and
     longitude and latitude, 0 to 1.
     """
@@ -60,16 +60,16 @@ def unit_ball() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
     )
 
 
-def surface(clip: Clip, k: int) -> tuple[Floats, npt.NDArray[np.int64], Floats, Floats]:
+def obstacle_mesh(clip: Clip, k: int) -> tuple[Floats, npt.NDArray[np.int64], Floats, Floats]:
     """Return vertices from its centre, triangles, normals and texture coordinates of a sphere, or
     of a square of a plane.
     """
     if not np.isinf(clip.spheres[k].radius):
-        vertices, corners, uv = unit_ball()
+        vertices, corners, uv = unit_ball_mesh()
         return clip.spheres[k].radius * vertices, corners, vertices, uv
-    low, high = clip.box
-    normal = clip.normal(k)
-    middle = (low + high) / 2 - clip.centers(0)[k]
+    low, high = clip.bounding_box
+    normal = clip.plane_normal(k)
+    middle = (low + high) / 2 - clip.sphere_centers(0)[k]
     along = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     along *= PLANE_WIDTH / 2 * (high - low).max() / np.linalg.norm(along)
     sides = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -78,14 +78,14 @@ def surface(clip: Clip, k: int) -> tuple[Floats, npt.NDArray[np.int64], Floats, 
     return vertices, np.array([[0, 1, 2], [0, 2, 3]]), np.tile(normal, (4, 1)), (sides + 1) / 2
 
 
-def bodies(clip: Clip, frame: Frame) -> list[Body]:
+def frame_bodies(clip: Clip, frame: Frame) -> list[Body]:
     """Return the cloth, then the spheres at their places in that frame."""
     meshes = [
-        Body("cloth", frame.positions, clip.triangles, clip.normals(frame.positions), clip.uv)
+        Body("cloth", frame.positions, clip.triangles, clip.point_normals(frame.positions), clip.uv)
     ]
     for k, center in enumerate(frame.centers):
-        vertices, corners, normals, uv = surface(clip, k)
-        meshes.append(Body(clip.name(k), center + vertices, corners, normals, uv))
+        vertices, corners, normals, uv = obstacle_mesh(clip, k)
+        meshes.append(Body(clip.obstacle_name(k), center + vertices, corners, normals, uv))
     return meshes
 
 
@@ -98,8 +98,8 @@ def write(clip: Clip, path: Path) -> list[Path]:
         return _write_pc2(clip, path)
     files = []
     entries = []
-    for frame in clip.frames():
-        meshes = bodies(clip, frame)
+    for frame in clip.make_frames():
+        meshes = frame_bodies(clip, frame)
         for part, body in enumerate(meshes[:1] if suffix == ".obj" else meshes):
             name = f"{path.stem}_{body.name}" if part else path.stem
             files.append(
@@ -108,11 +108,11 @@ def write(clip: Clip, path: Path) -> list[Path]:
                 )
             )
             files[-1].write_bytes(
-                _obj(meshes)
+                _encode_obj(meshes)
                 if suffix == ".obj"
-                else _ply(body)
+                else _encode_ply(body)
                 if suffix == ".ply"
-                else _vtp(clip, frame, body)
+                else _encode_vtp(clip, frame, body)
             )
             entries.append(
                 f'<DataSet timestep="{clip.start + frame.time!r}" part="{part}" '
@@ -135,14 +135,14 @@ def _write_pc2(clip: Clip, path: Path) -> list[Path]:
     with path.open("wb") as file:
         # Signature, version, points, first frame, frames a sample, samples.
         file.write(struct.pack("<12siiffi", b"POINTCACHE2\0", 1, len(clip.uv), 0.0, 1.0, len(clip)))
-        for frame in clip.frames():
+        for frame in clip.make_frames():
             file.write(frame.positions.astype("<f4").tobytes())
     mesh = path.with_suffix(".obj")
-    mesh.write_bytes(_obj(bodies(clip, clip[0])[:1]))
+    mesh.write_bytes(_encode_obj(frame_bodies(clip, clip[0])[:1]))
     return [path, mesh]
 
 
-def _obj(meshes: Sequence[Body]) -> bytes:
+def _encode_obj(meshes: Sequence[Body]) -> bytes:
     """Return a text with 9 digits of a position, which keep all of a float32."""
     lines, first = ["# clothsim, metres\n"], 1
     for body in meshes:
@@ -159,7 +159,7 @@ def _obj(meshes: Sequence[Body]) -> bytes:
     return "".join(lines).encode()
 
 
-def _ply(body: Body) -> bytes:
+def _encode_ply(body: Body) -> bytes:
     """Return binary data, little-endian, float32; texture coordinates have the names that Blender
     reads.
     """
@@ -177,12 +177,12 @@ def _ply(body: Body) -> bytes:
     return head.encode() + vertices.tobytes() + faces.tobytes()
 
 
-def _vtp(clip: Clip, frame: Frame, body: Body) -> bytes:
+def _encode_vtp(clip: Clip, frame: Frame, body: Body) -> bytes:
     """Return PolyData as XML; mass points have velocities, and depths below the
     nearest true surface [m].
     """
 
-    def array(name: str, values: npt.NDArray[np.generic]) -> str:
+    def encode_array(name: str, values: npt.NDArray[np.generic]) -> str:
         """Return values as binary data after their length, both as base64."""
         text = b64encode(struct.pack("<Q", values.nbytes) + values.tobytes()).decode()
         kind, components = (
@@ -198,20 +198,21 @@ def _vtp(clip: Clip, frame: Frame, body: Body) -> bytes:
     data = {"Normals": body.normals, "TCoords": body.uv}
     if body.name == "cloth":
         distances = (
-            clip.depth(k, body.positions - center) for k, center in enumerate(frame.centers)
+            clip.depth_below_obstacle(k, body.positions - center)
+            for k, center in enumerate(frame.centers)
         )
         depth = np.max([np.zeros(len(body.positions)), *distances], axis=0)
         data |= {"velocity": frame.velocities, "depth": depth}
-    point_data = "".join(array(name, values.astype("<f4")) for name, values in data.items())
-    polys = array("connectivity", body.corners.ravel().astype("<i8"))
-    polys += array("offsets", np.arange(3, 3 * len(body.corners) + 3, 3, dtype="<i8"))
+    point_data = "".join(encode_array(name, values.astype("<f4")) for name, values in data.items())
+    polys = encode_array("connectivity", body.corners.ravel().astype("<i8"))
+    polys += encode_array("offsets", np.arange(3, 3 * len(body.corners) + 3, 3, dtype="<i8"))
     return (
         '<?xml version="1.0"?>\n<VTKFile type="PolyData" version="1.0" '
         'byte_order="LittleEndian" header_type="UInt64">\n'
         f'<PolyData>\n<Piece NumberOfPoints="{len(body.positions)}" '
         f'NumberOfPolys="{len(body.corners)}">\n'
         f'<PointData Normals="Normals" TCoords="TCoords">\n{point_data}</PointData>\n'
-        f"<Points>\n{array('Points', body.positions.astype('<f8'))}</Points>\n"
+        f"<Points>\n{encode_array('Points', body.positions.astype('<f8'))}</Points>\n"
         f"<Polys>\n{polys}</Polys>\n"
         "</Piece>\n</PolyData>\n</VTKFile>\n"
     ).encode()

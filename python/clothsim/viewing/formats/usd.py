@@ -11,7 +11,7 @@ import numpy as np
 from ...base.build import build_config
 from ..exports import Clip
 from .gltf import MATERIALS
-from .meshes import surface
+from .meshes import obstacle_mesh
 
 # Time codes a second where frames stand at their own times; codes need not be whole.
 CODES_PER_SECOND = 60.0
@@ -35,14 +35,14 @@ def write(clip: Clip, path: Path) -> list[Path]:
     root = UsdGeom.Xform.Define(stage, "/run").GetPrim()
     stage.SetDefaultPrim(root)
     root.SetCustomDataByKey("scene", json.dumps(clip.scene.to_dict()))
-    mesh = _cloth(stage, clip)
-    moves = [_sphere(stage, clip, k) for k in range(len(clip.spheres))]
-    for frame in clip.frames():
+    mesh = _add_cloth(stage, clip)
+    moves = [_add_obstacle(stage, clip, k) for k in range(len(clip.spheres))]
+    for frame in clip.make_frames():
         code = Usd.TimeCode(codes[frame.number])
         extent = np.stack([frame.positions.min(axis=0), frame.positions.max(axis=0)])
         for attribute, values in (
             (mesh.GetPointsAttr(), frame.positions),
-            (mesh.GetNormalsAttr(), clip.normals(frame.positions)),
+            (mesh.GetNormalsAttr(), clip.point_normals(frame.positions)),
             (mesh.GetVelocitiesAttr(), frame.velocities),
             (mesh.GetExtentAttr(), extent),
         ):
@@ -54,7 +54,7 @@ def write(clip: Clip, path: Path) -> list[Path]:
     return [path]
 
 
-def _mesh(stage: Any, name: str, corners: Any, material: str) -> Any:
+def _add_mesh(stage: Any, name: str, corners: Any, material: str) -> Any:
     """Return a mesh of triangles with a normal at each vertex, so that it appears smooth."""
     from pxr import UsdGeom, Vt
 
@@ -64,14 +64,14 @@ def _mesh(stage: Any, name: str, corners: Any, material: str) -> Any:
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-    _paint(stage, mesh, material)
+    _set_color_of_prim(stage, mesh, material)
     return mesh
 
 
-def _cloth(stage: Any, clip: Clip) -> Any:
+def _add_cloth(stage: Any, clip: Clip) -> Any:
     from pxr import Sdf, UsdGeom, Vt
 
-    mesh = _mesh(stage, "cloth", clip.triangles, "cloth")
+    mesh = _add_mesh(stage, "cloth", clip.triangles, "cloth")
     mesh.CreateDoubleSidedAttr(True)
     coordinates = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
         "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
@@ -80,25 +80,25 @@ def _cloth(stage: Any, clip: Clip) -> Any:
     return mesh
 
 
-def _sphere(stage: Any, clip: Clip, k: int) -> Any:
+def _add_obstacle(stage: Any, clip: Clip, k: int) -> Any:
     """Return the translation of a sphere's mesh, at the sphere's place in the first frame.
     Importers tessellate UsdGeom.Sphere coarsely, each in its own way.
     """
     from pxr import Gf, Vt
 
-    vertices, corners, normals, _ = surface(clip, k)
-    mesh = _mesh(stage, clip.name(k), corners, "sphere")
+    vertices, corners, normals, _ = obstacle_mesh(clip, k)
+    mesh = _add_mesh(stage, clip.obstacle_name(k), corners, "sphere")
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(vertices.astype(np.float32)))
     mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals.astype(np.float32)))
     mesh.CreateExtentAttr(
         [Gf.Vec3f(*end.tolist()) for end in (vertices.min(axis=0), vertices.max(axis=0))]
     )
     move = mesh.AddTranslateOp()
-    move.Set(Gf.Vec3d(*clip.centers(0)[k].tolist()))
+    move.Set(Gf.Vec3d(*clip.sphere_centers(0)[k].tolist()))
     return move
 
 
-def _paint(stage: Any, prim: Any, name: str) -> None:
+def _set_color_of_prim(stage: Any, prim: Any, name: str) -> None:
     """Give a prim a material for renderers, and a colour for viewers that read no materials."""
     from pxr import Gf, Sdf, UsdShade, Vt
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .style import BLACK, HOLLOW, shown_axes
-from .work_precision import look_of
+from .style import BLACK, HOLLOW, axes_to_show
+from .work_precision import style_of_method
 
 if TYPE_CHECKING:
     from ...accuracy.order import Convergence
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 def draw_convergence(result: Convergence, ax: Any = None) -> Any:
     """Draw `Convergence.plot`."""
-    (axes,) = shown_axes(ax)
-    look = look_of(result.integrator)
+    (axes,) = axes_to_show(ax)
+    look = style_of_method(result.integrator)
     dt = result.dt
     good = np.isfinite(result.rms) & (result.rms > 0)
     label = f"{result.integrator}, {result.precision}"

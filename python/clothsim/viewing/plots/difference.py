@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from ...base.text import format_count
-from .style import BLUE, FEW, RED, shown_axes
+from .style import BLUE, FEW, RED, axes_to_show
 
 
 def draw_difference(result: Mapping[str, Any], ax: Any = None) -> Any:
     """Draw `Difference.plot`."""
-    (axes,) = shown_axes(ax)
+    (axes,) = axes_to_show(ax)
     marks: dict[str, Any] = {"marker": "o", "ms": 3} if len(result["t"]) < FEW else {}
     differ = bool((result["max"] > 0).any())
     for key, label, color, dash in (("max", "largest", RED, "-"), ("rms", "rms", BLUE, "--")):

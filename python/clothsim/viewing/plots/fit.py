@@ -10,7 +10,7 @@ import numpy as np
 from ...accuracy.parameters import parameters_of
 from ...model.fields import unit_of_name
 from .points import distant_points
-from .style import BLACK, BLUE, COLORS, GREY, MARKERS, shown_axes, wrapped
+from .style import BLACK, BLUE, COLORS, GREY, MARKERS, axes_to_show, wrap_text
 
 if TYPE_CHECKING:
     from ...accuracy.fit import Fit
@@ -22,11 +22,11 @@ def draw_fit(result: Fit, ax: Any = None) -> Any:
     """Draw `Fit.plot`."""
     names = [name for name, error in result.errors.items() if error > 0]
     if ax is None and len(names) > 1:
-        panels = shown_axes(None, 2, 2, width=12.0, height=8.0)
+        panels = axes_to_show(None, 2, 2, width=12.0, height=8.0)
     elif len(names) > 1:
-        panels = shown_axes(ax, 4)
+        panels = axes_to_show(ax, 4)
     else:
-        panels = shown_axes(ax, 3, width=15.0, height=4.2)
+        panels = axes_to_show(ax, 3, width=15.0, height=4.2)
     _draw_motion(result, panels[0])
     _draw_residuals(result, panels[1])
     _draw_values(result, panels[2])
@@ -73,12 +73,12 @@ def _draw_values(result: Fit, axes: Any) -> None:
     labels = []
     for row, parameter in enumerate(parameters):
         name = parameter.name
-        text = value_text(result.values[name], errors[row], unit_of_name(parameter.field))
+        text = value_with_error(result.values[name], errors[row], unit_of_name(parameter.field))
         labels.append(f"{name}{separator}{text}")
         if not math.isfinite(errors[row]):
             reason = result.report["reasons"][name] or result.report["reason"]
             where = {"transform": axes.get_yaxis_transform(), "ha": "center", "va": "center"}
-            axes.text(0.5, row, wrapped(reason, axes), fontsize="small", **where)
+            axes.text(0.5, row, wrap_text(reason, axes), fontsize="small", **where)
     finite = np.isfinite(parts)
     if finite.any():
         widest = 1.2 * parts[finite].max()
@@ -95,7 +95,7 @@ def _draw_values(result: Fit, axes: Any) -> None:
     axes.set_title("values and errors (one sigma)", fontsize="medium")
 
 
-def value_text(value: float, error: float, unit: str) -> str:
+def value_with_error(value: float, error: float, unit: str) -> str:
     """Return a value and its error with two digits of the error, such as "60.21 ± 0.34 N/m"."""
     if math.isnan(value):
         return "unknown"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .points import distant_points
-from .style import BLUE, COLORS, FEW, MARKERS, RED, shown_axes
+from .style import BLUE, COLORS, FEW, MARKERS, RED, axes_to_show
 
 if TYPE_CHECKING:
     from ...accuracy.solution import Reference
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def draw_reference(result: Reference, ax: Any = None) -> Any:
     """Draw `Reference.plot`."""
-    motion, error = shown_axes(ax, 2, width=11.0, height=4.4)
+    motion, error = axes_to_show(ax, 2, width=11.0, height=4.4)
     sparse = len(result.t) < FEW
     x = result.x.reshape(len(result.t), -1, 3)
     ways = x - x[0]

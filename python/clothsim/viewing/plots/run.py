@@ -12,8 +12,8 @@ from ...base import Floats
 from ...base.extras import import_from_extra
 from ...base.files import replace_when_complete
 from ...model.scene import Scene
-from ..picture import file_path
-from .style import BLACK, BLUE, DPI, FEW, GREEN, RED, legend_beside, tidy
+from ..picture import check_file_path
+from .style import BLACK, BLUE, DPI, FEW, GREEN, RED, put_legend_beside, tidy_axes
 
 # A mass point touches a sphere if it is closer than the contact radius and this part of the
 # spacing. Half of it misses points that bounce while they rest, twice of it counts points that only
@@ -21,7 +21,7 @@ from .style import BLACK, BLUE, DPI, FEW, GREEN, RED, legend_beside, tidy
 TOUCH = 1 / 32
 
 
-def touching(scene: Scene, x: Floats, t: float) -> int:
+def count_touching_points(scene: Scene, x: Floats, t: float) -> int:
     """Return the number of mass points that touch a sphere or are in its layer at the time `t`."""
     touched = np.zeros(scene.cloth.shape, bool)
     for sphere in scene.spheres:
@@ -32,7 +32,7 @@ def touching(scene: Scene, x: Floats, t: float) -> int:
     return int(touched.sum())
 
 
-def curves(run: Any) -> dict[str, Floats]:
+def curves_over_frames(run: Any) -> dict[str, Floats]:
     """Return each curve, shape (frames,).
 
     "kinetic", "elastic", "gravity", "force" and "total" [J]; "stretch" of the most stretched
@@ -43,7 +43,7 @@ def curves(run: Any) -> dict[str, Floats]:
     values: dict[str, Floats] = {**run.energy(), "stretch": run.stretch()["largest"]}
     if run.scene.spheres:
         values |= run.penetration()
-        counts = [touching(run.scene, x, float(t)) for x, t in zip(run.x, run.t)]
+        counts = [count_touching_points(run.scene, x, float(t)) for x, t in zip(run.x, run.t)]
         values["contacts"] = np.array(counts, float)
     return values
 
@@ -69,7 +69,7 @@ LABELS = {"points": "deepest point", "triangles": "deepest triangle"}
 def draw_run(run: Any, path: str | Path | None = None) -> Any:
     """Return the figure of `Run.plot`, which a notebook shows; write it to a `path` too."""
     base = import_from_extra("matplotlib.figure", "run.plot", "plot").Figure
-    path = None if path is None else file_path("path", path)
+    path = None if path is None else check_file_path("path", path)
     formats = base().canvas.get_supported_filetypes()
     if path is not None and path.suffix.lower()[1:] not in formats:
         raise ValueError(
@@ -85,13 +85,13 @@ def draw_run(run: Any, path: str | Path | None = None) -> Any:
             self.savefig(file, dpi=DPI)
             return file.getvalue()
 
-    values = curves(run)
+    values = curves_over_frames(run)
     panels = [panel for panel in PANELS if panel[2][0] in values]
     figure = Plot(figsize=(8, 0.8 + 1.6 * len(panels)), layout="constrained")
     axes = figure.subplots(len(panels), squeeze=False, sharex=True)
     marks: dict[str, Any] = {"marker": "o", "ms": 3} if len(run.t) < FEW else {}
     for panel, (label, scale, names) in zip(axes[:, 0], panels, strict=True):
-        tidy(panel)
+        tidy_axes(panel)
         for name in names:
             color, dash, width = STYLES.get(name, (BLACK, "-", 1.5))
             text = LABELS.get(name, name)
@@ -101,7 +101,7 @@ def draw_run(run: Any, path: str | Path | None = None) -> Any:
         if not any((values[name] < 0).any() for name in names):
             panel.set_ylim(bottom=0)
         if len(names) > 1:
-            legend_beside(panel)
+            put_legend_beside(panel)
     axes[-1, 0].set_xlabel("time [s]")
     figure.align_ylabels()
     if path is not None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .style import BLACK, BLUE, FEW, RED, shown_axes, wrapped
+from .style import BLACK, BLUE, FEW, RED, axes_to_show, wrap_text
 
 _MOST_TICKS = 8  # numbers of rows or columns
 
@@ -19,7 +19,7 @@ def draw_sensitivity(data: Any, ax: Any = None) -> Any:
     which the derivative is largest.
     """
     count = data.sizes["parameter"]
-    panels = shown_axes(ax, 2, count, width=10.0, height=0.6 + 2.5 * count)
+    panels = axes_to_show(ax, 2, count, width=10.0, height=0.6 + 2.5 * count)
     grid = np.array(panels).reshape(count, 2)
     for row, (over_time, over_points) in enumerate(grid):
         parameter = data.isel(parameter=row)
@@ -53,7 +53,7 @@ def _draw_over_time(parameter: Any, length: np.ndarray, axes: Any) -> None:
     if reason:
         end = parameter["known_until"].item()
         axes.axvline(end, color=BLACK, ls=":", lw=1)
-        title = f"{title}\n{wrapped(reason, axes)}"
+        title = f"{title}\n{wrap_text(reason, axes)}"
     axes.set_title(title, fontsize="medium", loc="left")
 
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from .style import BLACK, BLUE, RED, legend_beside, separate_ticks, shown_axes, wrapped
+from .style import BLACK, BLUE, RED, axes_to_show, put_legend_beside, separate_ticks, wrap_text
 
 
 def draw_map(data: Any, ax: Any = None) -> Any:
     """Draw stable and unstable runs over stiffness and time step, and lines of both limits."""
-    (axes,) = shown_axes(ax, width=7, height=5)
+    (axes,) = axes_to_show(ax, width=7, height=5)
     stable = data["stable"].transpose("stiffness", "dt").values
     predicted = data["predicted"].transpose("stiffness", "dt").values
     k, dt = np.meshgrid(data["stiffness"], data["dt"], indexing="ij")
@@ -36,7 +36,7 @@ def draw_map(data: Any, ax: Any = None) -> Any:
         title=title,
     )
     if (~stable & predicted).any():
-        note = wrapped(
+        note = wrap_text(
             "Crosses below the predicted limit: it is that of the initial state, and the cloth "
             "moves on to others",
             axes,
@@ -44,6 +44,6 @@ def draw_map(data: Any, ax: Any = None) -> Any:
         look = {"ha": "center", "va": "bottom", "fontsize": "small"}
         axes.text(0.5, 1.0, note, transform=axes.transAxes, **look)
         axes.set_title(title, pad=8 + 12 * (1 + note.count("\n")))
-    legend_beside(axes)
+    put_legend_beside(axes)
     separate_ticks(axes)
     return axes

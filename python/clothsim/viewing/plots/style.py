@@ -44,7 +44,7 @@ FEW = 20
 """Below this number of points a line has a marker at each."""
 
 
-def style(k: int) -> dict[str, Any]:
+def line_style(k: int) -> dict[str, Any]:
     """Return colour, marker and dash of the line number `k`.
 
     Lines of one colour differ in marker and dash.
@@ -57,7 +57,7 @@ def style(k: int) -> dict[str, Any]:
     }
 
 
-def shown_axes(
+def axes_to_show(
     ax: Any = None,
     columns: int = 1,
     rows: int = 1,
@@ -74,7 +74,7 @@ def shown_axes(
             rows, columns, figsize=size, layout="constrained", squeeze=False, **options
         )
         for axes in grid.flat:
-            tidy(axes)
+            tidy_axes(axes)
         return list(grid.flat)
     panels = list(np.ravel(ax))
     if len(panels) != count or not all(hasattr(axes, "plot") for axes in panels):
@@ -82,13 +82,13 @@ def shown_axes(
     return panels
 
 
-def tidy(axes: Any) -> None:
+def tidy_axes(axes: Any) -> None:
     """Draw a thin grid, and no frame at the top and at the right."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.3)
 
 
-def legend_beside(axes: Any, title: str | None = None) -> None:
+def put_legend_beside(axes: Any, title: str | None = None) -> None:
     """Put the legend to the right of the axes: inside, some line would always be under it."""
     count = len(axes.get_legend_handles_labels()[0])
     axes.legend(
@@ -103,7 +103,7 @@ def legend_beside(axes: Any, title: str | None = None) -> None:
     )
 
 
-def wrapped(text: str, axes: Any) -> str:
+def wrap_text(text: str, axes: Any) -> str:
     """Return a text in lines of small letters that are as wide as the axes at most."""
     inches = axes.get_window_extent().width / axes.figure.dpi
     return fill(text, max(20, int(_LETTERS * inches)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...accuracy.work import OWN
 from ...methods.integrators import METHODS
-from .style import BLACK, GREY, HOLLOW, label_lines, shown_axes, style
+from .style import BLACK, GREY, HOLLOW, axes_to_show, label_lines, line_style
 
 # (control, precision): the dash of a method of this package; others are dashed.
 _DASHES = {
@@ -22,10 +22,10 @@ _DASHES = {
 _NEAR = 1e-3  # of the smallest error, below which the error of the reference is not drawn
 
 
-def look_of(method: str, others: Sequence[str] = ()) -> dict[str, Any]:
+def style_of_method(method: str, others: Sequence[str] = ()) -> dict[str, Any]:
     """Return colour and marker of a method, the same in every plot; others' methods follow ours."""
     names = [*METHODS, *others, method]
-    return {**style(names.index(method)), "ls": "-", "lw": 1.2}
+    return {**line_style(names.index(method)), "ls": "-", "lw": 1.2}
 
 
 def draw_work_precision(data: Any, ax: Any = None) -> Any:
@@ -36,14 +36,14 @@ def draw_work_precision(data: Any, ax: Any = None) -> Any:
     libraries are dashed. Points below the error of the reference are hollow.
     """
     count = 1 if np.size(ax) == 1 and ax is not None else 2
-    panels = shown_axes(ax, count, width=13.0, height=6.4, sharey=True)
+    panels = axes_to_show(ax, count, width=13.0, height=6.4, sharey=True)
     precisions = set(data["precision"].values[data["library"].values == OWN])
     methods = [str(name).removesuffix(" adaptive") for name in data["integrator"].values]
     others = list(dict.fromkeys(name for name in methods if name not in METHODS))
     floor = data.attrs["reference_error_estimate_rms"]
     for m, label in enumerate(map(str, data["solver"].values)):
         solver = data.isel(solver=m)
-        look = look_of(methods[m], others)
+        look = style_of_method(methods[m], others)
         kind = str(solver["control"].values), str(solver["precision"].values)
         look["ls"] = _DASHES[kind] if str(solver["library"].values) == OWN else "--"
         if len(precisions) == 1:
