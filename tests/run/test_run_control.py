@@ -185,7 +185,7 @@ def test_ctrl_c_between_frames_that_follow_each_other_quickly(step):
     with pytest.raises(KeyboardInterrupt):
         recording.run_to_end()
     timer.join()
-    assert 10 < len(recording.trajectory().t) < 100_000
+    assert len(recording.trajectory().t) < 100_000  # The whole run has more frames.
 
 
 @pytest.mark.filterwarnings("ignore::clothsim.StabilityWarning")

@@ -224,7 +224,7 @@ def fit(
         value = problem.parameter_values(best.x)[k]
         rival = Reason.RIVAL.format(other=problem.parameter_values(other)[k], value=value)
         reasons[k] = reasons[k] or rival
-    rates = problem.value_slopes(best.x)
+    rates = problem.derivatives_of_values(best.x)
     values = np.where(
         [bool(reason) for reason in reasons], np.nan, problem.parameter_values(best.x)
     )

@@ -110,7 +110,7 @@ class FitProblem:
         )
         return values
 
-    def value_slopes(self, u: Floats) -> Floats:
+    def derivatives_of_values(self, u: Floats) -> Floats:
         """Return derivatives of the values by the coordinates."""
         slopes: Floats = np.where(self.logarithmic, self.parameter_values(u), self.scales)
         return slopes
@@ -149,7 +149,7 @@ class FitProblem:
 
         They are 0 where a run failed.
         """
-        slopes = self.value_slopes(u) / [parameter.scale for parameter in parameters]
+        slopes = self.derivatives_of_values(u) / [parameter.scale for parameter in parameters]
         return np.nan_to_num(change[:, self.mask[: change.shape[1]]].T * slopes)
 
     def search_minima(self, bar: ProgressBar) -> SearchOutcome:

@@ -56,7 +56,7 @@ class Clock(NamedTuple):
     steps: int = 0
     dt: float = 0.0
 
-    def at(self, steps: int) -> float:
+    def time_after(self, steps: int) -> float:
         """Return the time [s] so many steps from now."""
         return self.origin + float(self.steps + steps) * self.dt
 
@@ -116,7 +116,9 @@ class Simulation:
             return
         self._normals = [
             np.reshape(
-                cached_plan(scene, Options()).normals_towards(middle, origin, self._clock.at(0)),
+                cached_plan(scene, Options()).normals_towards(
+                    middle, origin, self._clock.time_after(0)
+                ),
                 (-1, 3),
             )
             for scene, middle, origin in zip(
@@ -220,7 +222,7 @@ class Simulation:
                 "origins": self._origins.copy(),
                 "normals": np.concatenate(self._normals),
                 "frozen": np.array(self.frozen),
-                "time": clock.at(0),
+                "time": clock.time_after(0),
             }
             return fields | {
                 "clock_origin": clock.origin,
@@ -253,7 +255,7 @@ class Simulation:
 
     @property
     def time(self) -> float:
-        return self._clock.at(0)
+        return self._clock.time_after(0)
 
     @time.setter
     def time(self, time: float) -> None:
@@ -303,7 +305,7 @@ class Simulation:
             if self.frozen[member]:
                 continue
             plan = cached_plan(scene, Options())
-            time = self._clock.at(0)
+            time = self._clock.time_after(0)
             penetrations = [penetration(x[member], s, time) for s in scene.spheres]
             for name in ("points", "triangles"):
                 depth = max((float(depths[name]) for depths in penetrations), default=0.0)
@@ -356,7 +358,7 @@ class Simulation:
         with self._exclusive_access(), Interrupts() as interrupts:
             self._downloaded = False
             if dt != self._clock.dt:
-                self._clock = Clock(self._clock.at(0), 0, dt)
+                self._clock = Clock(self._clock.time_after(0), 0, dt)
             if dt != self._step_set and self._adapter_state:
                 self._adapter_state.set_step(dt, self._stable_dt)
             self._step_set = dt
@@ -397,7 +399,7 @@ class Simulation:
             if bad := self._try_steps(count):
                 if count == 1:
                     kind = "unstable" if bad["obstacle"] < 0 else "passed"
-                    time_of_step = self._clock.at(1)
+                    time_of_step = self._clock.time_after(1)
                     return [_core.Event(kind=kind, **bad, step=total + 1, time=time_of_step)]
                 # Repeated steps give the same bits, so single ones find the one that fails.
                 most = 1
@@ -406,7 +408,7 @@ class Simulation:
             if not self._events and self._adapter_state and self._adapter_state.pinned_inside:
                 member, point = self._adapter_state.pinned_inside
                 place: dict[str, Any] = {"member": member, "point": point}
-                time_of_state = self._clock.at(0)
+                time_of_state = self._clock.time_after(0)
                 event = _core.Event(kind="pinned_inside", **place, step=total, time=time_of_state)
                 self._events.append(event)
             seconds = max(time.monotonic() - start, 1e-9)
@@ -420,7 +422,9 @@ class Simulation:
         `AdapterState.take_steps` found.
         """
         if self._adapter_state:
-            if bad := self._adapter_state.take_steps([self._clock.at(k) for k in range(steps + 1)]):
+            if bad := self._adapter_state.take_steps(
+                [self._clock.time_after(k) for k in range(steps + 1)]
+            ):
                 if steps == 1 and bad["obstacle"] >= 0:
                     bad |= self._deepest_point_and_obstacle(bad["member"])
                     self._downloaded = False
@@ -432,7 +436,7 @@ class Simulation:
                 self.contacts[member] += int(count)
                 extremes = self._extremes[member]
                 if first != NONE and extremes["first_contact"] == math.inf:
-                    extremes["first_contact"] = self._clock.at(int(first))
+                    extremes["first_contact"] = self._clock.time_after(int(first))
         self._clock = self._clock._replace(steps=self._clock.steps + steps)
         return None
 
@@ -445,7 +449,9 @@ class Simulation:
             join_planes(self._downloaded_state(), self._origins), (len(self._scenes), -1, 3)
         )
         depths = _core.contact_depths(
-            cached_plan(scene, Options()), np.ascontiguousarray(x[member]), self._clock.at(1)
+            cached_plan(scene, Options()),
+            np.ascontiguousarray(x[member]),
+            self._clock.time_after(1),
         )
 
         def thickness_passed_and_depth(k: int) -> tuple[bool, float]:
