@@ -330,7 +330,7 @@ py::list watched(SharedSimulation& shared) {
             work.push_back(sums.work);
         }
         py::dict force_work;
-        for (const Engine::Work& work : simulation->member(i).works())
+        for (const Engine::Work& work : simulation->member(i).works_of_forces())
             force_work[py::str(work.force)] = work.work;
         member["force_work"] = force_work;
         member["impulse"] = impulses;

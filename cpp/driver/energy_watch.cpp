@@ -32,7 +32,7 @@ double EnergyWatch::balance(const Engine& engine, const Energy& energy) const {
     double work = 0;
     for (std::size_t s = 0; s < plan_.spheres.size(); ++s)
         if (plan_.spheres[s].penalty()) work += engine.contacts.of(s).work;
-    for (const Engine::Work& of_force : engine.works()) work += of_force.work;
+    for (const Engine::Work& of_force : engine.works_of_forces()) work += of_force.work;
     return energy.total() - work;
 }
 

@@ -99,7 +99,7 @@ std::optional<Outcome> Simulation::call(double time, const Load& load, std::int6
     std::atomic<bool> finite{true};
     each_member(threads, [&](std::size_t i, int team) {
         members_[i]->threads = team;
-        members_[i]->begin_anew();
+        members_[i]->clear_counts();
         if (!load_state(i)) finite = false;
     });
     for (const std::size_t i : all_) {
@@ -229,7 +229,7 @@ void Simulation::each_member_of(const std::vector<std::size_t>& members, int thr
     const std::size_t single_count = members.size() == 1 ? 0 : members.size() - (shared ? left : 0);
     std::atomic<std::size_t> next{0};
     if (single_count > 0)
-        in_team(int(std::min(team, single_count)), [&](int, int) {
+        run_in_team(int(std::min(team, single_count)), [&](int, int) {
             for (std::size_t i; (i = next++) < single_count;) work(members[i], 1);
         });
     for (std::size_t i = single_count; i < members.size(); ++i) work(members[i], threads);
@@ -270,7 +270,7 @@ void Simulation::end_block() {
 
 void Simulation::back_to_start_of_block(std::size_t i) {
     if (!input_) return members_[i]->restore_checkpoint();
-    members_[i]->begin_anew();
+    members_[i]->clear_counts();
     (*input_)(i);
 }
 
@@ -425,7 +425,7 @@ Outcome Simulation::advance(std::int64_t steps, double dt, int threads,
     if (steps > 0 && watched) begin_watches();
     if (steps_in_block_ * points_ > heuristics::point_steps_of_block) end_block();
     Poll poll(interrupted);
-    auto start = poll.asked();
+    auto start = poll.last_question();
     while (outcome.steps < steps) {
         // Blocks end, and states are sampled, at the same steps whatever the clock on the wall
         // says.

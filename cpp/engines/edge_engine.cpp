@@ -192,17 +192,17 @@ EdgeEngine<Real>::EdgeEngine(const Plan& plan, bool in_strips)
     // An unaligned load behind the last vector may read one lane past the last record.
     memory_.assign(layout_.size() + layout_.lanes, Real(0));
     const int all_rows = layout_.strips * cloth.rows;
-    for (int row = 0; layout_.padded() && row < all_rows; ++row)
+    for (int row = 0; layout_.is_padded() && row < all_rows; ++row)
         place_far_away(memory_.data() + row * layout_.row_size(), layout_.vectors, layout_.stride,
                        layout_.lanes);
 
     free_.assign(all_rows * layout_.width(), Real(0));
     if (!cloth.uniform_mass) inverse_mass_.assign(free_.size(), Real(0));
-    row_has_fixed_.assign(std::size_t(all_rows), layout_.padded());
+    row_has_fixed_.assign(std::size_t(all_rows), layout_.is_padded());
     for (int row = 0; row < all_rows; ++row)
         layout_.for_each_column([&](int c, int k, int lane) {
             const int point =
-                row % cloth.rows * cloth.columns + layout_.start(row / cloth.rows) + c;
+                row % cloth.rows * cloth.columns + layout_.first_column_of(row / cloth.rows) + c;
             const std::ptrdiff_t place = row * layout_.width() + k * layout_.lanes + lane;
             free_[place] = Real(cloth.pinned[point] ? 0 : 1);
             row_has_fixed_[row] |= cloth.pinned[point];
@@ -263,7 +263,7 @@ void EdgeEngine<Real>::build_coefficients() {
     whole_vectors_ = int(std::find_if(coefficient_class_.begin(), coefficient_class_.end(),
                                       [](std::uint8_t of_vector) { return of_vector != 0; }) -
                          coefficient_class_.begin());
-    if (layout_.padded()) whole_vectors_ = std::min(whole_vectors_, layout_.vectors - 3);
+    if (layout_.is_padded()) whole_vectors_ = std::min(whole_vectors_, layout_.vectors - 3);
 }
 
 // The kernel adds forces where it divides by masses, so that a cloth without either pays for
@@ -281,7 +281,7 @@ template <class Real>
 void EdgeEngine<Real>::put_forces(const Points& forces, int begin, int end) {
     for (int strip = 0; strip < layout_.strips; ++strip)
         for (int row = begin; row < end; ++row) {
-            const int i = row * columns() + layout_.start(strip);
+            const int i = row * columns() + layout_.first_column_of(strip);
             Real* const to =
                 forces_.data() + 3 * (std::ptrdiff_t(strip) * rows() + row) * layout_.width();
             kernels().write_points(forces.row(i).data(), this->scale_.data() + i,
@@ -416,9 +416,9 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
         ? StageTime::of_end(band.clock.at(before + 1), dt)
         : StageTime::of_stage(band.clock.at(before), dt, s == 2 ? 1 : 0.5);
     const auto [first, last] = band.RowBand::rows(begin, end);
-    const int start = layout_.start(band.strip);
-    const int own = layout_.own(band.strip);
-    const int own_end = layout_.own(band.strip + 1);
+    const int start = layout_.first_column_of(band.strip);
+    const int own = layout_.first_own_column_of(band.strip);
+    const int own_end = layout_.first_own_column_of(band.strip + 1);
     plan_.each_driven_pin(
         time, first * columns(), last * columns(),
         [&](int point, const Vec3& place, const Vec3& velocity) {
@@ -446,9 +446,10 @@ void EdgeEngine<Real>::place_contacts(Band& band) {
     constexpr double weight[] = {1. / 6, 1. / 3, 1. / 3, 1. / 6};
     const double t = band.clock.at(band.step - step_);
     const double dt = band.clock.dt;
-    if (band.step > step_ && !this->obstacles_move()) return this->set_times(t, band.obstacles[0]);
+    if (band.step > step_ && !this->obstacles_move())
+        return this->set_obstacle_times(t, band.obstacles[0]);
     for (int s = 0; s < 4; ++s) {
-        this->place_obstacles(StageTime::of_stage(t, dt, part[s]), force_unit(), weight[s] * dt,
+        this->place_obstacles(StageTime::of_stage(t, dt, part[s]), newton_in_sums(), weight[s] * dt,
                               s == 0, band.obstacles[s]);
         band.stages[s].contacts = this->penalty_rows(band.obstacles[s], this->contacts);
         band.near_rows[s].resize(std::size_t(band.size()));
@@ -545,7 +546,7 @@ void EdgeEngine<Real>::accelerations(double t, double* a) {
     all.end = rows();
     ContactTally sums = this->contacts;
     this->choose_sides(t);
-    this->place_obstacles(StageTime::at_rest(t), force_unit(), 0, false, all.obstacles);
+    this->place_obstacles(StageTime::at_rest(t), newton_in_sums(), 0, false, all.obstacles);
     all.contacts = this->penalty_rows(all.obstacles, sums);
     Barrier single(1);
     this->act(memory_, StageTime::at_rest(t), 0, rows(), single);
@@ -554,10 +555,11 @@ void EdgeEngine<Real>::accelerations(double t, double* a) {
         begin_sweep(memory_.data() + strip * layout_.strip_size(), accelerations.data(), all,
                     strip);
         sweep_rows(0, rows(), all);
-        const int own = layout_.own(strip);
-        const int own_end = layout_.own(strip + 1);
+        const int own = layout_.first_own_column_of(strip);
+        const int own_end = layout_.first_own_column_of(strip + 1);
         std::vector<std::ptrdiff_t> places;  // of columns in a row of accelerations
-        for (int c = own - layout_.start(strip); c < own_end - layout_.start(strip); ++c)
+        for (int c = own - layout_.first_column_of(strip);
+             c < own_end - layout_.first_column_of(strip); ++c)
             places.push_back(c % layout_.vectors * f.acceleration_run + c / layout_.vectors);
         for (int r = 0; r < rows(); ++r) {
             double* to = a + 3 * (std::ptrdiff_t(r) * columns() + own);

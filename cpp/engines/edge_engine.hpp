@@ -31,7 +31,7 @@ protected:  // for cpp/integrators
     // state of a row that is done is not read again.
     void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band, int strip = 0);
     // Returns what a force of 1 N is in the sums of the kernel.
-    double force_unit() const { return coefficient_scale(plan_) / unit_; }
+    double newton_in_sums() const { return coefficient_scale(plan_) / unit_; }
     int sweep_rows(int begin, int end, FieldBand<Real>& band);
 
 private:
@@ -39,7 +39,7 @@ private:
 
     void build_coefficients();
     void make_room_for_forces() override;
-    double unit_of_forces() const override { return unit_; }
+    double unit_of_stored_forces() const override { return unit_; }
     void put_forces(const Points& forces, int begin, int end) override;
     // Returns the bands of a team of threads, strip after strip.
     std::vector<std::unique_ptr<Band>>& bands(int team);

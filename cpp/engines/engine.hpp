@@ -77,11 +77,11 @@ public:
     virtual void accelerations(double t, double* a) = 0;
 
     // Counts begin again, before another state is loaded.
-    void begin_anew() {
+    void clear_counts() {
         contact_responses = 0;
         evaluations = 0;
         watched = {};
-        impulses.begin_anew();
+        impulses.clear_counts();
         contacts.clear();
         std::fill(work_rows.begin(), work_rows.end(), 0.0);
     }
@@ -100,7 +100,7 @@ public:
         std::string force;
         double work;
     };
-    virtual std::vector<Work> works() const = 0;
+    virtual std::vector<Work> works_of_forces() const = 0;
     // The exception that a force has thrown; from then on accelerations are NaN, until it is taken
     // away.
     std::exception_ptr force_failure;

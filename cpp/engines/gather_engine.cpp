@@ -132,7 +132,7 @@ void GatherEngine<Real>::advance(std::int64_t steps, const Clock& clock, int thr
             for (int s = 0; s < 4; ++s) {
                 GatherArguments<Real> stage = stages[s];
                 this->place_obstacles(StageTime::of_stage(clock.at(k - 1), clock.dt, part[s]),
-                                      force_unit(), weight[s] * clock.dt, s == 0, obstacles);
+                                      newton_in_sums(), weight[s] * clock.dt, s == 0, obstacles);
                 stage.contacts = this->penalty_rows(obstacles, this->contacts);
                 for_each_tile(grid_, thread, team, [&](const Tile& tile) { kernel_(stage, tile); });
                 barrier.wait();
@@ -147,7 +147,7 @@ void GatherEngine<Real>::accelerations(double t, double* a) {
     std::vector<PenaltyArguments<Real>> obstacles;
     GatherArguments<Real> g = arguments(Stage::evaluate, 0);
     this->choose_sides(t);
-    this->place_obstacles(StageTime::at_rest(t), force_unit(), 0, false, obstacles);
+    this->place_obstacles(StageTime::at_rest(t), newton_in_sums(), 0, false, obstacles);
     g.contacts = this->penalty_rows(obstacles, sums);
     Barrier single(1);
     this->act(memory_, StageTime::at_rest(t), 0, rows(), single);

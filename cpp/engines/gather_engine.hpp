@@ -46,7 +46,7 @@ protected:  // for cpp/integrators; see EdgeEngine
     FieldLayout field() const;
     void begin_sweep(const Real* state, Real* acceleration, FieldBand<Real>& band);
     int sweep_rows(int begin, int end, FieldBand<Real>& band);
-    double force_unit() const { return coefficient_scale(plan_); }
+    double newton_in_sums() const { return coefficient_scale(plan_); }
 
 private:
     void build_coefficients();

@@ -353,7 +353,7 @@ private:
         ContactTally& other_sums = end ? end_contacts_ : step_contacts_;
         ContactTally& sums = first ? first_contacts_ : other_sums;
         if (first || end) sums.clear_rows(band.begin, band.end);
-        this->place_obstacles(time, this->force_unit(), weight, first || end, band.obstacles);
+        this->place_obstacles(time, this->newton_in_sums(), weight, first || end, band.obstacles);
         band.contacts = this->penalty_rows(band.obstacles, sums);
     }
     // Adds the forces that the kernels do not compute. Their power is kept as contacts are.

@@ -129,7 +129,7 @@ public:
                            [](const Sphere& sphere) { return !sphere.penalty(); });
     }
     bool has_penalty() const final { return !penalty_.empty(); }
-    std::vector<Work> works() const final {
+    std::vector<Work> works_of_forces() const final {
         std::vector<Work> works;
         auto row = work_rows.begin();
         for (const Acting& acting : acting_) {
@@ -284,7 +284,7 @@ protected:
                 sums.obstacle(),  sums.lanes(),          nullptr};
     }
     // Sets the same obstacles, which stand still, to the state of another step.
-    void set_times(double t, std::vector<PenaltyArguments<Real>>& obstacles) const {
+    void set_obstacle_times(double t, std::vector<PenaltyArguments<Real>>& obstacles) const {
         for (PenaltyArguments<Real>& p : obstacles) p.time = t;
     }
     // Returns whether a contact takes energy from the cloth by its speed.
@@ -339,14 +339,14 @@ protected:
     // unit [m/s^2].
     virtual void make_room_for_forces() = 0;
     virtual void put_forces(const Points& forces, int begin, int end) = 0;
-    virtual double unit_of_forces() const { return 1; }
+    virtual double unit_of_stored_forces() const { return 1; }
     const double* constant_row(int first_point) const {
         return plan_.has_force() ? constant_.row(first_point).data() : nullptr;
     }
     bool has_forces() const { return plan_.has_force() || !acting_.empty(); }
     void apply_constant_force() {
         make_room_for_forces();
-        const double unit = unit_of_forces();
+        const double unit = unit_of_stored_forces();
         constant_.resize(plan_.cloth.points(), 3);
         scale_.resize(std::size_t(plan_.cloth.points()));
         for (int i = 0; i < plan_.cloth.points(); ++i) {
@@ -517,13 +517,13 @@ private:
     bool finite() const {
         const Spans all = layout_.state_spans();
         std::atomic<bool> is{true};
-        in_parts(all.count, int(std::min<std::ptrdiff_t>(parts(), all.count)),
-                 [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-                     const Real* const first =
-                         memory_.data() + layout_.first() + begin * all.stride;
-                     if (!kernels().all_finite(first, Spans{end - begin, all.size, all.stride}))
-                         is = false;
-                 });
+        run_in_parts(all.count, int(std::min<std::ptrdiff_t>(parts(), all.count)),
+                     [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+                         const Real* const first =
+                             memory_.data() + layout_.first() + begin * all.stride;
+                         if (!kernels().all_finite(first, Spans{end - begin, all.size, all.stride}))
+                             is = false;
+                     });
         return is;
     }
     // Returns the threads for copies: the team of the steps, in whose caches the state is, or one.
@@ -546,7 +546,7 @@ private:
     bool load_any(double t, const In* x, const In* v) {
         origin_ = compensated ? far_origin(x) : Vec3(Vec3::Zero());
         state_known_ = false;
-        in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+        run_in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
             for (int r = int(begin); r < int(end); ++r) {
                 put_row(x + std::ptrdiff_t(r) * 3 * columns(), r, 0, origin_);
                 put_row(v + std::ptrdiff_t(r) * 3 * columns(), r, 3, Vec3::Zero());
@@ -558,7 +558,7 @@ private:
     }
     template <class Out>
     void store_any(Out* x, Out* v) const {
-        in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+        run_in_parts(rows(), parts(), [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
             for (int r = int(begin); r < int(end); ++r) {
                 if (x) take_row(r, 0, origin_, x + std::ptrdiff_t(r) * 3 * columns());
                 if (v) take_row(r, 3, Vec3::Zero(), v + std::ptrdiff_t(r) * 3 * columns());

@@ -36,7 +36,7 @@ constexpr int components = 6;  // x, y, z, and those of the velocity
 struct Planes {
     double* first;
     std::ptrdiff_t stride;
-    double* at(int k) const { return first + k * stride; }
+    double* plane(int k) const { return first + k * stride; }
 };
 
 struct Air {
@@ -117,7 +117,7 @@ public:
     void act(const Cloth& cloth, const ForceState& state, int begin, int end,
              double* force) const override {
         const int columns = cloth.columns;
-        const Air air = at(state.time);
+        const Air air = air_at(state.time);
         const std::ptrdiff_t stride = columns + 2;
         std::vector<double> memory(std::size_t((2 * components + 6) * stride), 0.0);
         double* upper = memory.data();
@@ -153,7 +153,7 @@ public:
 
     void each_damping(const Cloth& cloth, const ForceState& state,
                       const AddDerivative& add) const override {
-        const Air air = at(state.time);
+        const Air air = air_at(state.time);
         const auto point = [&](const double* of, int i) {
             return Vec3(of + 3 * std::ptrdiff_t(i));
         };
@@ -188,7 +188,7 @@ public:
     }
 
 private:
-    Air at(const StageTime& time) const {
+    Air air_at(const StageTime& time) const {
         Air air{};
         const Vec3 gust = motion.at(time.t, time.inside).velocity;
         for (int k = 0; k < 3; ++k) air.velocity[k] = values[std::size_t(k)] + gust[k];

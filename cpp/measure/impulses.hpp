@@ -42,11 +42,11 @@ public:
             all += Vec3(sum[0], sum[1], sum[2]);
         return all;
     }
-    void begin_anew() { std::fill(sums_.begin(), sums_.end(), 0.0); }
+    void clear_counts() { std::fill(sums_.begin(), sums_.end(), 0.0); }
     const std::vector<double>& sums() const { return sums_; }
     // Go on from the sums of a cloth of this shape. Spheres that had none begin at 0.
     void continue_from(const std::vector<double>& sums) {
-        begin_anew();
+        clear_counts();
         std::copy_n(sums.begin(), std::min(sums.size(), sums_.size()), sums_.begin());
     }
 

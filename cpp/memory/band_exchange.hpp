@@ -48,8 +48,8 @@ struct NeighbouringBand : RowBand {
     }
     void signal_near(int version) { signal(at_near.version, version); }
     void signal_far(int version) { signal(at_far.version, version); }
-    void wait_near(int version) const { wait_for(near->at_near.version, version); }
-    void wait_far(int version) const { wait_for(far->at_far.version, version); }
+    void wait_near(int version) const { wait_until(near->at_near.version, version); }
+    void wait_far(int version) const { wait_until(far->at_far.version, version); }
 };
 
 // The bands of a team.

@@ -29,7 +29,7 @@ public:
         return stopped_.load(std::memory_order_relaxed);
     }
     bool is_asker() const { return std::this_thread::get_id() == asker_; }
-    std::chrono::steady_clock::time_point asked() const { return asked_; }
+    std::chrono::steady_clock::time_point last_question() const { return asked_; }
 
 private:
     const std::function<bool()>& interrupted_;

@@ -13,11 +13,11 @@ class StripHalos {
 public:
     explicit StripHalos(const TransposedLayout& layout) : lanes_(layout.lanes) {
         for (int s = 1; s < layout.strips; ++s) {
-            const int begin = layout.start(s);
-            const int end = layout.start(s - 1) + layout.window;
-            Border border{layout.own(s) - begin, {}, {}};
+            const int begin = layout.first_column_of(s);
+            const int end = layout.first_column_of(s - 1) + layout.window;
+            Border border{layout.first_own_column_of(s) - begin, {}, {}};
             for (int c = begin; c < end; ++c) {
-                border.places[0].push_back(layout.in_record(c - layout.start(s - 1)));
+                border.places[0].push_back(layout.in_record(c - layout.first_column_of(s - 1)));
                 border.places[1].push_back(layout.in_record(c - begin));
             }
             for (auto& values : border.values)

@@ -57,7 +57,7 @@ void pause_threads() {}
 
 #endif
 
-void wait_long(const std::atomic<int>& counter, int value) {
+void sleep_until(const std::atomic<int>& counter, int value) {
     while (!has_reached(counter, value)) std::this_thread::sleep_for(heuristics::sleep_of_waiting);
 }
 

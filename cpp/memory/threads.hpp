@@ -36,12 +36,12 @@ inline bool has_reached(const std::atomic<int>& counter, int value) {
     return int(unsigned(value) - unsigned(counter.load(std::memory_order_acquire))) <= 0;
 }
 // Sleeps until a counter is there.
-void wait_long(const std::atomic<int>& counter, int value);
+void sleep_until(const std::atomic<int>& counter, int value);
 // Looks often before it sleeps.
-inline void wait_for(const std::atomic<int>& counter, int value) {
+inline void wait_until(const std::atomic<int>& counter, int value) {
     for (int look = 0; look < heuristics::looks_before_sleep; ++look, pause_briefly())
         if (has_reached(counter, value)) return;
-    wait_long(counter, value);
+    sleep_until(counter, value);
 }
 inline void signal(std::atomic<int>& counter, int value) {
     counter.store(value, std::memory_order_release);
@@ -56,7 +56,7 @@ public:
         // The last one is still to come.
         const int previous = opened_.load(std::memory_order_relaxed);
         if (arrived_.fetch_add(1, std::memory_order_acq_rel) + 1 < team_)
-            return wait_for(opened_, previous + 1);
+            return wait_until(opened_, previous + 1);
         arrived_.store(0, std::memory_order_relaxed);
         signal(opened_, previous + 1);
     }
@@ -73,7 +73,7 @@ void run_team(int team, const std::function<void(int)>& work);
 
 // Calls `work(thread, team)` on at most `most` threads.
 template <class Work>
-void in_team(int most, Work work) {
+void run_in_team(int most, Work work) {
     const int team = granted_threads(most);
     run_team(team, [&](int thread) { work(thread, team); });
 }
@@ -81,8 +81,8 @@ void in_team(int most, Work work) {
 // Calls `work(begin, end)` for parts of [0, count) of about equal size, on at most `most`
 // threads.
 template <class Work>
-void in_parts(std::ptrdiff_t count, int most, Work work) {
-    in_team(most, [&](int thread, int team) {
+void run_in_parts(std::ptrdiff_t count, int most, Work work) {
+    run_in_team(most, [&](int thread, int team) {
         work(count * thread / team, count * (thread + 1) / team);
     });
 }

@@ -36,22 +36,24 @@ struct TransposedLayout {
     // Lays a cloth out in strips of about `strip_columns` columns; 0: in a single one.
     TransposedLayout(const Cloth& cloth, int lanes, bool compensated, int strip_columns)
         : rows(cloth.rows), columns(cloth.columns), strips(1), window(cloth.columns), lanes(lanes) {
-        if (strip_columns > 0 && columns > strip_columns + 2 * halo_columns) cut(strip_columns);
+        if (strip_columns > 0 && columns > strip_columns + 2 * halo_columns)
+            choose_strip_columns(strip_columns);
         vectors = std::max(2, (window + lanes - 1) / lanes);
         stride = StateRecord::count * lanes;
         parts = compensated ? 2 : 1;
         for (int s = 0; s < strips; ++s)
-            for (int c = own(s); c < own(s + 1); ++c)
-                column_place.push_back(s * strip_size() + in_record(c - start(s)));
+            for (int c = first_own_column_of(s); c < first_own_column_of(s + 1); ++c)
+                column_place.push_back(s * strip_size() + in_record(c - first_column_of(s)));
     }
     // The first returns the first column of a strip's window; the second the first of those that
     // are its own.
-    int start(int strip) const {
+    int first_column_of(int strip) const {
         return strips == 1 ? 0 : int(std::int64_t(strip) * (columns - window) / (strips - 1));
     }
-    int own(int strip) const {
+    int first_own_column_of(int strip) const {
         if (strip == 0) return 0;
-        return strip == strips ? columns : (start(strip) + start(strip - 1) + window) / 2;
+        return strip == strips ? columns
+                               : (first_column_of(strip) + first_column_of(strip - 1) + window) / 2;
     }
 
     std::ptrdiff_t row_size() const { return parts * vectors * stride; }
@@ -88,10 +90,10 @@ struct TransposedLayout {
             for (int k = 0; k < vectors && c < window; ++k, ++c) visit(c, k, lane);
     }
     std::ptrdiff_t width() const { return vectors * lanes; }
-    bool padded() const { return window != width(); }  // rows end within a vector
+    bool is_padded() const { return window != width(); }  // rows end within a vector
 
 private:
-    void cut(int strip_columns) {
+    void choose_strip_columns(int strip_columns) {
         constexpr int overlap = 2 * halo_columns;
         strips = (columns - overlap + strip_columns - 1) / strip_columns;
         // A window has whole vectors, so that no row has padding.

@@ -21,7 +21,7 @@ constexpr double ambient_in_shadow = 0.5;
 constexpr double least_facing = 0.05;
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
-double smooth(double part) {
+double smooth_step(double part) {
     part = std::clamp(part, 0.0, 1.0);
     return part * part * (3 - 2 * part);
 }
@@ -47,16 +47,16 @@ Triple penetration_color(const Shading& shading, double depth) {
     return (1 - part) * shading.depth_colors[k] + part * shading.depth_colors[k + 1];
 }
 
-double below(const Ball& ball, const Triple& point) {
+double depth_below(const Ball& ball, const Triple& point) {
     const Triple way = point - ball.center;
     return ball.solid ? ball.radius - std::sqrt(dot(way, way)) : 0.0;
 }
-double below(const Plane& plane, const Triple& point) {
+double depth_below(const Plane& plane, const Triple& point) {
     return plane.solid ? dot(plane.point - point, plane.normal) : 0.0;
 }
 
 // An array of three numbers a point, at a sample.
-Triple blend(const Triple& w, const double* values, const Facet& facet) {
+Triple blend_corners(const Triple& w, const double* values, const Facet& facet) {
     Triple sum;
     const double *const a = values + 3 * facet.corners[0], *const b = values + 3 * facet.corners[1],
                         *const c = values + 3 * facet.corners[2];
@@ -153,7 +153,7 @@ public:
     // Metres above a sheet at which it does not shade itself where the light grazes it.
     double slack() const { return heights_.empty() ? 0.0 : map_slack / view_.scale; }
     // Part of the light that reaches a point, 0 to 1. A ball throws no shadow on itself.
-    double lit(const Triple& point, const Ball* on = nullptr) const {
+    double lit_part(const Triple& point, const Ball* on = nullptr) const {
         if (!picture_.shading.shadow) return 1;
         double lit = heights_.empty() ? 1.0 : light_past_sheet(point);
         for (const Ball& ball : picture_.balls) {
@@ -162,8 +162,8 @@ public:
             const double towards = dot(way, picture_.shading.key);
             if (towards <= 0) continue;
             const double beside = std::sqrt(std::max(dot(way, way) - towards * towards, 0.0));
-            lit =
-                std::min(lit, smooth(0.5 + 0.5 * (beside - ball.radius) / (light_size * towards)));
+            lit = std::min(
+                lit, smooth_step(0.5 + 0.5 * (beside - ball.radius) / (light_size * towards)));
         }
         return lit;
     }
@@ -214,10 +214,10 @@ public:
     }
 
     // Draw the tile of that number into the picture's pixels. Whether it has come to its end.
-    bool draw(int number, Poll& poll, std::uint8_t* pixels) {
+    bool draw_tile(int number, Poll& poll, std::uint8_t* pixels) {
         box_ = bins_.tile(number);
         if (!nearest_.find(picture_.sheet, bins_, number, poll)) return false;
-        std::fill(color_.begin(), color_.end(), rounded(shading_.background));
+        std::fill(color_.begin(), color_.end(), to_bytes(shading_.background));
         if (!nearest_.facets.empty()) each_pixel(box_, [&](int x, int y) { paint_sheet(x, y); });
         for (std::size_t k = 0; k < boxes_.size(); ++k) {
             const Box& of = boxes_[k];
@@ -225,12 +225,12 @@ public:
                        [&](int x, int y) { paint_ball(picture_.balls[k], x, y); });
         }
         for (const Plane& plane : picture_.planes) paint_plane(plane);
-        store(pixels);
+        write_pixels(pixels);
         return true;
     }
 
 private:
-    static std::array<float, 3> rounded(const Triple& color) {
+    static std::array<float, 3> to_bytes(const Triple& color) {
         return {float(color[0]), float(color[1]), float(color[2])};
     }
     template <class Paint>
@@ -262,7 +262,7 @@ private:
                        0.5 * view_.rows() - end(center[1], -1), whole);
     }
 
-    Triple weights(const Facet& facet, int column, int row) const {
+    Triple corner_weights(const Facet& facet, int column, int row) const {
         const double x = column + 0.5 - facet.x;
         const double y = row + 0.5 - facet.y;
         const double b = facet.b(x, y);
@@ -280,31 +280,32 @@ private:
         each_sample(x, y, [&](std::size_t i, int column, int row) {
             if (nearest_.facet[i] < 0) return;
             const Facet& facet = nearest_.facets[std::size_t(nearest_.facet[i])];
-            const Triple w = weights(facet, column, row),
+            const Triple w = corner_weights(facet, column, row),
                          to_eye = view_.ray(column + 0.5, row + 0.5).to_eye;
-            const Triple point = blend(w, sheet.points, facet);
-            Triple normal = blend(w, sheet.normals, facet);
+            const Triple point = blend_corners(w, sheet.points, facet);
+            Triple normal = blend_corners(w, sheet.normals, facet);
             const double facing = dot(normal, to_eye);
             const double side = facing >= 0 ? 1.0 : -1.0;
             const double factor = side / std::max(std::sqrt(dot(normal, normal)), 1e-300);
             normal = factor * normal;
             Triple color = side > 0 ? shading_.front : shading_.back;
-            if (sheet.colors) color = blend(w, sheet.colors, facet);
+            if (sheet.colors) color = blend_corners(w, sheet.colors, facet);
             if (!shading_.depth_colors.empty()) {
                 double depth = 0;
-                for (const Ball& ball : picture_.balls) depth = std::max(depth, below(ball, point));
+                for (const Ball& ball : picture_.balls)
+                    depth = std::max(depth, depth_below(ball, point));
                 for (const Plane& plane : picture_.planes)
-                    depth = std::max(depth, below(plane, point));
+                    depth = std::max(depth, depth_below(plane, point));
                 color = penetration_color(shading_, depth);
             }
-            if (std::isnan(lit)) lit = shadow_.lit(point + shadow_.slack() * normal);
+            if (std::isnan(lit)) lit = shadow_.lit_part(point + shadow_.slack() * normal);
             const auto near = [&](double part) {  // to a line of the grid, in cells
                 return part < shading_.grid_line || part > 1 - shading_.grid_line;
             };
             // Two of a triangle's weights are places along and down its cell.
             const bool line = facet.lower ? near(w[0]) || near(w[1]) : near(w[1]) || near(w[2]);
             const double light = light_on(shading_, normal, factor * facing, lit);
-            color_[i] = rounded(((line ? shading_.grid_shade : 1.0) * light) * color);
+            color_[i] = to_bytes(((line ? shading_.grid_shade : 1.0) * light) * color);
         });
     }
 
@@ -314,8 +315,9 @@ private:
                                   int column, int row) const {
         if (!body.solid || nearest_.facet[sample] < 0) return color;
         const Facet& facet = nearest_.facets[std::size_t(nearest_.facet[sample])];
-        const Triple point = blend(weights(facet, column, row), picture_.sheet.points, facet);
-        const double under = below(body, point) - view_.slack();
+        const Triple point =
+            blend_corners(corner_weights(facet, column, row), picture_.sheet.points, facet);
+        const double under = depth_below(body, point) - view_.slack();
         if (!(under > 0)) return color;
         if (!shading_.depth_colors.empty()) return penetration_color(shading_, under);
         const double red = shading_.least_red +
@@ -340,18 +342,18 @@ private:
             const double nearness =
                 view_.nearness(ray, way + view_.slack() / std::max(facing, least_facing));
             if (!(nearness > nearest_.nearness[i])) return;
-            if (std::isnan(lit)) lit = shadow_.lit(ball.center + ball.radius * normal, &ball);
+            if (std::isnan(lit)) lit = shadow_.lit_part(ball.center + ball.radius * normal, &ball);
             const Triple color = light_on(shading_, normal, facing, lit) * ball.color;
             // Cloth in the far half of the ball is not what the eye sees.
-            color_[i] = rounded(nearest_.nearness[i] < middle
-                                    ? color
-                                    : color_with_cloth_below(color, ball, i, column, row));
+            color_[i] = to_bytes(nearest_.nearness[i] < middle
+                                     ? color
+                                     : color_with_cloth_below(color, ball, i, column, row));
             nearest_.nearness[i] = nearness;
         });
     }
 
     // Brightness of a plane over that of a level one.
-    double tone_of(const Triple& normal) const {
+    double brightness_of_plane(const Triple& normal) const {
         const double level = light_on(shading_, {0.0, 1.0, 0.0}, 0.0, 1.0);
         return 1 - plane_tone * (1 - light_on(shading_, normal, 0.0, 1.0) / level);
     }
@@ -401,7 +403,7 @@ private:
                 view_.to_world({away / length * right, away / length * up,
                                 view_.perspective() ? length - away : nearness});
         };
-        const double tone = tone_of(plane.normal);
+        const double tone = brightness_of_plane(plane.normal);
         const bool grid = dot(plane.lines[0], plane.lines[0]) > 0;
         each_pixel(box_, [&](int x, int y) {
             double lit = unknown;
@@ -415,8 +417,9 @@ private:
                 if (std::isnan(lit)) {
                     const Triple point = place_at(right, up);
                     const Triple way = point - plane.point;
-                    const double drawn = smooth(2 * (1 - std::sqrt(dot(way, way)) / plane.radius));
-                    lit = drawn > 0 ? shadow_.lit(point) : 1.0;
+                    const double drawn =
+                        smooth_step(2 * (1 - std::sqrt(dot(way, way)) / plane.radius));
+                    lit = drawn > 0 ? shadow_.lit_part(point) : 1.0;
                     double shade = tone * (1 - (1 - plane_in_shadow) * (1 - lit));
                     if (grid && drawn > 0)
                         shade *= 1 -
@@ -425,14 +428,14 @@ private:
                                                place_at(right, up + pixel) - point);
                     color = (shade * drawn) * plane.color + (1 - drawn) * shading_.background;
                 }
-                color_[i] = rounded(color_with_cloth_below(color, plane, i, column, row));
+                color_[i] = to_bytes(color_with_cloth_below(color, plane, i, column, row));
                 nearest_.nearness[i] = nearness;
             });
         });
     }
 
     // The mean of a pixel's samples.
-    void store(std::uint8_t* pixels) const {
+    void write_pixels(std::uint8_t* pixels) const {
         const float factor = 255.0f / float(samples * samples);
         each_pixel(box_, [&](int x, int y) {
             std::array<float, 3> sum{};
@@ -468,9 +471,10 @@ bool render(const Picture& picture, int threads, const std::function<bool()>& in
     if (poll.stopped()) return false;
     std::vector<Tile> tiles(std::size_t(threads), Tile(picture, bins, shadow));
     std::atomic<int> next{0};
-    in_team(threads, [&](int thread, int) {
+    run_in_team(threads, [&](int thread, int) {
         Tile& tile = tiles[std::size_t(thread)];
-        for (int n = next++; n < bins.count() && tile.draw(n, poll, pixels); n = next++) continue;
+        for (int n = next++; n < bins.count() && tile.draw_tile(n, poll, pixels); n = next++)
+            continue;
     });
     return !poll.stopped();
 }

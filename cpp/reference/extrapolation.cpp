@@ -68,7 +68,7 @@ void accelerations(const System& system, const State& state, const Real& t, doub
         a[k] = cloth.pinned[k / 3] ? 0 : a[k] / cloth.mass[k / 3] + system.scene.gravity[k % 3];
 }
 
-void drive(const System& system, State& state, const Real& t, double inside) {
+void place_pins_of_state(const System& system, State& state, const Real& t, double inside) {
     place_pins(system.scene.driven_pins, system.scene.pin_motions, t, inside, state.x, state.v);
 }
 
@@ -95,11 +95,11 @@ void midpoint(const System& system, const State& y, const Values& a0, const Real
     const double inside(t + H / 2);
     w.previous = y;
     move(w.here, y, y.v, a0, h);
-    drive(system, w.here, t + h, inside);
+    place_pins_of_state(system, w.here, t + h, inside);
     for (int i = 1; i < n; ++i) {
         accelerations(system, w.here, t + i * h, inside, w.a);
         move(w.after, w.previous, w.here.v, w.a, 2 * h);
-        drive(system, w.after, t + (i + 1) * h, inside);
+        place_pins_of_state(system, w.after, t + (i + 1) * h, inside);
         std::swap(w.previous, w.here);
         std::swap(w.here, w.after);
     }
@@ -109,7 +109,7 @@ void midpoint(const System& system, const State& y, const Values& a0, const Real
         result.x[k] = (result.x[k] + w.here.x[k]) / 2;
         result.v[k] = (result.v[k] + w.here.v[k]) / 2;
     }
-    drive(system, result, t + H, inside);
+    place_pins_of_state(system, result, t + H, inside);
 }
 
 // table[k] holds T(k, k - j) after sweep j of Aitken and Neville for substeps 2, 4, 6, ... The last
@@ -181,11 +181,11 @@ Extrapolation extrapolate(const Scene& scene, const std::vector<double>& times,
             if (result.interrupted) return result;
             // The remaining way is taken in equal parts, so that no sliver is left for the end.
             const Real step = (target - t) / std::ceil(double(target - t) / H);
-            drive(system, y, t, double(t + step / 2));
+            place_pins_of_state(system, y, t, double(t + step / 2));
             accelerations(system, y, t, double(t + step / 2), a0);
             // The longest come first: what is left at the end is short.
             std::atomic<int> next{columns};
-            in_team(settings.threads, [&](int, int) {
+            run_in_team(settings.threads, [&](int, int) {
                 for (int k; (k = --next) >= 0;)
                     midpoint(system, y, a0, t, step, 2 * (k + 1), room[k], table[k]);
             });
@@ -201,7 +201,7 @@ Extrapolation extrapolate(const Scene& scene, const std::vector<double>& times,
             H = double(step) * std::clamp(error > 0 ? growth : 4.0, 0.2, 4.0);
             if (H < smallest && double(target - t) > 0) return result;
         }
-        drive(system, y, t, double(t) + smallest);
+        place_pins_of_state(system, y, t, double(t) + smallest);
         for (std::size_t k = 0; k < size; ++k) {
             x.push_back(double(y.x[k]));
             v.push_back(double(y.v[k]));

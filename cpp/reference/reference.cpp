@@ -152,36 +152,38 @@ void collide(const Scene& scene, Points& x, Points& v, double t, double dt) {
 
 // Returns a time in the piece that counts: where a velocity jumps at an end of the step, the one
 // within the step.
-double inside(double t0, double dt, double part) {
+double time_inside_step(double t0, double dt, double part) {
     return t0 + std::clamp(part, 1e-6, 1 - 1e-6) * dt;
 }
 
 // Driven pins are where their motion has them at the time of every stage: t0 + part of the step.
-void drive(const Scene& scene, Points& x, Points& v, double t0, double dt, double part) {
-    place_pins(scene.driven_pins, scene.pin_motions, t0 + part * dt, inside(t0, dt, part), x.data(),
-               v.data());
+void place_pins_of_stage(const Scene& scene, Points& x, Points& v, double t0, double dt,
+                         double part) {
+    place_pins(scene.driven_pins, scene.pin_motions, t0 + part * dt, time_inside_step(t0, dt, part),
+               x.data(), v.data());
 }
 
 // Takes a step of RK4.
 void advance(const Scene& scene, const std::vector<Spring>& list, Points& x, Points& v, double t0,
              double dt) {
     const auto slope = [&](const Points& at, const Points& velocity, double part) {
-        return accelerations(scene, list, at, velocity, t0 + part * dt, inside(t0, dt, part));
+        return accelerations(scene, list, at, velocity, t0 + part * dt,
+                             time_inside_step(t0, dt, part));
     };
-    drive(scene, x, v, t0, dt, 0);
+    place_pins_of_stage(scene, x, v, t0, dt, 0);
     const Points v1 = v;
     const Points a1 = slope(x, v1, 0);
     Points x2 = x + dt / 2 * v1;
     Points v2 = v + dt / 2 * a1;
-    drive(scene, x2, v2, t0, dt, 0.5);
+    place_pins_of_stage(scene, x2, v2, t0, dt, 0.5);
     const Points a2 = slope(x2, v2, 0.5);
     Points x3 = x + dt / 2 * v2;
     Points v3 = v + dt / 2 * a2;
-    drive(scene, x3, v3, t0, dt, 0.5);
+    place_pins_of_stage(scene, x3, v3, t0, dt, 0.5);
     const Points a3 = slope(x3, v3, 0.5);
     Points x4 = x + dt * v3;
     Points v4 = v + dt * a3;
-    drive(scene, x4, v4, t0, dt, 1);
+    place_pins_of_stage(scene, x4, v4, t0, dt, 1);
     const Points a4 = slope(x4, v4, 1);
     x += dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4);
     v += dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4);
@@ -223,7 +225,7 @@ bool step(const Scene& scene, Points& x, Points& v, double dt, std::int64_t step
         const double t1 = t + double(n + 1) * dt;
         if (as_printed) advance_as_printed(scene, list, x, v, t0, dt);
         else advance(scene, list, x, v, t0, dt);
-        drive(scene, x, v, t1, dt, 0);
+        place_pins_of_stage(scene, x, v, t1, dt, 0);
         collide(scene, x, v, t1, dt);
     }
     return true;

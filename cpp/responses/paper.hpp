@@ -186,7 +186,7 @@ public:
             std::atomic<std::int64_t> count{0};
             std::atomic<bool> changed{false};
             of_parts.assign(std::size_t(parts), {});
-            in_team(parts, [&](int thread, int team) {
+            run_in_team(parts, [&](int thread, int team) {
                 std::vector<int>& near = of_parts[std::size_t(thread)];
                 std::int64_t responses = 0;
                 bool has_changed = false;

@@ -111,7 +111,7 @@ struct Turns {
     static constexpr int finishing = std::min(all.finishing_turn, count - 1);
     // Returns the turn in which the last of these becomes a force; the first turn if there are
     // none.
-    static constexpr int after(Legs wanted) {
+    static constexpr int turn_of_force(Legs wanted) {
         int turn = 0;
         for (int i = 0; i < legs; ++i)
             if (wanted >> order[std::size_t(i)] & 1) turn = i + all.to_force;
@@ -223,7 +223,7 @@ class RowPass {
     // Adds up sums for the rows below that a turn completes.
     template <int turn, bool first>
     CLOTHSIM_INLINE void send_down(Column& c) {
-        constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
+        constexpr auto complete = [](Legs legs) { return turn == Order::turn_of_force(legs); };
         if constexpr (complete(1u << down)) {
             c.straight = c.f[down];
             if constexpr (set.bend) c.straight = c.straight + load3<V>(received_2_ + c.vector, W);
@@ -243,7 +243,7 @@ class RowPass {
     // Adds up sums for the points of the row that a turn completes.
     template <int turn, bool first>
     CLOTHSIM_INLINE void sum_own(Column& c) {
-        constexpr auto complete = [](Legs legs) { return turn == Order::after(legs); };
+        constexpr auto complete = [](Legs legs) { return turn == Order::turn_of_force(legs); };
         if constexpr (complete(downs)) c.behind = set.bend ? c.f[down] + c.f[down_2] : c.f[down];
         if constexpr (complete(downs | diagonals))
             c.before = load3<V>(received_ + c.vector, W) - (c.behind + c.pair);
