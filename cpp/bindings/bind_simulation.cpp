@@ -41,7 +41,7 @@ public:
         environment_ = kernel_environment();
     }
     // Return whether the environment would choose the same kernels now.
-    bool current() const { return environment_ == kernel_environment(); }
+    bool has_current_kernels() const { return environment_ == kernel_environment(); }
 
 private:
     Simulation simulation_;
@@ -551,7 +551,7 @@ void bind_simulation(py::module_& m) {
         .def(py::init<const std::vector<Plan>&, double, int>())
         .def("load", &load<double>, exact, exact, py::arg() = py::none())
         .def("load", &load<float>, exact, exact, py::arg() = py::none())
-        .def_property_readonly("current", &S::current)
+        .def_property_readonly("has_current_kernels", &S::has_current_kernels)
         .def_property_readonly("instruction_set",
                                [](S& s) { return s.use()->plan(0).kernels->name; })
         .def("set_scene", &S::set_scene)

@@ -125,7 +125,7 @@ struct EdgeEngine<Real>::Band : NeighbouringBand {
     // Returns the number of a step's stage, counted over all steps.
     std::int64_t version_of_stage(int stage) const { return 4 * step + stage; }
 
-    std::ptrdiff_t work_stride() const { return WorkRecord::count * engine->layout_.lanes; }
+    std::ptrdiff_t work_record_size() const { return WorkRecord::count * engine->layout_.lanes; }
     const Real* source(Stage stage, int row) const {
         return stage == Stage::first ? rows[std::size_t(row)].state : rows[std::size_t(row)].work;
     }
@@ -340,7 +340,7 @@ auto EdgeEngine<Real>::bands(int team) -> std::vector<std::unique_ptr<Band>>& {
             band->workspace->scratch.assign(4 * scratch_size(), Real(0));
             band->workspace->rows.assign(ring * work_row + layout_.lanes, Real(0));
             place_far_away(band->workspace->rows.data(), ring * layout_.vectors,
-                           band->work_stride(), layout_.lanes);
+                           band->work_record_size(), layout_.lanes);
         } else {
             band->workspace = bands[i - std::size_t(team)]->workspace;
         }
@@ -431,7 +431,8 @@ void EdgeEngine<Real>::end_pins(Band& band, int s, int begin, int end) {
             } else if (in_window >= 0 && in_window < layout_.window) {
                 const int i = band.upwards ? band.end - 1 - row : row - band.begin;
                 Real* const work = band.rows[std::size_t(i)].work +
-                    in_window % layout_.vectors * band.work_stride() + in_window / layout_.vectors;
+                    in_window % layout_.vectors * band.work_record_size() +
+                    in_window / layout_.vectors;
                 for (int k = 0; k < 3; ++k) {
                     work[k * layout_.lanes] = Real(place[k] - this->origin_[k]);
                     work[(3 + k) * layout_.lanes] = Real(velocity[k]);

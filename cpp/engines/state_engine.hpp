@@ -280,8 +280,8 @@ protected:
     }
     static PenaltyRows<Real> penalty_rows(const std::vector<PenaltyArguments<Real>>& obstacles,
                                           ContactTally& sums) {
-        return {obstacles.data(), int(obstacles.size()), sums.data(), sums.row(),
-                sums.obstacle(),  sums.lanes(),          nullptr};
+        return {obstacles.data(),     int(obstacles.size()), sums.data(), sums.row_size(),
+                sums.obstacle_size(), sums.lanes(),          nullptr};
     }
     // Sets the same obstacles, which stand still, to the state of another step.
     void set_obstacle_times(double t, std::vector<PenaltyArguments<Real>>& obstacles) const {

@@ -29,8 +29,8 @@ public:
     bool empty() const { return values_.empty(); }
     int lanes() const { return lanes_; }
     double* data() { return values_.data(); }
-    std::ptrdiff_t row() const { return groups_ * size(); }
-    std::ptrdiff_t obstacle() const { return rows_ * row(); }
+    std::ptrdiff_t row_size() const { return groups_ * size(); }
+    std::ptrdiff_t obstacle_size() const { return rows_ * row_size(); }
 
     void clear() { std::fill(values_.begin(), values_.end(), 0.0); }
     void clear_rows(int begin, int end) {
@@ -71,7 +71,7 @@ public:
     }
     // Return the first record of a row, for the scalar integrators.
     double* record(std::size_t obstacle, int at) {
-        return values_.data() + std::ptrdiff_t(obstacle) * this->obstacle() + at * row();
+        return values_.data() + std::ptrdiff_t(obstacle) * obstacle_size() + at * row_size();
     }
     // Add a force times a duration, at the velocity of the obstacle.
     void add(double* record, const Vec3& impulse, const Vec3& velocity) const {
@@ -89,7 +89,7 @@ public:
     ContactSums of(std::size_t obstacle) const {
         ContactSums all;
         if (empty()) return all;
-        const double* record = values_.data() + std::ptrdiff_t(obstacle) * this->obstacle();
+        const double* record = values_.data() + std::ptrdiff_t(obstacle) * obstacle_size();
         const auto sum = [&](int field) {
             double total = 0;
             for (int i = 0; i < lanes_; ++i) total += record[field * lanes_ + i];
@@ -136,9 +136,9 @@ private:
     std::ptrdiff_t size() const { return ContactRecord::size(lanes_); }
     std::ptrdiff_t tail() const { return ContactRecord::tail * lanes_; }
     template <class Visit>
-    void each_record(int begin, int end, Visit visit) {
-        for (std::ptrdiff_t at = 0; at < std::ptrdiff_t(values_.size()); at += obstacle())
-            for (std::ptrdiff_t b = begin * row(); b < end * row(); b += size())
+    void each_record(int begin_row, int end_row, Visit visit) {
+        for (std::ptrdiff_t at = 0; at < std::ptrdiff_t(values_.size()); at += obstacle_size())
+            for (std::ptrdiff_t b = begin_row * row_size(); b < end_row * row_size(); b += size())
                 visit(values_.data() + at + b);
     }
 

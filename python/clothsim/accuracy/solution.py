@@ -233,8 +233,8 @@ def _make_reference(scene: Scene, times: tuple[float, ...], force: Force | None)
             "(penetration, energy)"
         )
     options: dict[str, Any] = {"threads": threads, "force": force}
-    x, v = extrapolate_states(free, stops, **_TRUSTED, **options)
-    control, _ = extrapolate_states(free, stops, **_CONTROL, **options)
+    x, v = extrapolate_motion(free, stops, **_TRUSTED, **options)
+    control, _ = extrapolate_motion(free, stops, **_CONTROL, **options)
     double = double or solve_in_double(free, stops, threads, force)
     if double.finest.reason:
         raise ArithmeticError(f"no reference: {double.finest.reason}")
@@ -362,7 +362,7 @@ def solve_in_double(
     return DoubleSolution(finest.x[0], changes, finest)
 
 
-def extrapolate_states(
+def extrapolate_motion(
     scene: Scene,
     times: list[float],
     *,

@@ -456,8 +456,7 @@ class State:
 
     def compute_acceleration(self, x: FloatArray, v: FloatArray, t: Any, out: Any) -> FloatArray:
         """Do a call of `acceleration`, with float arrays of the shape and type of this state."""
-        core = self.core
-        assert isinstance(core, _core.Simulation)  # no call asks an adapter for accelerations
+        core = self._core_of_processor("acceleration needs backend 'cpu'")
         time = check_start_time(t, self.scenes)
         result: FloatArray = np.empty(self.shape) if out is None else out
         check_out_array("out", result, self.shape, np.dtype(np.float64))
@@ -597,7 +596,10 @@ class State:
         self, steps: Any, dt: Any, targets: dict[int, npt.NDArray[np.float64]]
     ) -> None:
         """Advance while spheres travel straight to their targets [m]; there they rest."""
-        begin = self.core.time
+        core = self._core_of_processor(
+            "centers must be None with backend 'gpu'; backend='cpu' moves spheres by hand"
+        )
+        begin = core.time
         steps, dt = self._check_steps(steps, dt, begin)
         starts = {k: [scene.spheres[k].center_at(begin) for scene in self.scenes] for k in targets}
         speeds = {}
@@ -616,7 +618,7 @@ class State:
             try:
                 for k in targets:
                     origins = [x - begin * v for x, v in zip(starts[k], speeds[k])]
-                    self.core.set_sphere(k, origins, motions[k])
+                    core.set_sphere(k, origins, motions[k])
                 self._advance_in_pieces(steps, dt, interrupts)
                 arrived = True
             finally:  # where a step has failed, spheres are on their way
@@ -626,7 +628,7 @@ class State:
                     ends = [
                         target if arrived else x + seconds * v for x, v in zip(starts[k], speeds[k])
                     ]
-                    self.core.set_sphere(k, ends, [_core.Motion()] * len(ends))
+                    core.set_sphere(k, ends, [_core.Motion()] * len(ends))
                     scenes = [
                         scene.replace(
                             spheres=[
@@ -654,11 +656,20 @@ class State:
 
     def set_force(self, force: FloatArray) -> None:
         """Set the force on each point [N], float64, of the shape of the state."""
+        core = self._core_of_processor(
+            "set_force needs backend 'cpu': the compute shader has no force on points"
+        )
         members = force if self.batched else force[None]
         scenes = [scene.replace(force=field) for scene, field in zip(self.scenes, members)]
         with Interrupts():  # the core and its record change together
-            self.core.set_force(force)
+            core.set_force(force)
             self._keep_scenes(scenes)
+
+    def _core_of_processor(self, refusal: str) -> _core.Simulation:
+        """Return the core; a ValueError refuses what the adapter does not have."""
+        if not isinstance(self.core, _core.Simulation):
+            raise ValueError(refusal)
+        return self.core
 
     def _keep_scenes(self, scenes: list[Scene]) -> None:
         """Take over scenes that the core has already."""

@@ -86,7 +86,7 @@ def _take_or_make_state(
                 spares = kinds[key]
                 while True:
                     state = spares.pop()
-                    if not state.core.current:  # CLOTHSIM_ISA has changed.
+                    if not state.core.has_current_kernels:  # CLOTHSIM_ISA has changed.
                         continue
                     if not batched:
                         state.scenes.extend([scene] * (len(x) if x.ndim == 4 else 1))

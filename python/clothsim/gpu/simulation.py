@@ -68,7 +68,7 @@ class Simulation:
         self.device = devices.open_device()
         self.adapter = self.device.adapter
         self.instruction_set = str(self.adapter)
-        self.current = True  # no environment chooses other kernels
+        self.has_current_kernels = True  # no environment chooses other kernels
         if precision == "double" and not self.device.float64:
             raise ValueError(
                 f"precision must be 'single' on the graphics adapter {self.adapter.name}, "
@@ -260,14 +260,6 @@ class Simulation:
     @time.setter
     def time(self, time: float) -> None:
         self._clock = Clock(time)
-
-    def set_sphere(self, sphere: int, centers: Any, motions: Any) -> None:
-        raise ValueError(
-            "centers must be None with backend 'gpu'; backend='cpu' moves spheres by hand"
-        )
-
-    def set_force(self, force: np.ndarray) -> None:
-        raise ValueError("set_force needs backend 'cpu': the compute shader has no force on points")
 
     def set_stable_dt(self, stable_dt: Sequence[float]) -> None:
         """Set each member's stable time step [s]. The core checks speeds only above this step."""

@@ -244,7 +244,7 @@ class Obstacle(Record):
         """Return the heights over the surface of places at a `displacement` from the centre [m]."""
         raise NotImplementedError
 
-    def _measuring_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
+    def _normal_at_measuring_place(self, gravity: Numbers, x: Floats | None) -> Floats:
         """Return the normal at the place from which the core measures points of a cloth at `x`."""
         raise NotImplementedError
 
@@ -391,7 +391,7 @@ class Sphere(Obstacle):
     def _heights_over_surface(self, displacement: Floats) -> Floats:
         return np.asarray(np.linalg.norm(displacement, axis=-1) - self.radius)
 
-    def _measuring_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
+    def _normal_at_measuring_place(self, gravity: Numbers, x: Floats | None) -> Floats:
         """Return the direction against gravity; with "penalty" that to the middle of the cloth."""
         if x is not None and self.response == "penalty":
             displacement = x.mean(axis=(0, 1)) - self.center_at(0.0)
@@ -494,7 +494,7 @@ class Plane(Obstacle):
     def _heights_over_surface(self, displacement: Floats) -> Floats:
         return np.asarray(displacement @ self.unit_normal)
 
-    def _measuring_normal(self, gravity: Numbers, x: Floats | None) -> Floats:
+    def _normal_at_measuring_place(self, gravity: Numbers, x: Floats | None) -> Floats:
         normal = self.unit_normal
         return np.asarray(normal / np.linalg.norm(normal))
 

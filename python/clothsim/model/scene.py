@@ -339,9 +339,9 @@ def core_sphere(sphere: Sphere | Plane, scene: Scene | None = None) -> _core.Sph
     offset = 0.0
     layer: dict[str, float] = {}
     if scene is None:
-        normal = sphere._measuring_normal((0.0, 0.0, 0.0), None)
+        normal = sphere._normal_at_measuring_place((0.0, 0.0, 0.0), None)
     else:
-        normal = sphere._measuring_normal(scene.gravity, scene.initial_position)
+        normal = sphere._normal_at_measuring_place(scene.gravity, scene.initial_position)
         offset = sphere.offset_length(scene.cloth)
         if sphere.response == "penalty":
             speed = sphere.motion.largest_speed if sphere.motion else 0.0

@@ -55,7 +55,7 @@ def suggest_kind(dataset: Any) -> str:
         return "convergence"
     by_outcome = (
         "dt" in dataset.dims
-        and len(_dimensions_with_lines(dataset)) > 1
+        and len(_dimensions_with_several_values(dataset)) > 1
         and not {*TELLING[:3]} & {*dataset.data_vars}
     )
     return "stability" if by_outcome else "heatmap"
@@ -77,7 +77,7 @@ def draw_error(dataset: Any, along: str | None = None, ax: Any = None) -> Any:
     control = _error_dimension(dataset) or "dt"
     _require_variable_and_dimension(dataset, "error", control)
     along = _choose_other_dimension(
-        dataset, along, [d for d in _dimensions_with_lines(dataset) if d != control]
+        dataset, along, [d for d in _dimensions_with_several_values(dataset) if d != control]
     )
     dataset = _reduce_to_dimensions(dataset, control, along)
     (ax,) = axes_to_show(ax)
@@ -142,7 +142,7 @@ def draw_stability(dataset: Any, y: str | None = None, ax: Any = None) -> Any:
     """
     _require_variable_and_dimension(dataset, "status", "dt")
     y = _choose_other_dimension(
-        dataset, y, [d for d in _dimensions_with_lines(dataset) if d != "dt"]
+        dataset, y, [d for d in _dimensions_with_several_values(dataset) if d != "dt"]
     )
     if y is None:
         raise ValueError("y must be a dimension beside dt, this sweep has none")
@@ -186,7 +186,7 @@ def draw_heatmap(
     variable = check.choice(
         "variable", variable or _telling_metric(dataset), list(dataset.data_vars)
     )
-    free = [d for d in _dimensions_with_lines(dataset) if d not in (x, y)]
+    free = [d for d in _dimensions_with_several_values(dataset) if d not in (x, y)]
     x = x or (free.pop(0) if free else None)
     y = y or (free.pop(0) if free else None)
     if x is None:
@@ -308,7 +308,7 @@ def _grid_dimensions(dataset: Any) -> list[str]:
     return [str(d) for d in dataset["status"].dims]
 
 
-def _dimensions_with_lines(dataset: Any) -> list[str]:
+def _dimensions_with_several_values(dataset: Any) -> list[str]:
     """Return the dimensions of the grid with more than one value."""
     return [d for d in _grid_dimensions(dataset) if dataset.sizes[d] > 1]
 
