@@ -67,9 +67,9 @@ inline __attribute__((always_inline)) void press(const double (&a)[6], const dou
 
 // Computes the forces on both triangles of each cell between two rows.
 CLOTHSIM_VERSIONS
-void press_cells(const double* __restrict upper, const double* __restrict lower,
-                 std::ptrdiff_t stride, int cells, const Air& of_row, double* __restrict first,
-                 double* __restrict second) {
+void press_triangles_of_cells(const double* __restrict upper, const double* __restrict lower,
+                              std::ptrdiff_t stride, int cells, const Air& of_row,
+                              double* __restrict first, double* __restrict second) {
     const Air air = of_row;
     for (int i = 0; i < cells; ++i) {
         double a[6], b[6], d[6], e[6], f[3], g[3];
@@ -133,7 +133,7 @@ public:
         load(above, upper);
         for (int row = above; row < below; ++row) {
             load(row + 1, lower);
-            press_cells(upper, lower, stride, columns - 1, air, first, second);
+            press_triangles_of_cells(upper, lower, stride, columns - 1, air, first, second);
             double* const to = force + 3 * std::ptrdiff_t(row) * columns;
             if (row >= begin) add_cells(first, first - 1, second - 1, stride, columns, to);
             if (row + 1 < end)

@@ -36,14 +36,14 @@ struct System {
     std::vector<Spring> springs;
 };
 
-void accelerations(const System& system, const State& state, const Real& t, double inside,
+void accelerations(const System& system, const State& state, const Real& t, double time_inside,
                    Values& a) {
     const Values& x = state.x;
     const Values& v = state.v;
     const Cloth& cloth = system.scene.cloth;
     for (std::size_t k = 0; k < a.size(); ++k)
         a[k] = system.scene.has_force() ? system.scene.force.data()[k] : 0;
-    add_forces(system.scene, x.data(), v.data(), t, inside, a.data());
+    add_forces(system.scene, x.data(), v.data(), t, time_inside, a.data());
     for (const Spring& s : system.springs) {
         const Real *xi = &x[3 * s.i], *xj = &x[3 * s.j], *vi = &v[3 * s.i], *vj = &v[3 * s.j];
         const Real d[3] = {xj[0] - xi[0], xj[1] - xi[1], xj[2] - xi[2]};
@@ -60,7 +60,7 @@ void accelerations(const System& system, const State& state, const Real& t, doub
     }
     for (const Sphere& sphere : system.scene.spheres) {
         if (!sphere.penalty()) continue;
-        const PinState<Real> obstacle = motion_state(sphere.motion, sphere.center, t, inside);
+        const PinState<Real> obstacle = motion_state(sphere.motion, sphere.center, t, time_inside);
         for (std::size_t k = 0; k < a.size(); k += 3)
             add_contact(sphere, obstacle, &x[k], &v[k], &a[k]);
     }
@@ -68,8 +68,9 @@ void accelerations(const System& system, const State& state, const Real& t, doub
         a[k] = cloth.pinned[k / 3] ? 0 : a[k] / cloth.mass[k / 3] + system.scene.gravity[k % 3];
 }
 
-void place_pins_of_state(const System& system, State& state, const Real& t, double inside) {
-    place_pins(system.scene.driven_pins, system.scene.pin_motions, t, inside, state.x, state.v);
+void place_pins_of_state(const System& system, State& state, const Real& t, double time_inside) {
+    place_pins(system.scene.driven_pins, system.scene.pin_motions, t, time_inside, state.x,
+               state.v);
 }
 
 // Sets z = y + h (dx/dt, dv/dt).
@@ -92,24 +93,24 @@ struct Workspace {
 void midpoint(const System& system, const State& y, const Values& a0, const Real& t, const Real& H,
               int n, Workspace& w, State& result) {
     const Real h = H / n;
-    const double inside(t + H / 2);
+    const double time_inside(t + H / 2);
     w.previous = y;
     move(w.here, y, y.v, a0, h);
-    place_pins_of_state(system, w.here, t + h, inside);
+    place_pins_of_state(system, w.here, t + h, time_inside);
     for (int i = 1; i < n; ++i) {
-        accelerations(system, w.here, t + i * h, inside, w.a);
+        accelerations(system, w.here, t + i * h, time_inside, w.a);
         move(w.after, w.previous, w.here.v, w.a, 2 * h);
-        place_pins_of_state(system, w.after, t + (i + 1) * h, inside);
+        place_pins_of_state(system, w.after, t + (i + 1) * h, time_inside);
         std::swap(w.previous, w.here);
         std::swap(w.here, w.after);
     }
-    accelerations(system, w.here, t + H, inside, w.a);
+    accelerations(system, w.here, t + H, time_inside, w.a);
     move(result, w.previous, w.here.v, w.a, h);
     for (std::size_t k = 0; k < result.x.size(); ++k) {
         result.x[k] = (result.x[k] + w.here.x[k]) / 2;
         result.v[k] = (result.v[k] + w.here.v[k]) / 2;
     }
-    place_pins_of_state(system, result, t + H, inside);
+    place_pins_of_state(system, result, t + H, time_inside);
 }
 
 // table[k] holds T(k, k - j) after sweep j of Aitken and Neville for substeps 2, 4, 6, ... The last

@@ -191,7 +191,7 @@ class FitProblem:
             bar.expect_more(end)
         if result.misfit:
             return result
-        for place in self._coordinates_of_aliases(result.best_minimum.x):
+        for place in self._coordinates_of_frequency_aliases(result.best_minimum.x):
             bar.expect_more(end)
             minima.append(
                 self._find_minimum(place, self.make_schedule(self.scene_at(place), self.times))
@@ -300,7 +300,7 @@ class FitProblem:
         is_better = without_shift.cost > _GAIN**2 * with_shift.cost
         return unit * float(with_shift.x[-1]) if is_better else 0.0
 
-    def _coordinates_of_aliases(self, u: Floats) -> list[Floats]:
+    def _coordinates_of_frequency_aliases(self, u: Floats) -> list[Floats]:
         """Return coordinates whose motion has an alias of the main frequency at the times.
 
         An alias turns as often, and a whole number of turns more or less between two times.

@@ -59,7 +59,7 @@ def _layer_text(scene: Scene, k: int, integrator: str) -> str:
     )
 
 
-def _method_with_tolerance(scene: Scene) -> str:
+def _method_chosen_for_tolerance(scene: Scene) -> str:
     """Return the method that `simulate` chooses where an error is asked for."""
     least = least_rtol_of_rkc2(scene)
     if math.isinf(least):
@@ -116,7 +116,7 @@ def explain(
                 if s.response == "penalty"
             ),
             "integrator": integrator,
-            "with_tolerance": _method_with_tolerance(scene),
+            "with_tolerance": _method_chosen_for_tolerance(scene),
             "order": method.order_of(scene),
             "force_evaluations_per_step": (
                 stages if method.explicit else "as many as Newton's method takes"
