@@ -235,6 +235,17 @@ def test_more_stops_than_steps_are_refused_before_any_run(motion, monkeypatch):
         cs.simulate(scene, 1.0, rtol=1e-3)
 
 
+def test_a_given_step_passes_any_number_of_turns():
+    tremble = cs.Reciprocate((0, 1, 0), 1e-9, period=1e-6)
+    scene = cs.Scene(
+        cs.Cloth((4, 4), mass=0.1, stiffness=50.0, damping=0.01),
+        cs.Sphere((0.5, -3.0, 0.5), 0.2, tremble),
+    )
+    assert cs.simulate(scene, 1.0, dt=1e-3).report["steps"] == 1000
+    with pytest.raises(ValueError, match="give dt"):
+        cs.simulate(scene, 1.0, rtol=1e-3)
+
+
 def test_frames_between_steps_have_driven_pins_where_they_are():
     scene = pulse_scene()
     run = cs.simulate(scene, 1.0, dt=0.02, times=[0.503, 0.505, 0.507])

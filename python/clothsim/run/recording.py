@@ -173,8 +173,11 @@ class Recording:
         end = moments[-1]
         every = min(_MOST_STEPS_BETWEEN_SAMPLES, job.duration / dt // _SAMPLES)
         self.state.core.set_watch(int(max(1, every)), 0.0)
-        kinks = {t for scene in job.scenes for t in turning_times(scene, begin.time, end.time)}
-        if not (kinks and job.own_step):
+        kinks: set[float] = set()
+        if job.own_step:
+            for scene in job.scenes:
+                kinks.update(turning_times(scene, begin.time, end.time))
+        if not kinks:
             length = end.seconds - begin.seconds
             count = math.floor(length / dt + NEGLIGIBLE)
             rest = length - count * dt
