@@ -174,58 +174,30 @@ void accelerations_of_state(SharedSimulation& shared, Array<double>& a, int thre
 }
 
 // Arrays of frames, one for each member; none for members that no longer move.
-struct FramesOf {
-    FrameArrays to;
-    FramesOf(std::vector<Array<double>>& x, std::vector<Array<double>>& v,
-             const std::function<bool(std::size_t)>& moves) {
-        to.capacity = std::numeric_limits<std::size_t>::max();
-        for (std::size_t i = 0; i < x.size(); ++i) {
-            to.x.push_back(moves(i) ? x[i].mutable_data() : nullptr);
-            to.v.push_back(moves(i) ? v[i].mutable_data() : nullptr);
-            if (moves(i))
-                to.capacity =
-                    std::min({to.capacity, std::size_t(x[i].shape(0)), std::size_t(v[i].shape(0))});
-        }
+FrameArrays frame_arrays(std::vector<Array<double>>& x, std::vector<Array<double>>& v,
+                         const std::function<bool(std::size_t)>& moves) {
+    FrameArrays arrays{{}, {}, std::numeric_limits<std::size_t>::max()};
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        arrays.x.push_back(moves(i) ? x[i].mutable_data() : nullptr);
+        arrays.v.push_back(moves(i) ? v[i].mutable_data() : nullptr);
+        if (moves(i))
+            arrays.capacity =
+                std::min({arrays.capacity, std::size_t(x[i].shape(0)), std::size_t(v[i].shape(0))});
     }
-};
-
-// The cloths of the core.
-class CoreCloths : public Cloths {
-public:
-    CoreCloths(Simulation& simulation, int threads, Unlocked& unlocked)
-        : simulation_(simulation), threads_(threads), unlocked_(unlocked) {}
-
-    std::size_t size() const override { return simulation_.size(); }
-    bool moves(std::size_t i) const override { return !simulation_.frozen(i); }
-    const Scene& scene(std::size_t i) const override { return simulation_.plan(i); }
-    double now() const override { return simulation_.clock.now(); }
-    Outcome advance(std::int64_t steps, double dt) override {
-        return simulation_.advance(steps, dt, threads_, [this] { return interrupted(); });
-    }
-    bool interrupted() override { return unlocked_.signal_pending(); }
-    void sample() override { simulation_.sample(); }
-    void store(const std::vector<double*>& x, const std::vector<double*>& v) override {
-        for (std::size_t i = 0; i < x.size(); ++i)
-            if (x[i]) simulation_.member(i).store(x[i], v[i]);
-    }
-
-private:
-    Simulation& simulation_;
-    int threads_;
-    Unlocked& unlocked_;
-};
+    return arrays;
+}
 
 // The cloths of the graphics adapter, python/clothsim/gpu/simulation.py.
 class AdapterCloths : public Cloths {
 public:
     explicit AdapterCloths(py::object simulation)
         : simulation_(std::move(simulation)),
-          plans_(simulation_.attr("plans").cast<std::vector<Plan>>()),
+          plans_(simulation_.attr("plans")),
           frozen_(simulation_.attr("frozen").cast<std::vector<bool>>()) {}
 
     std::size_t size() const override { return plans_.size(); }
     bool moves(std::size_t i) const override { return !frozen_[i]; }
-    const Scene& scene(std::size_t i) const override { return plans_[i]; }
+    const Scene& scene(std::size_t i) const override { return plans_[i].cast<const Plan&>(); }
     double now() const override { return simulation_.attr("time").cast<double>(); }
     Outcome advance(std::int64_t steps, double dt) override {
         Outcome outcome;
@@ -238,8 +210,7 @@ public:
     bool interrupted() override { return PyErr_CheckSignals() != 0; }
     void sample() override { simulation_.attr("sample")(); }
     void store(const std::vector<double*>& x, const std::vector<double*>& v) override {
-        const Cloth& cloth = plans_[0].cloth;
-        const py::ssize_t points = cloth.points();
+        const py::ssize_t points = scene(0).cloth.points();
         const std::vector<py::ssize_t> shape{py::ssize_t(size()), points, 3};
         const Array<double> xs(shape), vs(shape);
         simulation_.attr("store")(xs, vs);
@@ -252,35 +223,22 @@ public:
 
 private:
     py::object simulation_;
-    std::vector<Plan> plans_;
+    py::list plans_;
     std::vector<bool> frozen_;
 };
 
-py::object record_fixed(SharedSimulation& shared, FixedRun& run, std::vector<Array<double>> x,
-                        std::vector<Array<double>> v, std::int64_t steps, std::size_t frames,
-                        int threads) {
+template <class AnyRun>
+py::object record(SharedSimulation& shared, AnyRun& run, std::vector<Array<double>> x,
+                  std::vector<Array<double>> v, std::int64_t steps, std::size_t frames,
+                  int threads) {
     auto simulation = shared.use();
     threads = simulation->forces_need_caller() ? 1 : granted_threads(threads);
-    const FramesOf arrays(x, v, [&](std::size_t i) { return !simulation->frozen(i); });
+    const FrameArrays arrays =
+        frame_arrays(x, v, [&](std::size_t i) { return !simulation->frozen(i); });
     Outcome outcome;
     {
         Unlocked unlocked;
-        CoreCloths cloths(*simulation, threads, unlocked);
-        outcome = run.record(cloths, arrays.to, steps, frames);
-    }
-    return events_or_none(outcome);
-}
-
-py::object record_adaptive(SharedSimulation& shared, AdaptiveRun& run, std::vector<Array<double>> x,
-                           std::vector<Array<double>> v, std::int64_t steps, std::size_t frames,
-                           int threads) {
-    auto simulation = shared.use();
-    threads = simulation->forces_need_caller() ? 1 : granted_threads(threads);
-    const FramesOf arrays(x, v, [](std::size_t) { return true; });
-    Outcome outcome;
-    {
-        Unlocked unlocked;
-        outcome = simulation->record(run, arrays.to, steps, frames, threads,
+        outcome = simulation->record(run, arrays, steps, frames, threads,
                                      [&] { return unlocked.signal_pending(); });
     }
     return events_or_none(outcome);
@@ -290,8 +248,8 @@ py::object record_of_adapter(FixedRun& run, const py::object& simulation,
                              std::vector<Array<double>> x, std::vector<Array<double>> v,
                              std::int64_t steps, std::size_t frames) {
     AdapterCloths cloths(simulation);
-    const FramesOf arrays(x, v, [&](std::size_t i) { return cloths.moves(i); });
-    return events_or_none(run.record(cloths, arrays.to, steps, frames));
+    const FrameArrays arrays = frame_arrays(x, v, [&](std::size_t i) { return cloths.moves(i); });
+    return events_or_none(run.record(cloths, arrays, steps, frames));
 }
 
 py::tuple interpolate_state(const Plan& plan, double t, double begin, double length,
@@ -481,19 +439,20 @@ void bind_simulation(py::module_& m) {
         .def_readonly("time", &Moment::time);
     py::class_<Segment>(m, "Segment")
         .def(py::init<Moment, Moment, double, std::int64_t, double>(), py::arg("begin"),
-             py::arg("end"), py::arg("dt"), py::arg("whole"), py::arg("rest") = 0.0);
-    py::class_<FixedRun>(m, "FixedRun")
+             py::arg("end"), py::arg("dt"), py::arg("whole"), py::arg("rest") = 0.0)
+        .def_readonly("dt", &Segment::dt);
+    py::class_<Run>(m, "Run")
+        .def_property_readonly("dt", &Run::dt)
+        .def_property_readonly("steps", &Run::steps)
+        .def_property_readonly("complete", &Run::complete)
+        .def_property_readonly("ahead", &Run::ahead)
+        .def_property_readonly("frames", [](const Run& r) { return r.frames.stored; })
+        .def("frame", [](const Run& r, std::size_t k) { return r.frames.stored.at(k); })
+        .def_property_readonly("stored", [](const Run& r) { return r.frames.stored.size(); });
+    py::class_<FixedRun, Run>(m, "FixedRun")
         .def(py::init<std::vector<Segment>, std::vector<Moment>>())
-        .def_property_readonly("dt", &FixedRun::dt)
-        .def_property_readonly("steps", &FixedRun::steps)
-        .def_property_readonly("complete", &FixedRun::complete)
-        .def_property_readonly("ahead",
-                               [](const FixedRun& r) { return r.frames.step != r.steps(); })
-        .def_property_readonly("frames", [](const FixedRun& r) { return r.frames.stored; })
-        .def("frame", [](const FixedRun& r, std::size_t k) { return r.frames.stored.at(k); })
-        .def_property_readonly("stored", [](const FixedRun& r) { return r.frames.stored.size(); })
         .def("record", &record_of_adapter, any, exact, exact, any, any);
-    py::class_<AdaptiveRun>(m, "AdaptiveRun")
+    py::class_<AdaptiveRun, Run>(m, "AdaptiveRun")
         .def(py::init([](double tolerance_x, double tolerance_v, double near,
                          std::vector<double> stops, std::vector<double> grid,
                          const std::tuple<double, double, bool>& controller,
@@ -520,15 +479,6 @@ void bind_simulation(py::module_& m) {
                                    const StepController& c = r.controller;
                                    return py::make_tuple(c.h, c.previous_error, c.rejected);
                                })
-        .def_property_readonly("dt", [](const AdaptiveRun& r) { return r.controller.h; })
-        .def_property_readonly("steps", &AdaptiveRun::steps)
-        .def_property_readonly("complete", &AdaptiveRun::complete)
-        .def_property_readonly("ahead",
-                               [](const AdaptiveRun& r) { return r.frames.step != r.steps(); })
-        .def_property_readonly("frames", [](const AdaptiveRun& r) { return r.frames.stored; })
-        .def("frame", [](const AdaptiveRun& r, std::size_t k) { return r.frames.stored.at(k); })
-        .def_property_readonly("stored",
-                               [](const AdaptiveRun& r) { return r.frames.stored.size(); })
         .def_readonly("ends", &AdaptiveRun::ends)
         .def_readonly("kinks", &AdaptiveRun::kinks)
         .def_readonly("rejected", &AdaptiveRun::rejected)
@@ -586,8 +536,8 @@ void bind_simulation(py::module_& m) {
         .def("set_frozen", [](S& s, std::size_t i, bool frozen) { s.use()->set_frozen(i, frozen); })
         .def_property_readonly(
             "frozen", property_of_members([](Simulation& s, std::size_t i) { return s.frozen(i); }))
-        .def("record", &record_fixed, any, exact, exact, any, any, any)
-        .def("record", &record_adaptive, any, exact, exact, any, any, any)
+        .def("record", &record<FixedRun>, any, exact, exact, any, any, any)
+        .def("record", &record<AdaptiveRun>, any, exact, exact, any, any, any)
         .def_property_readonly("contacts", property_of_members([](Simulation& s, std::size_t i) {
                                    return s.member(i).contact_responses;
                                }))

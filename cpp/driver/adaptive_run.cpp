@@ -166,16 +166,10 @@ Outcome Simulation::record(AdaptiveRun& run, const FrameArrays& arrays, std::int
             std::int64_t steps = most_steps - outcome.steps;
             if (steps <= 0) return outcome;
             if (run.every) steps = std::min(steps, run.every - run.since_frame);
-            const std::int64_t start = run.steps();
             Outcome part = advance_adaptive(run, moment.time, steps, threads, interrupted);
-            const std::int64_t count = run.steps() - start;
-            for (Event& event : part.events) {
-                event.step += outcome.steps;
-                outcome.events.push_back(std::move(event));
-            }
-            outcome.steps += count;
-            outcome.interrupted = part.interrupted;
+            const std::int64_t count = part.steps;
             run.since_frame += count;
+            outcome.append(std::move(part));
             if (!outcome.complete()) return outcome;
             const bool arrived = clock.now() >= moment.time;
             if (run.every && run.since_frame == run.every && !arrived) {

@@ -47,7 +47,40 @@ void lift(const Scene& scene, const Sphere& sphere, double t, const StepEnds& en
     }
 }
 
+// The cloths of the core.
+class CoreCloths : public Cloths {
+public:
+    CoreCloths(Simulation& simulation, int threads, const std::function<bool()>& interrupted)
+        : simulation_(simulation), threads_(threads), interrupted_(interrupted) {}
+
+    std::size_t size() const override { return simulation_.size(); }
+    bool moves(std::size_t i) const override { return !simulation_.frozen(i); }
+    const Scene& scene(std::size_t i) const override { return simulation_.plan(i); }
+    double now() const override { return simulation_.clock.now(); }
+    Outcome advance(std::int64_t steps, double dt) override {
+        return simulation_.advance(steps, dt, threads_, interrupted_);
+    }
+    bool interrupted() override { return interrupted_(); }
+    void sample() override { simulation_.sample(); }
+    void store(const std::vector<double*>& x, const std::vector<double*>& v) override {
+        for (std::size_t i = 0; i < x.size(); ++i)
+            if (x[i]) simulation_.member(i).store(x[i], v[i]);
+    }
+
+private:
+    Simulation& simulation_;
+    int threads_;
+    const std::function<bool()>& interrupted_;
+};
+
 }  // namespace
+
+Outcome Simulation::record(FixedRun& run, const FrameArrays& arrays, std::int64_t most_steps,
+                           std::size_t most_frames, int threads,
+                           const std::function<bool()>& interrupted) {
+    CoreCloths cloths(*this, threads, interrupted);
+    return run.record(cloths, arrays, most_steps, most_frames);
+}
 
 void interpolate(const Scene& scene, double t, const StepEnds& ends, double* x, double* v) {
     const double h = ends.length;
@@ -113,13 +146,8 @@ bool FixedRun::advance_to(std::int64_t steps, Cloths& cloths, Outcome& outcome,
             count(std::llround((cloths.now() - begin) / dt_));
             throw;
         }
-        for (Event& event : part.events) {
-            event.step += outcome.steps;
-            outcome.events.push_back(std::move(event));
-        }
-        outcome.steps += part.steps;
-        outcome.interrupted = part.interrupted;
         count(part.steps);
+        outcome.append(std::move(part));
         if (!outcome.complete()) return false;
     }
     return true;

@@ -14,7 +14,6 @@
 
 namespace clothsim {
 
-class Simulation;
 struct Outcome;
 
 // The states of a cloth at both ends of a step.
@@ -74,8 +73,21 @@ public:
     virtual void store(const std::vector<double*>& x, const std::vector<double*>& v) = 0;
 };
 
+// A run in progress: its steps and its frames.
+class Run {
+public:
+    virtual ~Run() = default;
+    virtual std::int64_t steps() const = 0;  // so far
+    virtual double dt() const = 0;  // of the last step, or the next one to try [s]
+    virtual bool complete() const = 0;
+    // Return whether the present state comes after the last frame.
+    bool ahead() const { return frames.step != steps(); }
+
+    Frames frames;
+};
+
 // A run with fixed steps.
-class FixedRun {
+class FixedRun : public Run {
 public:
     FixedRun(std::vector<Segment> segments, std::vector<Moment> moments)
         : segments_(std::move(segments)), dt_(segments_.front().dt) {
@@ -87,10 +99,9 @@ public:
     Outcome record(Cloths& cloths, const FrameArrays& arrays, std::int64_t most_steps,
                    std::size_t most_frames);
 
-    Frames frames;
-    std::int64_t steps() const { return steps_; }
-    double dt() const { return dt_; }  // of the last step [s]
-    bool complete() const { return frames.stored.size() == frames.moments.size(); }
+    std::int64_t steps() const override { return steps_; }
+    double dt() const override { return dt_; }
+    bool complete() const override { return frames.stored.size() == frames.moments.size(); }
 
 private:
     // The next frame follows after `steps` steps of the segment, or `within` the step after these.

@@ -390,6 +390,15 @@ void Outcome::add(Event event, double time) {
     events.push_back(std::move(event));
 }
 
+void Outcome::append(Outcome part) {
+    for (Event& event : part.events) {
+        event.step += steps;
+        events.push_back(std::move(event));
+    }
+    steps += part.steps;
+    interrupted = part.interrupted;
+}
+
 void Simulation::report_depths(std::size_t i, Outcome& outcome, double t) {
     if (!members_[i]->has_penalty()) return;
     const std::int64_t member = std::int64_t(i);

@@ -45,6 +45,8 @@ struct Outcome {
     bool complete() const { return !interrupted && events.empty(); }
     // Add an event after the steps so far, unless there is one of its kind.
     void add(Event event, double time);
+    // Add a call that went on from there.
+    void append(Outcome part);
 };
 
 // Steps are taken first and judged afterwards, which costs less than an inspection before each. A
@@ -62,8 +64,7 @@ struct Outcome {
 // succeeded.
 
 // A run with error control: the steps that are asked of it, and the steps so far.
-struct AdaptiveRun {
-    Frames frames;
+struct AdaptiveRun : Run {
     Tolerance tolerance;
     double near = 0;  // longest step in reach of a sphere that responds after it [s], stable
     // Rising times [s] at which a step ends; the last is the end of the run.
@@ -84,8 +85,9 @@ struct AdaptiveRun {
     double target(double t);
     std::size_t next_stop = 0, next_given = 0;
 
-    std::int64_t steps() const { return std::int64_t(ends.size()); }  // accepted
-    bool complete() const { return next_moment == frames.moments.size(); }
+    std::int64_t steps() const override { return std::int64_t(ends.size()); }  // accepted
+    double dt() const override { return controller.h; }
+    bool complete() const override { return next_moment == frames.moments.size(); }
     std::size_t next_moment = 0;
 };
 
@@ -146,9 +148,11 @@ public:
     Outcome advance(std::int64_t steps, double dt, int threads,
                     const std::function<bool()>& interrupted);
 
-    // Error control, for one member whose integrator has it: take steps and store frames, at most
-    // so many of either. It ends sooner at an event, which the caller has to report before he goes
-    // on. Dense output gives frames within steps until an obstacle responds after a step, and from
+    // Take steps and store frames, at most so many of either. It ends sooner at an event, which the
+    // caller has to report before he goes on.
+    Outcome record(FixedRun& run, const FrameArrays& arrays, std::int64_t most_steps,
+                   std::size_t most_frames, int threads, const std::function<bool()>& interrupted);
+    // Error control, for one member whose integrator has it. Dense output gives frames within steps until an obstacle responds after a step, and from
     // then on `interpolate`.
     Outcome record(AdaptiveRun& run, const FrameArrays& arrays, std::int64_t most_steps,
                    std::size_t most_frames, int threads, const std::function<bool()>& interrupted);

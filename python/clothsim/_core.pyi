@@ -80,31 +80,28 @@ class Moment:
     def __init__(self, seconds: float, time: float) -> None: ...
 
 class Segment:
+    dt: float
     def __init__(
         self, *, begin: Moment, end: Moment, dt: float, whole: int, rest: float = 0.0
     ) -> None: ...
 
-class FixedRun:
+class Run:
     dt: float
     steps: int
     complete: bool
     ahead: bool
     frames: list[Moment]
     stored: int
-    def __init__(self, segments: list[Segment], moments: list[Moment]) -> None: ...
     def frame(self, k: int) -> Moment: ...
+
+class FixedRun(Run):
+    def __init__(self, segments: list[Segment], moments: list[Moment]) -> None: ...
     def record(
         self, simulation: object, x: list[Floats], v: list[Floats], steps: int, frames: int
     ) -> list[Event] | None: ...
 
-class AdaptiveRun:
+class AdaptiveRun(Run):
     controller: tuple[float, float, bool]
-    dt: float
-    steps: int
-    complete: bool
-    ahead: bool
-    frames: list[Moment]
-    stored: int
     ends: list[float]
     kinks: list[int]
     rejected: int
@@ -123,7 +120,6 @@ class AdaptiveRun:
         every: int,
         since_frame: int,
     ) -> None: ...
-    def frame(self, k: int) -> Moment: ...
 
 class Event:
     kind: str
@@ -181,13 +177,7 @@ class Simulation:
     @property
     def frozen(self) -> list[bool]: ...
     def record(
-        self,
-        run: FixedRun | AdaptiveRun,
-        x: list[Floats],
-        v: list[Floats],
-        steps: int,
-        frames: int,
-        threads: int,
+        self, run: Run, x: list[Floats], v: list[Floats], steps: int, frames: int, threads: int
     ) -> list[Event] | None: ...
     @property
     def evaluations(self) -> list[int]: ...

@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from ..model.obstacle import name_of_kind
 from ..model.scene import Scene, turning_times
 from ..run.frames import Frames
 from ..run.reasons import Reason
-from ..run.recording import PAUSE
+from ..run.recording import PAUSE, equal_steps
 from ..typing import Force
 
 METHOD = "dop853"
@@ -286,12 +285,8 @@ def positions_at(
     state = State.from_arguments(several, None, None, None, Options(METHOD, threads=threads), force)
     state.warn_of_order()
     moments = [_core.Moment(t, t) for t in (0.0, *times)]
-    steps = np.diff(times, prepend=0.0) / counts
-    segments = [
-        _core.Segment(begin=a, end=b, dt=dt, whole=count)
-        for (a, b), dt, count in zip(pairwise(moments), steps, counts, strict=True)
-    ]
-    state.warn_of_time_step(float(steps.max()))
+    segments = equal_steps(moments, counts)
+    state.warn_of_time_step(max(segment.dt for segment in segments))
     run = _core.FixedRun(segments, moments)
     shape = (len(scenes), len(moments), *scenes[0].cloth.shape, 3)
     x = np.full(shape, np.nan)

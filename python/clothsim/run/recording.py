@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from itertools import pairwise
 from typing import Any
@@ -113,6 +113,14 @@ def _count_equal_steps(begin: float, end: float, dt: float, longest: float) -> i
     return count * math.ceil(longest / dt - NEGLIGIBLE)
 
 
+def equal_steps(stops: Sequence[_core.Moment], counts: Sequence[int]) -> list[_core.Segment]:
+    """Return so many equal steps between each two of the stops."""
+    return [
+        _core.Segment(begin=a, end=b, dt=(b.time - a.time) / count, whole=count)
+        for (a, b), count in zip(pairwise(stops), counts, strict=True)
+    ]
+
+
 class Recording:
     """A job in progress: the core advances `state` and fills the frames of its members.
 
@@ -193,11 +201,7 @@ class Recording:
             ]
             times = np.concatenate(ends)[every - 1 : -1 : every].tolist()
             moments = [begin, *(_core.Moment(t - job.start, t) for t in times), end]
-        segments = [
-            _core.Segment(begin=a, end=b, dt=(b.time - a.time) / count, whole=count)
-            for (a, b), count in zip(pairwise(stops), counts)
-        ]
-        return _core.FixedRun(segments, moments)
+        return _core.FixedRun(equal_steps(stops, counts), moments)
 
     def _plan_adaptive_steps(self, moments: list[_core.Moment]) -> _core.AdaptiveRun:
         """Return steps at the tolerance of the job.
@@ -260,7 +264,7 @@ class Recording:
             self._measure_speed(path.steps - steps_before, time.perf_counter() - begin)
             if path.stored and self._watch.recording is not self:  # until then the one before
                 self._watch.begin_run(self, path.frame(0).seconds)
-        if path.stored > stored and self._watch.waits_for_frames:
+        if path.stored > stored:
             t = path.frame(stored).time
             self._watch.pass_frame(t, self._x[0][stored], self._v[0][stored])
         if failure is not None:
@@ -288,7 +292,7 @@ class Recording:
     def _end_failed_member(self, error: Any) -> None:
         """Leave the member behind that failed; its run ends with its present state."""
         member = error.member
-        self.failed[member] = error, self._trajectories_until({member: (error.x, error.v)})[member]
+        self.failed[member] = error, self._trajectories_so_far([member])[member]
         self.live.remove(member)
         self.state.core.set_frozen(member, True)
 
@@ -300,27 +304,24 @@ class Recording:
 
         That of a member that failed ends with its last good state.
         """
-        x, v = self.state.positions_and_velocities()
-        if not self.state.batched:
-            x = x[None]
-            v = v[None]
-        runs = self._trajectories_until({k: (x[k], v[k]) for k in self.live})
+        runs = self._trajectories_so_far(self.live)
         runs |= {k: run for k, (_, run) in self.failed.items()}
         return [runs[k] for k in range(len(self.job.scenes))]
 
-    def _trajectories_until(
-        self, present: Mapping[int, tuple[Floats, Floats]]
-    ) -> dict[int, Trajectory]:
-        """Return runs of members so far; the `present` state of each is the last frame."""
+    def _trajectories_so_far(self, members: Sequence[int]) -> dict[int, Trajectory]:
+        """Return runs of members so far, which end with the present state."""
         job = self.job
         state = self.state
         path = self._path
         moments = path.frames
         stored = len(moments)
-        unstored = path.ahead and not path.complete
-        if unstored:
+        if path.ahead and not path.complete:
             t = state.core.time
             moments.append(_core.Moment(t - job.start, t))
+            x, v = state.positions_and_velocities()
+            for k in members:
+                self._x[k][stored] = x[k] if state.batched else x
+                self._v[k][stored] = v[k] if state.batched else v
         times = [moment.time for moment in moments]
         length = times[-1] - times[0]
         step = length / max(path.steps, 1) if job.dt is None else min(job.dt, length or job.dt)
@@ -355,10 +356,7 @@ class Recording:
         )
         method = METHODS[job.options.integrator]
         runs = {}
-        for k, (x, v) in present.items():
-            if unstored:
-                self._x[k][stored] = x
-                self._v[k][stored] = v
+        for k in members:
             for stack in (self._x[k], self._v[k]):
                 stack.resize((len(moments), *stack.shape[1:]), refcheck=False)
             runs[k] = Trajectory(
