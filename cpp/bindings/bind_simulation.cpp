@@ -441,18 +441,19 @@ void bind_simulation(py::module_& m) {
         .def(py::init<Moment, Moment, double, std::int64_t, double>(), py::arg("begin"),
              py::arg("end"), py::arg("dt"), py::arg("whole"), py::arg("rest") = 0.0)
         .def_readonly("dt", &Segment::dt);
-    py::class_<Run>(m, "Run")
-        .def_property_readonly("dt", &Run::dt)
-        .def_property_readonly("steps", &Run::steps)
-        .def_property_readonly("complete", &Run::complete)
-        .def_property_readonly("ahead", &Run::ahead)
-        .def_property_readonly("frames", [](const Run& r) { return r.frames.stored; })
-        .def("frame", [](const Run& r, std::size_t k) { return r.frames.stored.at(k); })
-        .def_property_readonly("stored", [](const Run& r) { return r.frames.stored.size(); });
-    py::class_<FixedRun, Run>(m, "FixedRun")
+    py::class_<RunInProgress>(m, "RunInProgress")
+        .def_property_readonly("dt", &RunInProgress::dt)
+        .def_property_readonly("steps", &RunInProgress::steps)
+        .def_property_readonly("complete", &RunInProgress::complete)
+        .def_property_readonly("ahead", &RunInProgress::ahead)
+        .def_property_readonly("frames", [](const RunInProgress& r) { return r.frames.stored; })
+        .def("frame", [](const RunInProgress& r, std::size_t k) { return r.frames.stored.at(k); })
+        .def_property_readonly("stored",
+                               [](const RunInProgress& r) { return r.frames.stored.size(); });
+    py::class_<FixedRun, RunInProgress>(m, "FixedRun")
         .def(py::init<std::vector<Segment>, std::vector<Moment>>())
         .def("record", &record_of_adapter, any, exact, exact, any, any);
-    py::class_<AdaptiveRun, Run>(m, "AdaptiveRun")
+    py::class_<AdaptiveRun, RunInProgress>(m, "AdaptiveRun")
         .def(py::init([](double tolerance_x, double tolerance_v, double near,
                          std::vector<double> stops, std::vector<double> grid,
                          const std::tuple<double, double, bool>& controller,

@@ -74,9 +74,9 @@ public:
 };
 
 // A run in progress: its steps and its frames.
-class Run {
+class RunInProgress {
 public:
-    virtual ~Run() = default;
+    virtual ~RunInProgress() = default;
     virtual std::int64_t steps() const = 0;  // so far
     virtual double dt() const = 0;  // of the last step, or the next one to try [s]
     virtual bool complete() const = 0;
@@ -87,7 +87,7 @@ public:
 };
 
 // A run with fixed steps.
-class FixedRun : public Run {
+class FixedRun : public RunInProgress {
 public:
     FixedRun(std::vector<Segment> segments, std::vector<Moment> moments)
         : segments_(std::move(segments)), dt_(segments_.front().dt) {

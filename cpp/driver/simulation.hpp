@@ -64,7 +64,7 @@ struct Outcome {
 // succeeded.
 
 // A run with error control: the steps that are asked of it, and the steps so far.
-struct AdaptiveRun : Run {
+struct AdaptiveRun : RunInProgress {
     Tolerance tolerance;
     double near = 0;  // longest step in reach of a sphere that responds after it [s], stable
     // Rising times [s] at which a step ends; the last is the end of the run.

@@ -85,7 +85,7 @@ class Segment:
         self, *, begin: Moment, end: Moment, dt: float, whole: int, rest: float = 0.0
     ) -> None: ...
 
-class Run:
+class RunInProgress:
     dt: float
     steps: int
     complete: bool
@@ -94,13 +94,13 @@ class Run:
     stored: int
     def frame(self, k: int) -> Moment: ...
 
-class FixedRun(Run):
+class FixedRun(RunInProgress):
     def __init__(self, segments: list[Segment], moments: list[Moment]) -> None: ...
     def record(
         self, simulation: object, x: list[Floats], v: list[Floats], steps: int, frames: int
     ) -> list[Event] | None: ...
 
-class AdaptiveRun(Run):
+class AdaptiveRun(RunInProgress):
     controller: tuple[float, float, bool]
     ends: list[float]
     kinks: list[int]
@@ -177,7 +177,13 @@ class Simulation:
     @property
     def frozen(self) -> list[bool]: ...
     def record(
-        self, run: Run, x: list[Floats], v: list[Floats], steps: int, frames: int, threads: int
+        self,
+        run: RunInProgress,
+        x: list[Floats],
+        v: list[Floats],
+        steps: int,
+        frames: int,
+        threads: int,
     ) -> list[Event] | None: ...
     @property
     def evaluations(self) -> list[int]: ...

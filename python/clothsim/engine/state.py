@@ -497,7 +497,12 @@ class State:
         self._check_steps(1, dt, self.core.time)
 
     def record(
-        self, run: _core.Run, x: list[FloatArray], v: list[FloatArray], steps: int, frames: int
+        self,
+        run: _core.RunInProgress,
+        x: list[FloatArray],
+        v: list[FloatArray],
+        steps: int,
+        frames: int,
     ) -> None:
         """Take at most so many steps of a run, and fill at most so many of its frames.
 
