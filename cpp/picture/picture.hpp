@@ -124,7 +124,7 @@ struct Shading {
     // The grid of a plane: a cell and half the width of a line [m], and its factor of the colour.
     double plane_cell = 1, plane_line = 0, plane_shade = 1;
     bool shadow = false;
-    // At equal steps of depth, of a cloth coloured by depth; else empty.
+    // Colours at equal steps of depth, for a cloth that is coloured by depth; else empty.
     std::vector<Triple> depth_colors;
     std::array<double, 2> depth_range{};  // m, of the first and the last of these colours
 };

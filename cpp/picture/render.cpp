@@ -113,7 +113,7 @@ CLOTHSIM_VERSIONS void look_up_heights(const float* __restrict map, const Disc& 
 // Soft shadows: which part of the light is visible from a point.
 class Shadow {
 public:
-    // Of nothing where the shading has no shadows, or the sheet no extent.
+    // Nothing throws a shadow where the shading has none, or the sheet no extent.
     Shadow(const Picture& picture, Poll& poll) : picture_(picture) {
         if (!picture.shading.shadow || !picture.sheet.triangles()) return;
         const Triple up = picture.shading.key, aside{up[1], -up[0], 0};
@@ -384,7 +384,7 @@ private:
         const Triple n{dot(view_.axes[0], plane.normal), dot(view_.axes[1], plane.normal),
                        dot(view_.axes[2], plane.normal)};
         const double height = dot(plane.point - view_.target, plane.normal) - view_.slack();
-        // Of the eye.
+        // The eye lies so far above the plane; far away only the direction counts.
         const double above = view_.perspective() ? n[2] * view_.distance - height : n[2];
         if (!(above > 0)) return;
         const double length = view_.perspective() ? view_.distance : 1.0;

@@ -155,7 +155,8 @@ def write_gallery(folder: str | Path) -> Path:
     """Write live.html, which leads to a live page of each of the paper's scenes, and these pages
     beside it.
     """
-    folder, title = Path(folder), "The scenes of Kim et al., live"
+    folder = Path(folder)
+    title = "The scenes of Kim et al., live"
     parts = [
         f"# {title}",
         "Each page simulates one scene in your browser, by the compute shader, and makes no "

@@ -173,7 +173,8 @@ def tangent_products(
     scale = np.where(cloth.pinned, 0.0, cloth.mass_per_point**-0.5).reshape(-1, 1)
     x = x.reshape(-1, 3)
     v = v.reshape(-1, 3)
-    i, j = table["i"], table["j"]
+    i = table["i"]
+    j = table["j"]
     with np.errstate(over="ignore", invalid="ignore"):
         d = x[j] - x[i]
         w = v[j] - v[i]

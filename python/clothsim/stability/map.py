@@ -124,7 +124,8 @@ def stability_map(
     scenes = [
         scene.replace(cloth=scene.cloth.replace(stiffness=float(k)), spheres=()) for k in stiffness
     ]
-    x, v = scene.initial_position, scene.initial_velocity
+    x = scene.initial_position
+    v = scene.initial_velocity
 
     def cell_is_stable(place: tuple[int, int]) -> bool:
         return is_stable(

@@ -122,7 +122,9 @@ class _Reel:
     """
 
     def __init__(self, image: Any, film: Film) -> None:
-        self._image, self._film, self.n_frames = image, film, len(film) - 1
+        self._image = image
+        self._film = film
+        self.n_frames = len(film) - 1
         self._picture: Any = None
 
     def seek(self, k: int) -> None:

@@ -127,7 +127,8 @@ class Camera:
         """
         axes = cls(direction, (0.0, 0.0, 0.0), 1.0, 1.0).axes()
         places = np.asarray(points, float).reshape(-1, 3) @ axes.T
-        low, high = places.min(axis=0), places.max(axis=0)
+        low = places.min(axis=0)
+        high = places.max(axis=0)
         extent = (high - low)[:2].max()
         width, height = (high - low)[:2] + 2 * margin * (extent if extent > 0 else 1.0)
         x, y, z = (float(k) for k in 0.5 * (low + high) @ axes)
@@ -166,13 +167,12 @@ def _framed_points(scene: Any, x: Floats, t: npt.ArrayLike, axes: Floats) -> Ite
     A wide sphere has no outline: where the cloth touches it, the mass points are framed.
     """
     # `@` would wake BLAS's threads, which then spin beside the picture.
-    low, high = np.full((3, 1), np.inf), np.full((3, 1), -np.inf)
+    low = np.full((3, 1), np.inf)
+    high = np.full((3, 1), -np.inf)
     for frame in x:
         places = np.einsum("pk,ak->ap", frame.reshape(-1, 3), axes)
-        low, high = (
-            np.fmin(low, places.min(axis=1, keepdims=True)),
-            np.fmax(high, places.max(axis=1, keepdims=True)),
-        )
+        low = np.fmin(low, places.min(axis=1, keepdims=True))
+        high = np.fmax(high, places.max(axis=1, keepdims=True))
         yield places
     side = max(scene.cloth.size)
     for sphere in scene.spheres:
@@ -225,7 +225,8 @@ def make_camera(value: Any, scene: Any, x: Floats, t: npt.ArrayLike) -> Camera:
             f"{farthest:g} m away"
         )
     camera = Camera.around(direction, np.stack([low, high]) @ axes)
-    distance, middle = DISTANCE * max(camera.width, camera.height), axes @ camera.target
+    distance = DISTANCE * max(camera.width, camera.height)
+    middle = axes @ camera.target
     parts = (part - middle[:, None] for part in _framed_points(scene, x, t, axes))
     sides = np.max(
         [np.abs(places[:2] * distance / (distance - places[2])).max(axis=1) for places in parts],

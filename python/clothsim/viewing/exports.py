@@ -33,7 +33,8 @@ EVEN = 1e-6  # part of the longest step by which steps of even frames may differ
 FARTHEST = 1e38  # m from the origin; files have float32
 # Interpolation errors, in grid spacings. A tenth shows as a dent where the cloth lies on a sphere;
 # a whole spacing moves a mass point to where its neighbour belongs.
-VISIBLE, USELESS = 0.1, 1.0
+VISIBLE = 0.1
+USELESS = 1.0
 
 
 def check_export_path(scene: Any, path: Any, name: str = "path") -> tuple[Path, ModuleType]:
@@ -107,7 +108,8 @@ class Clip:
         self.scene = run.scene
         self.z_up = z_up
         self._run = run
-        self.spheres, self.triangles = tuple(run.scene.spheres), triangles(run.scene.cloth.shape)
+        self.spheres = tuple(run.scene.spheres)
+        self.triangles = triangles(run.scene.cloth.shape)
         rows, columns = run.scene.cloth.shape
         self.uv = np.stack(
             np.meshgrid(np.linspace(0, 1, columns), np.linspace(1, 0, rows)), -1
@@ -160,12 +162,15 @@ class Clip:
             self.advance()
 
     def __getitem__(self, k: int) -> Frame:
-        stored, gap = self._stored[k], self._gaps[k]
+        stored = self._stored[k]
+        gap = self._gaps[k]
         if stored >= 0:
-            x, v = self._run.x[stored], self._run.v[stored]
+            x = self._run.x[stored]
+            v = self._run.v[stored]
         else:
             x, v = interpolate_state(self._run, gap, gap + 1, float(self.times[k] + self._run.t[0]))
-        x, v = self._in_axes_of_file(x.reshape(-1, 3)), self._in_axes_of_file(v.reshape(-1, 3))
+        x = self._in_axes_of_file(x.reshape(-1, 3))
+        v = self._in_axes_of_file(v.reshape(-1, 3))
         return Frame(k, float(self.times[k]), x, v, self.sphere_centers(k))
 
     def sphere_centers(self, k: int) -> Floats:
@@ -211,7 +216,8 @@ class Clip:
         normals, or y where it is 0.
         """
         a, b, c = (positions[self.triangles[:, k]] for k in range(3))
-        weights, corners = np.repeat(np.cross(b - a, c - a), 3, axis=0), self.triangles.ravel()
+        weights = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+        corners = self.triangles.ravel()
         normals = np.stack(
             [np.bincount(corners, weights[:, k], len(positions)) for k in range(3)], -1
         )

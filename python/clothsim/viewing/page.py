@@ -80,7 +80,8 @@ class Comparison:
     """Runs side by side with a common clock; `compare` makes it. `runs` maps labels to runs."""
 
     def __init__(self, runs: Mapping[str, Run], difference: bool = False) -> None:
-        self.runs, self.difference = dict(runs), difference
+        self.runs = dict(runs)
+        self.difference = difference
         self._distances = _differences_to_first(self.runs) if difference else []
 
     def to_html(self, path: str | Path, *, title: str | None = None) -> Path:
@@ -96,10 +97,8 @@ class Comparison:
 
     def show(self, height: int = 600) -> Frame:
         """Return the page for a notebook cell; `height` is 300 to 4000 pixels."""
-        title, height = (
-            " and ".join(self.runs),
-            check.integer("height", height, minimum=300, maximum=4000),
-        )
+        title = " and ".join(self.runs)
+        height = check.integer("height", height, minimum=300, maximum=4000)
         return Frame(self._page_html(title), f"<{title}, to be played in a notebook>", height)
 
     def picture(
@@ -259,7 +258,8 @@ def page_body(
 def page_text(title: str, body: str, scripts_after: str = "") -> str:
     """Return a self-contained page that makes no request; `scripts_after` follow its scripts."""
     code = "\n".join(map(read_web_file, ("draw.js", "orbit.js", "charts.js", "page.js")))
-    shading, style = json_for_script(SHADING), read_web_file("page.css")
+    shading = json_for_script(SHADING)
+    style = read_web_file("page.css")
     return fill_web_file(
         "frame.html",
         title=escape(title),
@@ -478,7 +478,8 @@ def pack_frames(x: Floats, scalars: list[Floats], tops: list[float]) -> PackedFr
     """
     frames = len(x)
     flat = x.reshape(frames, -1, 3)
-    low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
+    low = flat.min(axis=(0, 1))
+    high = flat.max(axis=(0, 1))
     step = (high - low) / LEVELS
     # Frame by frame, and deflated piece by piece: Ctrl-C acts in between.
     zigzag = np.empty((frames, flat[0].size), np.uint16)

@@ -87,12 +87,12 @@ class Drawing:
 
     def pixels(self, k: int) -> Pixels:
         """Return the picture of frame `k`, shape (height, width, 3)."""
-        x, t, cloth = self.x[k], float(self.t[k]), self.scene.cloth
+        x = self.x[k]
+        t = float(self.t[k])
+        cloth = self.scene.cloth
         size = PIN_SIZE * max(cloth.size)
-        centers, eye = (
-            [s.center_at(t) for s in self.scene.spheres],
-            eye_position(self.camera, self.scene),
-        )
+        centers = [s.center_at(t) for s in self.scene.spheres]
+        eye = eye_position(self.camera, self.scene)
         balls = [
             Ball(center, s.radius, DARK_SPHERE if self.by_depth else SPHERE)
             for s, center in zip(self.scene.spheres, centers)

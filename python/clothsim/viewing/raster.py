@@ -91,7 +91,8 @@ def render(
     light from the side casts shadows.
     """
     height = max(1, round(width * camera.height / camera.width))
-    axes, scale = camera.axes(), SAMPLES * width / camera.width
+    axes = camera.axes()
+    scale = SAMPLES * width / camera.width
     points = np.ascontiguousarray(positions, float)
     view = _core.View(
         width=width,

@@ -19,8 +19,10 @@ from ..exports import Clip
 from ..raster import CLOTH_FRONT, SPHERE
 from .meshes import obstacle_mesh
 
-FLOAT, UNSIGNED = 5126, 5125
-VERTICES, INDICES = 34962, 34963
+FLOAT = 5126
+UNSIGNED = 5125
+VERTICES = 34962
+INDICES = 34963
 KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 # Radians by which the normals of the first frame are off. With the normals of the triangles, as on
 # a flat sheet, Blender shades flat in all frames. Its limit is 4.5e-4. At twice, no change is
@@ -160,7 +162,8 @@ def _add_cloth(file: _File, clip: Clip, times: int) -> int:
     """Return the mesh of the first frame. Other frames are added as differences, one at a time."""
     targets: list[dict[str, int]] = []
     for frame in clip.make_frames():
-        positions, normals = frame.positions, clip.point_normals(frame.positions)
+        positions = frame.positions
+        normals = clip.point_normals(frame.positions)
         if frame.number == 0:
             tilted = normals + TILT * np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
             first = positions, tilted / np.linalg.norm(tilted, axis=-1, keepdims=True)

@@ -18,10 +18,9 @@ import numpy.typing as npt
 from ...base import Floats
 from ..exports import Clip, Frame
 
-AROUND, FROM_POLE_TO_POLE = (
-    48,
-    24,
-)  # cells of a sphere; off the true one by at most 0.5 % of the radius
+# Cells of a sphere, which is off the true one by at most 0.5 % of the radius.
+AROUND = 48
+FROM_POLE_TO_POLE = 24
 PLANE_WIDTH = 3.0  # side of a plane's square, in longest sides of the box around the scene
 VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64"}
 
@@ -44,13 +43,15 @@ def unit_ball_mesh() -> tuple[Floats, npt.NDArray[np.int64], Floats]:
     v, u = np.meshgrid(
         np.linspace(0, 1, FROM_POLE_TO_POLE + 1), np.linspace(0, 1, AROUND + 1), indexing="ij"
     )
-    polar, around = np.pi * v, 2 * np.pi * u
+    polar = np.pi * v
+    around = 2 * np.pi * u
     vertices = np.stack(
         [np.sin(polar) * np.sin(around), np.cos(polar), np.sin(polar) * np.cos(around)], -1
     )
     r, c = np.divmod(np.arange(FROM_POLE_TO_POLE * AROUND), AROUND)
     corner = r * (AROUND + 1) + c
-    below, right = corner + AROUND + 1, corner + 1
+    below = corner + AROUND + 1
+    right = corner + 1
     upper = np.stack([corner, below, right], -1)[r > 0]  # at a pole a cell is one triangle
     lower = np.stack([right, below, below + 1], -1)[r < FROM_POLE_TO_POLE - 1]
     return (
@@ -107,13 +108,13 @@ def write(clip: Clip, path: Path) -> list[Path]:
                     f"{name}_{frame.number + 1:04d}{'.vtp' if suffix == '.pvd' else path.suffix}"
                 )
             )
-            files[-1].write_bytes(
-                _encode_obj(meshes)
-                if suffix == ".obj"
-                else _encode_ply(body)
-                if suffix == ".ply"
-                else _encode_vtp(clip, frame, body)
-            )
+            if suffix == ".obj":
+                data = _encode_obj(meshes)
+            elif suffix == ".ply":
+                data = _encode_ply(body)
+            else:
+                data = _encode_vtp(clip, frame, body)
+            files[-1].write_bytes(data)
             entries.append(
                 f'<DataSet timestep="{clip.start + frame.time!r}" part="{part}" '
                 f"file={quoteattr(files[-1].name)}/>\n"
@@ -144,7 +145,8 @@ def _write_pc2(clip: Clip, path: Path) -> list[Path]:
 
 def _encode_obj(meshes: Sequence[Body]) -> bytes:
     """Return a text with 9 digits of a position, which keep all of a float32."""
-    lines, first = ["# clothsim, metres\n"], 1
+    lines = ["# clothsim, metres\n"]
+    first = 1
     for body in meshes:
         corners = np.repeat(body.corners.ravel() + first, 3).reshape(-1, 9)
         lines.append(f"o {body.name}\n")
@@ -165,7 +167,8 @@ def _encode_ply(body: Body) -> bytes:
     """
     vertices = np.hstack([body.positions, body.normals, body.uv]).astype("<f4")
     faces = np.empty(len(body.corners), [("count", "u1"), ("corners", "<i4", 3)])
-    faces["count"], faces["corners"] = 3, body.corners
+    faces["count"] = 3
+    faces["corners"] = body.corners
     names = "".join(
         f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz", "s", "t")
     )
@@ -185,10 +188,8 @@ def _encode_vtp(clip: Clip, frame: Frame, body: Body) -> bytes:
     def encode_array(name: str, values: npt.NDArray[np.generic]) -> str:
         """Return values as binary data after their length, both as base64."""
         text = b64encode(struct.pack("<Q", values.nbytes) + values.tobytes()).decode()
-        kind, components = (
-            VTK_TYPES[values.dtype.str[1:]],
-            values.shape[1] if values.ndim == 2 else 1,
-        )
+        kind = VTK_TYPES[values.dtype.str[1:]]
+        components = values.shape[1] if values.ndim == 2 else 1
         head = (
             f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" '
             'format="binary">'
