@@ -105,6 +105,22 @@ def test_simulate_reports_the_backend(device):
     assert np.abs(run.x - cs.simulate(scene, 0.0105, dt=1e-3, every=4).x).max() < 1e-7
 
 
+def test_frames_within_steps_are_those_of_the_gather_kernel(same_bits):
+    cloth = cs.Cloth((9, 9), mass=0.3, stiffness=200.0, damping=0.1)
+    scene = cs.Scene(cloth, BALL)
+    seen = []
+    options = {"dt": 1e-3, "every": 7.3e-4, "precision": "single"}
+    run = cs.simulate(scene, 0.1205, **options, backend="gpu")
+    core = cs.simulate(scene, 0.1205, **options, kernel="gather")
+    assert core.report["first_contact"]["time"] < 0.1  # Frames after it are lifted.
+    assert len(run.t) == 167 and run.t.tolist() == core.t.tolist()
+    assert same_bits([run.x, run.v], [core.x, core.v])
+    cs.simulate(
+        scene, 0.1205, **options, backend="gpu", callback=lambda t, x, v: seen.append((t, x))
+    )
+    assert same_bits([run.t, run.x], [np.array(values) for values in zip(*seen)])
+
+
 CLOTH = cs.Cloth((12, 12))
 LAYER = cs.Sphere((0.5, -0.3, 0.5), 0.25, motion=cs.Linear((0.0, 0.5, 0.0)))
 
